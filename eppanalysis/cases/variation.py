@@ -123,9 +123,9 @@ class LoopVariation(Variation):
     def _positive(self) -> list[str]:
         """Parameters that are positive and may move a little: no counts and no sample times of discrete time."""
         given = self.case.parameters
-        names = [*(["loop.gain"] if "loop.gain" not in given and _takes(self.case, "loop.gain", 1.01) else []), *given]
+        names = [*(["loop.gain"] if "loop.gain" not in given and takes(self.case, "loop.gain", 1.01) else []), *given]
         positive = [n for n in names if not isinstance(value := self.case.value(n), bool) and value > 0]
-        return [n for n in positive if n != "loop.time_step" and _takes(self.case, n, 1.01 * self.case.value(n))]
+        return [n for n in positive if n != "loop.time_step" and takes(self.case, n, 1.01 * self.case.value(n))]
 
     def branch(self, name: str) -> tuple[float, float, float]:
         """From where the parameter is, or from four times of it, down to a quarter."""
@@ -152,7 +152,7 @@ def _other_side(name: str) -> str:
     return f"{element}.{_SIDES[last]}" if last in _SIDES else ""
 
 
-def _takes(case: Varied, name: str, value: float) -> bool:
+def takes(case: Varied, name: str, value: float) -> bool:
     """Whether a field may have a value: a transfer function has a gain in front of it, a count is a whole number."""
     try:
         return bool(case.with_values({name: value}))

@@ -63,7 +63,12 @@ def identify(
     ] = None,
     step: Annotated[
         Path | None,
-        typer.Option("--step", metavar="CSV", help="Step: time, angle [, force, harness].", show_default=False),
+        typer.Option(
+            "--step",
+            metavar="CSV",
+            help="Step: time, angle [, force, harness]; of other cases time and any of their signals and inputs.",
+            show_default=False,
+        ),
     ] = None,
     columns: Annotated[
         list[str],
@@ -78,7 +83,7 @@ def identify(
         list[str], typer.Option("--set", metavar="FIELD=VALUE", help="Override a field of the case.")
     ] = NOTHING,
     fit: Annotated[
-        list[str], typer.Option("--fit", metavar="FIELD", help="What the step response is to identify; repeatable.")
+        list[str], typer.Option("--fit", metavar="FIELD", help="What the response is to identify; repeatable.")
     ] = NOTHING,
     wrap: Annotated[str, typer.Option("--wrap", help="Angle at which the weight tray loads the pulley.")] = "180 deg",
     press: Annotated[
@@ -90,14 +95,14 @@ def identify(
 ) -> None:
     """Identify parameters with intervals from measured CSV files; what the data cannot identify is named."""
     from eppanalysis.identify import identify as run
-    from eppanalysis.identify.columns import ROLES
+    from eppanalysis.identify.response import layout_of
 
     benches = [name for name, path in (("tray", tray), ("backlash", backlash), ("step", step)) if path is not None]
     for output in outputs:
         _check_output(output, benches)
-    chosen = _choices(columns, "role", ROLES)
     angle, torque = _quantity("--wrap", wrap, "rad"), _quantity("--press", press, "N*m")
     base = load_case(case, settings)
+    chosen = _choices(columns, "column", ("time", *layout_of(base).units)) if columns else {}
     tray, backlash, step = (None if path is None else _measured(path) for path in (tray, backlash, step))
     with progress("identify") as advance:
         found = run(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.errors import EppError, ModelError, did_you_mean
-from eppanalysis.identify.reading import read_recording
+from eppanalysis.identify.reading import read_signals
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -121,12 +121,8 @@ def record_of(
     """
     if isinstance(given, str | Path):
         source = str(given)
-        recording = read_recording(
-            given, ("time",), tuple(units), columns, fewest=4 * _FEWEST_SAMPLES, units={"time": "s", **units}
-        )
+        recording = read_signals(given, tuple(units), units, columns, fewest=4 * _FEWEST_SAMPLES)
         found = {name: recording[name] for name in units if name in recording}
-        if not found:
-            raise EppError(f"{source}: has no column of a signal of the loop; expected one of {', '.join(units)}.")
         return Record(source, recording["time"], found, tuple(recording.sentences()))
     if "time" not in given:
         raise EppError("diagnose: the record has no 'time'; expected 'time' and signals by name, or a CSV file.")

@@ -1,6 +1,6 @@
-"""Measured data to parameters: weight tray, backlash cycling, step response; each with intervals, and a case of them.
+"""Measured data to parameters: a response of any case, an elbow's weight tray and backlash cycling; and a case of them.
 
-Every bench test is a CSV file. What one of them identifies the next one takes as known, within its tolerance.
+Every test is a CSV file. What one of them identifies the next one takes as known, within its tolerance.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 from eppanalysis.arguments import checked
 from eppanalysis.cases import Case, Parameter
 from eppanalysis.errors import EppError
-from eppanalysis.identify.columns import Role
+from eppanalysis.identify.columns import ELBOW, Layout, Role
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, brief_estimates, estimates_frame
-from eppanalysis.identify.reading import Recording, read_recording
+from eppanalysis.identify.reading import Recording, read_recording, read_signals
 from eppanalysis.progress import Progress
 from eppanalysis.readable import count, listed
 from eppanalysis.results import Result
@@ -33,12 +33,12 @@ Choices = Mapping[str, tuple[str, str]]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification(Result):
-    """What bench tests identified of an elbow.
+    """What tests identified of a case.
 
     Attributes
     ----------
     case : Case
-        The elbow with every identified parameter marked "measured", with its tolerance.
+        The one that was given, with every identified parameter marked "measured", with its tolerance.
     fits : tuple of BenchFit
         One for each test, in the order in which they were used.
     """
@@ -108,19 +108,21 @@ def identify(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Identification:
-    """Identify an elbow from bench tests.
+    """Identify parameters of a case from a recorded response, those of an elbow from its other bench tests too.
 
     Parameters
     ----------
     case : Case
-        The elbow with what is known of it; what the tests do not identify stays as it is there.
+        What is known; what the tests do not identify stays as it is there.
     tray : path, optional
         Weight-tray test: columns force, voltage and, where there is one, time. A file that the working folder does not
         have is looked for in that of the case.
     backlash : path, optional
         Backlash cycling: columns angle, force and, where there are any, time and torque (of the hand).
     step : path, optional
-        Step response: columns time, angle and, where there are any, force and harness (its motion).
+        Recorded response. Of an elbow columns time, angle and, where there are any, force and harness (its motion); of
+        another case in continuous time columns time, one or more of its signals, and external inputs that were
+        recorded, by their names.
     columns : mapping of str to (str, str), optional
         Header and unit of a role whose column has another name.
     wrap : float
@@ -128,7 +130,7 @@ def identify(
     press : float
         Largest torque with which the hand may have pressed in backlash cycling without recorded torque [N*m].
     fit : sequence of str, optional
-        Fields that the step response is to identify; drive inertia and friction, lag and delay by default.
+        Fields that the response is to identify; of an elbow drive inertia and friction, lag and delay by default.
     seed : int
         Of the starts of the step response's fit.
     progress : callable, optional
@@ -150,12 +152,13 @@ def identify(
     >>> found.case.parameters["sensor.gain"].mark
     'measured'
     """
-    case.elbow_parameters  # noqa: B018  (refuses generic loops)
     tray, backlash, step = (_beside(case, path) for path in (tray, backlash, step))
     if tray is None and backlash is None and step is None:
         raise EppError(
             "identify: no measured file is given; expected a weight tray, backlash cycling or step response."
         )
+    if tray is not None or backlash is not None:
+        case.elbow_parameters  # noqa: B018  (refuses others)
     fits: list[BenchFit] = []
     found = case
     if tray is not None:
@@ -173,14 +176,20 @@ def identify(
         fits.append(fit_backlash(recording, found, press=press))
         found = with_estimates(found, fits[-1])
     if step is not None:
+        from eppanalysis.identify.response import layout_of
         from eppanalysis.identify.step import fit_step
 
-        recording = read_recording(
-            step, (Role.TIME, Role.ANGLE), (Role.FORCE, Role.HARNESS), columns, progress=progress
-        )
+        recording = _read_response(step, layout_of(found), columns, progress)
         fits.append(fit_step(recording, found, fit, seed=seed, progress=progress))
         found = with_estimates(found, fits[-1])
     return Identification(_titled(found, fits), tuple(fits), provenance=fits[-1].provenance)
+
+
+def _read_response(path: str | Path, layout: Layout, columns: Choices | None, progress: Progress | None) -> Recording:
+    """The recorded response of a case: of an elbow its angle at least, of others any of their signals."""
+    if layout is ELBOW:
+        return read_recording(path, (Role.TIME, Role.ANGLE), (Role.FORCE, Role.HARNESS), columns, progress=progress)
+    return read_signals(path, tuple(layout.signals), layout.units, columns, progress=progress)
 
 
 def _beside(case: Case, path: str | Path | None) -> str | Path | None:
@@ -196,7 +205,8 @@ def with_estimates(case: Case, fit: BenchFit) -> Case:
     values = {}
     for estimate in fit.estimates:
         section, dot, _ = estimate.name.partition(".")
-        if not dot or " " in section or not (estimate.identified or estimate.kept):
+        field = estimate.name in case.parameters or (dot and " " not in section)
+        if not field or not (estimate.identified or estimate.kept):
             continue
         note = f"{fit.bench}, {Path(fit.source).name}" + (f"; {estimate.note}" if estimate.note else "")
         values[estimate.name] = Parameter(

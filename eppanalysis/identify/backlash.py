@@ -110,7 +110,7 @@ def _check_units(estimates: Sequence[Estimate], recording: Recording, case: Case
     for found in estimates:
         if found.name != "cable.stiffness" or not (found.identified and found.value > 0):
             continue
-        wrong = mistaken("angle", case.value(found.name) / found.value)
+        wrong = mistaken("rad", case.value(found.name) / found.value)
         if wrong:
             raise EppError(
                 f"{recording.source}: its angle makes the cable {found.text(found.value)}, where the case has "

@@ -30,6 +30,35 @@ _HEADER = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?\s*", re.DOTAL
 
 
 @dataclass(frozen=True)
+class Layout:
+    """What the columns of a recorded response are of a case.
+
+    Attributes
+    ----------
+    signals, inputs : dict of str to str
+        Signal of the loop, and external input, by the role of the column that may hold it.
+    units : dict of str to str
+        SI unit of every role, "time" among them.
+    clipped : tuple of str
+        Roles whose sensor may saturate, which the loop itself does not know.
+    from_first : bool
+        Whether a recorded input counts from its first row on; else from where the case has it before the start.
+    """
+
+    signals: Mapping[str, str]
+    inputs: Mapping[str, str]
+    units: Mapping[str, str]
+    clipped: tuple[str, ...] = ()
+    from_first: bool = False
+
+
+#: Of an elbow: its sensors and its harness.
+ELBOW = Layout(
+    {Role.ANGLE: "theta", Role.FORCE: "sensor_force"}, {Role.HARNESS: "harness_position"}, ROLES, (Role.FORCE,), True
+)
+
+
+@dataclass(frozen=True)
 class Column:
     """Place of a role in the rows of a file, and the factor from its unit to SI."""
 

@@ -1,4 +1,4 @@
-"""Whether a record can be the response that it is fitted with: it may not move, or by another size than any elbow.
+"""Whether a record can be the response that it is fitted with: it may not move, or by another size than any such case.
 
 A fit always ends somewhere: in noise alone it ends where the model does not move either, with friction that holds it.
 """
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
-from eppanalysis.identify.columns import Role
 from eppanalysis.identify.response import Channel, Response
+from eppanalysis.readable import quantity
 
 Array = NDArray[np.float64]
 
@@ -25,8 +25,8 @@ _SIZES = 4.0
 #: Factors by which units are mistaken for one another, and how near a ratio comes to one of them.
 _DEGREE, _POUND = math.pi / 180.0, 4.4482216152605
 _MISTAKEN = {
-    "angle": {1.0 / _DEGREE: "degrees taken for radians", _DEGREE: "radians taken for degrees"},
-    "force": {_POUND: "newtons taken for pounds", 1.0 / _POUND: "pounds taken for newtons"},
+    "rad": {1.0 / _DEGREE: "degrees taken for radians", _DEGREE: "radians taken for degrees"},
+    "N": {_POUND: "newtons taken for pounds", 1.0 / _POUND: "pounds taken for newtons"},
 }
 _NEAR = 1.6
 #: Least share of a motion that a fit must explain for it to be a fit of that motion.
@@ -86,7 +86,7 @@ def refuse_what_is_no_response(response: Response, candidates: Sequence[dict[str
             raise EppError(
                 f"{source}: its {channel.role} moves {size / usual:.3g} times as far as that of the case "
                 f"({_text(channel, size)} against {_text(channel, usual)}, root mean square)"
-                f"{mistaken(channel.role, size / usual)}; expected the same units and the same step."
+                f"{mistaken(channel.unit, size / usual)}; expected the same units and the same step."
             )
 
 
@@ -102,18 +102,18 @@ def _size(channel: Channel, values: Array) -> float:
 
 
 def _text(channel: Channel, value: float) -> str:
-    from eppanalysis.units import format_si
-
-    return format_si(float(value), *(("rad", "deg") if channel.role == Role.ANGLE else ("N", "N")), 3)
+    return quantity(value, channel.unit, 3)
 
 
-def mistaken(role: str, ratio: float) -> str:
-    """Which units may have been mistaken for one another where a column is so many times what it should be.
+def mistaken(unit: str, ratio: float) -> str:
+    """Which units may have been mistaken for one another where a column in `unit` is so many times what it should be.
 
     Examples
     --------
-    >>> mistaken("angle", 55.0), mistaken("angle", 2.0)
+    >>> mistaken("rad", 55.0), mistaken("rad", 2.0)
     (', as with degrees taken for radians', '')
     """
-    found = [what for factor, what in _MISTAKEN[role].items() if abs(math.log(ratio / factor)) < math.log(_NEAR)]
+    found = [
+        what for factor, what in _MISTAKEN.get(unit, {}).items() if abs(math.log(ratio / factor)) < math.log(_NEAR)
+    ]
     return f", as with {found[0]}" if found else ""

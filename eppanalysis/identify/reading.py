@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.cases.files import Missing
-from eppanalysis.errors import CaseError
+from eppanalysis.errors import CaseError, did_you_mean
 from eppanalysis.identify.columns import ROLES, Column, Role, find_columns
 from eppanalysis.progress import Progress
 
@@ -52,6 +52,8 @@ class Recording:
         Smallest step between different readings of a column, in SI units.
     timed : bool
         Whether the file has times.
+    unused : tuple of str
+        Headers of the other columns.
     """
 
     source: str
@@ -61,6 +63,7 @@ class Recording:
     block: int
     resolution: dict[str, float]
     timed: bool
+    unused: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.columns[Role.TIME])
@@ -73,7 +76,7 @@ class Recording:
 
     def sentences(self) -> list[str]:
         """What happened to the rows."""
-        out = []
+        out = [f"Columns that were not used: {', '.join(self.unused)}."] if self.unused else []
         if self.n_holes:
             out.append(f"{self.n_holes} of {self.n_rows} rows have an empty cell and were left out.")
         if self.block > 1:
@@ -154,7 +157,44 @@ def _read(
     timed = Role.TIME in columns
     if not timed:
         columns[Role.TIME] = np.arange(float(len(rows)))
-    return Recording(source, columns, table.n_rows, table.n_holes, blocks.block, table.resolution(), timed)
+    unused = tuple(cell.strip() for i, cell in enumerate(header) if i not in {c.place for c in found})
+    return Recording(source, columns, table.n_rows, table.n_holes, blocks.block, table.resolution(), timed, unused)
+
+
+def read_signals(
+    path: str | Path,
+    signals: Sequence[str],
+    units: Mapping[str, str],
+    columns: Mapping[str, tuple[str, str]] | None = None,
+    *,
+    fewest: int = 8,
+    progress: Progress | None = None,
+) -> Recording:
+    """Read times and whatever columns a CSV file has of the named signals.
+
+    Parameters
+    ----------
+    path : str or Path
+    signals : sequence of str
+        Names of which the file has one or more.
+    units : mapping of str to str
+        SI unit of everything that may be read: of the signals, and of others that may stand beside them.
+    columns, fewest, progress
+        As for :func:`read_recording`.
+
+    Raises
+    ------
+    CaseError
+        If the file is no such table, or holds none of the signals.
+    """
+    others = tuple(name for name in units if name != Role.TIME)
+    units = {**units, Role.TIME: "s"}
+    found = read_recording(path, (Role.TIME,), others, columns, fewest=fewest, progress=progress, units=units)
+    if not any(name in found for name in signals):
+        shown = ", ".join(("time", *found.unused))
+        hint = did_you_mean(found.unused[0].partition("[")[0].strip() if found.unused else "", signals)
+        raise CaseError(found.source, "line 1", shown, f"a column of a signal of the loop: {hint}")
+    return found
 
 
 def _header(stream: BinaryIO, source: str) -> tuple[list[str], str, int]:

@@ -1,34 +1,54 @@
-"""The elbow's simulated step response as a function of parameters, at the times of a recording."""
+"""A case's simulated response as a function of parameters, at the times of a recording."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.cases import Case
-from eppanalysis.errors import EppError
-from eppanalysis.identify.columns import Role
+from eppanalysis.cases.variation import takes
+from eppanalysis.errors import CaseError, EppError
+from eppanalysis.identify.columns import ELBOW, Layout, Role
 from eppanalysis.identify.intervals import rounding
 from eppanalysis.identify.reading import Recording
+from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.devices.elbow.loop import elbow
-from eppanalysis.models.devices.elbow.parameters import ElbowParameters, declared
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import InputSignal, Recorded, input_signals_by_name
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.sampled.strobe import Strobe
 
 Array = NDArray[np.float64]
 
-#: Signal of the model behind a column.
-SIGNALS = {Role.ANGLE: "theta", Role.FORCE: "sensor_force"}
 #: A shorter dead time than this makes no difference, but stiff equations [s].
 SHORTEST_DELAY = 2e-5
 #: Longest span of averaged rows that leaves the motion as it is [s]; most switches of a run.
 LONGEST_BLOCK, MOST_EVENTS = 2e-3, 50_000
 #: Rows on end at the same extreme reading that make a saturation.
 _SATURATED_ROWS = 5
+#: Share of the fastest time constant in which a loop at its start is seen before anything moves; largest signal.
+_INSTANT, _LARGEST = 1e-9, 1e100
+#: Cases about the given one that show what a response looks like.
+_CANDIDATES = 8
+
+
+def layout_of(case: Case) -> Layout:
+    """What columns a recorded response of a case may have: those of an elbow's bench, else its signals and inputs."""
+    if case.kind == "elbow":
+        return ELBOW
+    system = case.to_system()
+    if system.time_step:
+        raise CaseError(case.source, "loop.time_step", system.time_step, "continuous time (controllers may be sampled)")
+    names = system.signals.names
+    units = dict(zip(names, system.signals.units or [""] * len(names), strict=True))
+    signals = {name: name for name in names if name not in system.input_names}
+    units = {**{name: case.input_unit for name in system.input_names}, **units}
+    return Layout(signals, {name: name for name in system.input_names}, units)
 
 
 @dataclass(frozen=True)
@@ -41,8 +61,11 @@ class Unknown:
     start : float
         Value in the case (SI).
     logarithmic : bool
-        Positive parameters are fitted by their logarithm, others (which may vanish) by their multiple of `scale`.
+        Parameters that must be positive are fitted by their logarithm, others by their multiple of `scale`.
+    vanishes : bool
+        Whether it may be zero.
     scale : float
+        Negative for what is negative in the case: no fit changes a sign.
     prior : float or None
         Where the case gives a tolerance: standard deviation on the fitted scale.
     """
@@ -50,6 +73,7 @@ class Unknown:
     name: str
     start: float
     logarithmic: bool
+    vanishes: bool
     scale: float
     prior: float | None
 
@@ -60,23 +84,21 @@ class Unknown:
         Raises
         ------
         CaseError
-            If there is no such parameter, or it has no value.
+            If there is no such parameter, it has no value, or it cannot vary a little.
         """
         value = case.value(name)
-        about = declared(name)
-        # A lag adds to the delay, so it is even on its own scale; a stiffness or an inertia on that of ratios.
-        logarithmic = about.above is not None and value > 0 and about.unit != "s"
-        scale = 1.0 if logarithmic else abs(value) or _TYPICAL.get(name, 1.0)
+        scale = value or _TYPICAL.get(name, 0.0)
         known = case.parameters.get(name)
+        counted = known is not None and isinstance(known.value, bool)
+        if not scale or counted or not any(takes(case, name, r * scale) for r in (0.99, 1.01)):
+            raise CaseError(case.source, name, value, "a quantity that is not zero and may vary a little, to fit it")
+        vanishes = takes(case, name, 0.0)
+        # A lag adds to the delay, so it is even on its own scale; a stiffness or an inertia on that of ratios.
+        logarithmic = not vanishes and value > 0 and case.unit(name)[0] != "s"
+        scale = 1.0 if logarithmic else scale
         tolerance = None if known is None or not known.tolerance else known.tolerance
-        spread = None if tolerance is None else tolerance / 1.96 / (value if logarithmic else scale)
-        return cls(name, value, logarithmic, scale, spread)
-
-    @property
-    def lag(self) -> float:
-        """1 for a time constant that may be short but not vanish, 0 for what may."""
-        about = declared(self.name)
-        return float(about.above is not None)
+        spread = None if tolerance is None else tolerance / 1.96 / abs(value if logarithmic else scale)
+        return cls(name, value, logarithmic, vanishes, scale, spread)
 
     def to_scale(self, value: float) -> float:
         """Place of a value on the fitted scale."""
@@ -97,7 +119,7 @@ class Channel:
 
     Attributes
     ----------
-    role : Role
+    role : str
     data : array, shape (n,)
     nuisance : array, shape (n, 2)
         Zero and drift.
@@ -105,13 +127,16 @@ class Channel:
         Standard deviation of what no model explains, from differences of neighbours.
     live : bool array, shape (n,)
         Rows in which the column does not saturate; only these count.
+    unit : str
+        SI unit.
     """
 
-    role: Role
+    role: str
     data: Array
     nuisance: Array
     noise: float
     live: NDArray[np.bool_]
+    unit: str = ""
 
     def first(self, n: int) -> Channel:
         """The first rows."""
@@ -128,38 +153,40 @@ class Response:
     """Simulates candidates and compares them with a recording."""
 
     def __init__(self, recording: Recording, case: Case, unknowns: Sequence[Unknown]) -> None:
-        self.case, self.unknowns = case, tuple(unknowns)
-        self.base: ElbowParameters = case.elbow_parameters
+        self.case, self.unknowns, self.layout = case, tuple(unknowns), layout_of(case)
         time = recording[Role.TIME]
-        self.input_signal, self.time = _input_signal(recording, case)
-        if recording.block > 1 and float(np.ptp(time)) / len(time) > LONGEST_BLOCK:
+        self.inputs, self.time = _input_signals(recording, case, self.layout)
+        longest = max(LONGEST_BLOCK, HybridSystem.from_lure(case.to_system()).time_scale)
+        if recording.block > 1 and float(np.ptp(time)) / len(time) > longest:
             raise EppError(
                 f"{recording.source}: {recording.n_rows} rows over {np.ptp(time):.4g} s are averaged too "
                 "coarsely to show the motion; expected the seconds after one step."
             )
         if self.time[-1] <= 0:
             raise EppError(f"{recording.source}: ends at {time[-1]:.4g} s; expected times after the step at 0 s.")
-        self.channels = [_channel(recording, role, self.time) for role in SIGNALS if role in recording]
+        layout = self.layout
+        self.channels = [_channel(recording, role, self.time, layout) for role in layout.signals if role in recording]
         self.runs = 0
 
     def replace(self, place: int, unknown: Unknown) -> None:
         """Take another belief about a parameter."""
         self.unknowns = (*self.unknowns[:place], unknown, *self.unknowns[place + 1 :])
 
-    def parameters(self, q: Array) -> ElbowParameters:
-        """Parameters of the model at a place on the fitted scale."""
-        sections: dict[str, dict[str, float]] = {}
-        for unknown, place in zip(self.unknowns, q.tolist(), strict=True):
-            section, _, name = unknown.name.partition(".")
-            value = unknown.value(place)
-            if unknown.name == "controller.delay" and value < SHORTEST_DELAY:
-                value = 0.0
-            sections.setdefault(section, {})[name] = value
-        changed = {section: replace(getattr(self.base, section), **values) for section, values in sections.items()}
-        return replace(self.base, **changed)
+    def system(self, q: Array) -> LureSystem:
+        """The loop at a place on the fitted scale."""
+        values = {u.name: u.value(place) for u, place in zip(self.unknowns, q.tolist(), strict=True)}
+        if self.case.kind != "elbow":
+            return self.case.with_values(values).to_system()
+        # The same without reading the case again, for the fields that its file may hold beside others.
+        base, sections = self.case.elbow_parameters, dict[str, dict[str, float]]()
+        for name, value in values.items():
+            section, _, field = name.partition(".")
+            short = name == "controller.delay" and value < SHORTEST_DELAY
+            sections.setdefault(section, {})[field] = 0.0 if short else value
+        return elbow(replace(base, **{key: replace(getattr(base, key), **some) for key, some in sections.items()}))
 
     def signals(self, q: Array, until: float = np.inf) -> dict[str, Array]:
-        """Signals of the channels at the times up to `until`, before the step at rest.
+        """Signals of the channels at the times up to `until`, before 0 s at the loop's start.
 
         Raises
         ------
@@ -167,22 +194,45 @@ class Response:
             If the candidate has no solution.
         """
         self.runs += 1
-        system = elbow(self.parameters(q))
-        hybrid = HybridSystem.from_lure(system, {"harness_position": self.input_signal})
+        system = self.system(q)
         times = self.time[self.time <= until]
         after = times[times >= 0]
-        run = run_hybrid(hybrid, float(after[-1]) * (1 + 1e-12), after, 2.0 * hybrid.time_scale, MOST_EVENTS, 1)
+        run = _run(HybridSystem.from_lure(system, self.inputs), after)
         done = int(run.stats[2])
+        start = np.zeros((1, run.samples.shape[1]))
+        if after.size < times.size:
+            start = _run(HybridSystem.from_lure(system), np.zeros(1)).samples
         out: dict[str, Array] = {}
         for channel in self.channels:
-            place = system.signals.names.index(SIGNALS[channel.role])
+            place = system.signals.names.index(self.layout.signals[channel.role])
             values = np.empty(times.size)
-            values[: times.size - after.size] = 0.0 if channel.role == Role.ANGLE else self.base.bands.parking_centre
+            values[: times.size - after.size] = start[0, place]
             values[times.size - after.size :] = run.samples[:, place]
             # A run that stops early stands still from there on, and fits no more.
             values[times.size - after.size + done :] = run.samples[max(done - 1, 0), place]
+            if not np.all(np.abs(values) < _LARGEST):
+                raise EppError(f"{system.name}: {channel.role} grows beyond all range with these parameters.")
             out[channel.role] = values
         return out
+
+    def candidates(self, places: Iterable[Array]) -> list[dict[str, Array]]:
+        """Signals of the first few of the places that have a solution; the first one must.
+
+        Raises
+        ------
+        EppError
+            If the first one has none, or hardly any has.
+        """
+        first, *others = places
+        found = [self.signals(first)]
+        for q in others:
+            with suppress(EppError):
+                found.append(self.signals(q))
+            if len(found) == _CANDIDATES:
+                return found
+        raise EppError(
+            f"{self.case.source}: hardly any case near it has a solution; expected other values to begin with."
+        )
 
     def residual(self, q: Array, until: float = np.inf) -> Array:
         """All channels in units of their noise, then what the case says of the parameters."""
@@ -208,19 +258,31 @@ class Response:
         return [c.first(n) for c in self.channels]
 
 
-def _input_signal(recording: Recording, case: Case) -> tuple[InputSignal, Array]:
-    """What the harness does, and the times of the record on its clock."""
-    time = recording[Role.TIME]
-    if Role.HARNESS not in recording:
-        input_signal = input_signals_by_name(case.to_system().input_names, case.input).get("harness_position")
-        if input_signal is None:
+def _run(hybrid: HybridSystem, times: Array) -> Run:
+    """The loop's signals at times."""
+    end = float(times[-1]) * (1 + 1e-12) or _INSTANT * hybrid.time_scale
+    strobe = Strobe.of(hybrid)
+    samples = 0 if strobe is None else strobe.samples_in(end)
+    return run_hybrid(hybrid, end, times, 2.0 * hybrid.time_scale, MOST_EVENTS + samples, 1)
+
+
+def _input_signals(recording: Recording, case: Case, layout: Layout) -> tuple[Mapping[str, InputSignal], Array]:
+    """What the external inputs do, and the times of the record on their clock."""
+    time, system = recording[Role.TIME], case.to_system()
+    given = input_signals_by_name(system.input_names, case.input)
+    recorded = [role for role in layout.inputs if role in recording]
+    if not recorded:
+        if layout is ELBOW and not given:
             raise EppError(f"{recording.source}: the case {case.name!r} has no input; expected a step of the harness.")
-        return input_signal, time
-    harness = recording[Role.HARNESS]
-    return Recorded(time - time[0], harness - harness[0]), time - time[0]
+        return given, time
+    for role in recorded:
+        place = system.input_names.index(layout.inputs[role])
+        before = recording[role][0] if layout.from_first else system.v0[place]
+        given[layout.inputs[role]] = Recorded(time - time[0], recording[role] - before)
+    return given, time - time[0]
 
 
-def _channel(recording: Recording, role: Role, time: Array) -> Channel:
+def _channel(recording: Recording, role: str, time: Array, layout: Layout) -> Channel:
     data = recording[role]
     steps = np.diff(data, 2) / np.sqrt(6.0)
     # Most second differences are noise; the few at switches are not.
@@ -230,8 +292,8 @@ def _channel(recording: Recording, role: Role, time: Array) -> Channel:
     noise = max(noise, step / np.sqrt(12.0), rounding(step, noise) / np.sqrt(3.0), 1e-12)
     span = float(np.ptp(time))
     columns = np.column_stack([np.ones(time.size), (time - time.mean()) / span])
-    live = _unsaturated(data, step) if role == Role.FORCE else np.ones(data.size, bool)
-    return Channel(role, data, columns, noise, live)
+    live = _unsaturated(data, step) if role in layout.clipped else np.ones(data.size, bool)
+    return Channel(role, data, columns, noise, live, layout.units[role])
 
 
 def _unsaturated(data: Array, step: float) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""Step response to drive inertia, friction, lag and delay: least squares on the event-exact simulation.
+"""A recorded response to parameters, an elbow's step to drive and timing: least squares on the event-exact simulation.
 
 A limit cycle makes the sum of squares a comb: a candidate whose frequency is off by an oscillation over the record fits
 another tooth. So the fit begins with many starts on the first oscillations, and the record grows as the frequency gets
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
-from eppanalysis.identify.columns import Role
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.intervals import Weighted, weighted
 from eppanalysis.identify.plausible import LEAST_SHARE, explained, refuse_what_is_no_response
@@ -57,17 +56,17 @@ def fit_step(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> BenchFit:
-    """Drive and timing from a recorded step response, with or without limit cycle.
+    """Parameters from a recorded response, an elbow's drive and timing from its step; with or without limit cycle.
 
     Parameters
     ----------
     recording : Recording
-        Columns time (the step comes at 0 s), angle and, where there are any, force (at the sensor) and harness (its
-        motion, in place of the case's step).
+        Time (the run starts at 0 s) and signals, an elbow's angle and force; recorded inputs take the place of those
+        that the case has.
     case : Case
         What is known; its parameters with a tolerance are fitted along within it.
     fit : sequence of str, optional
-        Fields to identify; `DEFAULT` unless given.
+        Fields to identify; `DEFAULT` of an elbow.
     seed : int
         Of the starts.
     progress : callable, optional
@@ -75,9 +74,9 @@ def fit_step(
     Raises
     ------
     EppError
-        If the data cannot identify any of the parameters.
+        If nothing is to be fitted, or the data cannot identify any of the parameters.
     """
-    names = tuple(fit or DEFAULT)
+    names = tuple(fit or ()) or _default(case)
     unknowns = _unknowns(case, names)
     response = Response(recording, case, unknowns)
     if len(response.time) < 10 * len(unknowns):
@@ -85,7 +84,7 @@ def fit_step(
             f"{recording.source}: {len(response.time)} rows cannot identify {len(unknowns)} parameters; expected more "
             "rows."
         )
-    candidates = [response.signals(q) for q in _starts(unknowns, seed)[:8]]
+    candidates = response.candidates(_starts(unknowns, seed))
     if _insensitive(response, candidates):
         raise EppError(f"{recording.source}: cannot identify {' or '.join(names)}; {_remedy(response)}")
     refuse_what_is_no_response(response, candidates, recording.source)
@@ -103,13 +102,27 @@ def _unknowns(case: Case, names: Sequence[str]) -> tuple[Unknown, ...]:
     along = [
         Unknown.of(case, name)
         for name, p in case.parameters.items()
-        if p.tolerance and not isinstance(p.value, bool) and name not in (*names, *_APART)
+        if p.tolerance and p.value and name not in (*names, *_APART)
     ]
-    return (*asked, *(u for u in along if u.prior is not None and u.start != 0))
+    return (*asked, *along)
+
+
+def _default(case: Case) -> tuple[str, ...]:
+    """What is fitted of an elbow; nobody knows what is of another case."""
+    if case.kind == "elbow":
+        return DEFAULT
+    known = case.parameters
+    marked = [name for name, p in known.items() if p.mark == "tunable" or p.tolerance]
+    raise EppError(
+        f"identify: nothing is said to be fitted of {case.name}; expected --fit with one or more of "
+        f"{', '.join(marked or known) or 'its fields, of which it has none'}."
+    )
 
 
 def _bounds(unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
-    low = np.array([u.to_scale(u.start) - math.log(50.0) if u.logarithmic else _LEAST_LAG * u.lag for u in unknowns])
+    low = np.array(
+        [u.to_scale(u.start) - math.log(50.0) if u.logarithmic else _LEAST_LAG * (not u.vanishes) for u in unknowns]
+    )
     high = np.array([u.to_scale(u.start) + math.log(50.0) if u.logarithmic else 50.0 for u in unknowns])
     for i, u in enumerate(unknowns):
         if u.name == "pulley.kinetic_ratio":
@@ -413,8 +426,10 @@ def _remedy(response: Response) -> str:
 def _estimates(solution: _Solution, names: Sequence[str]) -> tuple[Estimate, ...]:
     case, out = solution.response.case, []
     for i, u in enumerate(solution.response.unknowns):
-        places = (float(a[i]) for a in (solution.q, solution.low, solution.high))
-        value, low, high = (u.value(place) for place in places)
+        least = -math.inf if u.logarithmic else 0.0
+        places = (float(a[i]) for a in (solution.q, np.maximum(solution.low, least), solution.high))
+        value, *ends = (u.value(place) for place in places)
+        low, high = sorted(ends)
         note, identified = "", True
         if u.name in solution.held:
             other = solution.held[u.name]
@@ -431,7 +446,6 @@ def _estimates(solution: _Solution, names: Sequence[str]) -> tuple[Estimate, ...
         elif u.name not in names:
             note = "known before, within its tolerance"
         unit, friendly = case.unit(u.name)
-        low = max(low, 0.0) if not u.logarithmic else low
         kept = u.name in solution.together
         out.append(Estimate(u.name, value, low, high, unit, friendly, identified, note, kept))
     return tuple(out)
@@ -448,18 +462,16 @@ def _result(recording: Recording, solution: _Solution, names: Sequence[str], see
         share = np.linalg.lstsq(channel.nuisance[channel.live], r[channel.live], rcond=None)[0]
         left = np.where(channel.live, r - channel.nuisance @ share, 0.0)
         drift = float(share[1] * np.ptp(channel.nuisance[:, 1]))
-        unit = "rad" if channel.role == Role.ANGLE else "N"
-        residuals[channel.role] = Residual(float(np.std(left)), lag_one(left), drift, unit)
+        residuals[channel.role] = Residual(float(np.std(left)), lag_one(left), drift, channel.unit)
         worst = max(worst, float(np.std(left)) / channel.noise)
         shares[channel.role] = explained(channel, left)
         panels[channel.role] = {
-            "x": response.time, "y": channel.data, "fit": channel.data - left, "residual": left, "units": ("s", unit)
+            "x": response.time, "y": channel.data, "fit": channel.data - left, "residual": left,
+            "units": ("s", channel.unit),
         }  # fmt: skip
     if max(shares.values()) < LEAST_SHARE:
         left_over = ", ".join(f"{100 * max(share, 0.0):.2g} % of the {role}" for role, share in shares.items())
-        raise EppError(
-            f"{recording.source}: the best fit explains {left_over}; expected the response of such an elbow."
-        )
+        raise EppError(f"{recording.source}: the best fit explains {left_over}; expected the response of such a case.")
     notes = recording.sentences()
     notes.append(f"{response.runs} simulated candidates from {STARTS} starts.")
     if solution.cloud.temper < 1.0:

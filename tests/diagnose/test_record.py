@@ -113,7 +113,11 @@ def test_a_file_is_read_in_its_units(tmp_path):
 
 @pytest.mark.parametrize(
     ("header", "sentence"),
-    [("t [s],x", "time"), ("time [s],y", "has no column of a signal of the loop"), ("time [s],angle [V]", "unit of")],
+    [
+        ("t [s],x", "time"),
+        ("time [s],y", "a column of a signal of the loop"),
+        ("time [s],angle [V]", "unit of"),
+    ],
 )
 def test_a_file_without_what_it_takes_is_refused(header, sentence, tmp_path):
     path = tmp_path / "record.csv"

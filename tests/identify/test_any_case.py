@@ -1,0 +1,205 @@
+"""Responses of cases that are no elbow: a two-inertia drive by an integrator of its own, loops, bad files."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from typer.testing import CliRunner
+
+import eppanalysis as epp
+from eppanalysis.cli import app
+from eppanalysis.identify import sampling, step
+from eppanalysis.results import Status
+
+DRIVE = """
+kind = "diagram"
+title = "Two inertias, a shaft between them, dry friction at the load"
+connect = [
+  "current -> amplifier",
+  "amplifier - shaft -> motor",
+  "shaft - bearing -> load",
+  "motor.angle - load.angle -> shaft.twist",
+  "motor.speed - load.speed -> shaft.rate",
+  "load.speed -> bearing",
+]
+inputs = { current = "0 A" }
+run = { t_end = "1 s" }
+[parameters]
+Kt = { value = "0.5 N*m/A", mark = "derived" }
+J_load = { value = "0.03 kg*m^2", mark = "tunable" }
+coulomb = { value = "0.5 N*m", mark = "tunable" }
+k = { value = "60 N*m/rad", mark = "tunable" }
+[blocks]
+amplifier = { kind = "gain", gain = "Kt" }
+motor = { kind = "inertia", inertia = "0.004 kg*m^2", damping = "0.01 N*m*s/rad" }
+load = { kind = "inertia", inertia = "J_load", damping = "0.02 N*m*s/rad" }
+shaft = { kind = "shaft", stiffness = "k", damping = "0.02 N*m*s/rad" }
+[elements]
+bearing = { element = "friction", coulomb = "coulomb" }
+"""
+TRUTH = {"J_load": 0.02, "coulomb": 0.3, "k": 90.0}
+TIME = np.arange(0.0, 1.0005, 0.002)
+CURRENT = 3.0 * np.sin(2 * np.pi * 2.0 * TIME + 6.0 * TIME**2) + 1.5 * np.sin(2 * np.pi * 7.0 * TIME)
+
+
+def slope(t: float, x: np.ndarray, sense: int) -> list[float]:
+    """Both inertias while the load slides forward (1) or backward (-1), or sticks (0)."""
+    a, v, b, w = x
+    torque = TRUTH["k"] * (a - b) + 0.02 * (v - w)
+    load = 0.0 if sense == 0 else (torque - TRUTH["coulomb"] * sense - 0.02 * w) / TRUTH["J_load"]
+    return [v, (0.5 * np.interp(t, TIME, CURRENT) - torque - 0.01 * v) / 0.004, w if sense else 0.0, load]
+
+
+def driven(x: np.ndarray) -> float:
+    """What the shaft presses on the load with, beyond its friction; negative where it sticks."""
+    return abs(TRUTH["k"] * (x[0] - x[2]) + 0.02 * (x[1] - x[3])) - TRUTH["coulomb"]
+
+
+@cache
+def truth() -> np.ndarray:
+    """Angle and speed of the motor, of the load, at the rows: pieces of one sense of the friction after the other."""
+    t, x, sense, out = 0.0, np.zeros(4), 0, np.zeros((TIME.size, 4))
+    while t < TIME[-1]:
+
+        def stops(_: float, x: np.ndarray, sense: int = sense) -> float:
+            return x[3] if sense else driven(x)
+
+        stops.terminal, stops.direction = True, float(-sense if sense else 1)
+        run = solve_ivp(
+            lambda t, x, sense=sense: slope(t, x, sense), (t, TIME[-1]), x, method="DOP853", events=stops,
+            rtol=1e-9, atol=1e-12, max_step=2e-3, dense_output=True,
+        )  # fmt: skip
+        rows = (t <= TIME) & (run.t[-1] >= TIME)
+        out[rows] = run.sol(TIME[rows]).T
+        t, x = run.t[-1], run.y[:, -1].copy()
+        x[3] = 0.0
+        press = TRUTH["k"] * (x[0] - x[2]) + 0.02 * x[1]
+        sense = int(np.sign(press)) if abs(press) >= TRUTH["coulomb"] * (1 - 1e-9) else 0
+        x[3] = 1e-12 * sense
+    return out
+
+
+def drive() -> epp.Case:
+    return epp.case_from_text(DRIVE)
+
+
+def record(folder: Path, names: str, *columns: np.ndarray) -> Path:
+    path = folder / "record.csv"
+    rows = np.column_stack([TIME, *columns])
+    path.write_text(f"{names}\n" + "\n".join(",".join(f"{v:.7g}" for v in row) for row in rows.tolist()) + "\n")
+    return path
+
+
+def noisy(seed: int = 5) -> np.ndarray:
+    """The motor's angle [deg] as it is read."""
+    return np.degrees(truth()[:, 0]) + 0.05 * np.random.default_rng(seed).normal(size=TIME.size)
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    path = record(tmp_path_factory.mktemp("drive"), "time [s],motor_angle [deg],current [A]", noisy(), CURRENT)
+    return epp.identify(drive(), step=path, fit=tuple(TRUTH))
+
+
+def test_the_integrators_agree():
+    """Else the intervals below would say nothing."""
+    run = epp.simulate(drive().with_values(TRUTH), epp.inputs.Recorded(TIME, CURRENT), t_end=TIME[-1], t_eval=TIME)
+    assert np.ptp(truth()[:, 2]) > 0.5 and np.sum(np.diff(truth()[:, 2]) == 0.0) > 4  # it sticks, then moves
+    assert run.signals["motor_angle"] == pytest.approx(truth()[:, 0], abs=2e-6)
+
+
+def test_a_drive_is_found_from_its_recorded_current_and_angle(found):
+    fit = found.fits[0]
+    assert fit.status is Status.CONVERGED
+    for name, value in TRUTH.items():
+        assert fit[name].identified and fit[name].low < value < fit[name].high
+        assert fit[name].relative_width < 0.1
+
+
+def test_the_result_is_a_case_for_all_that_takes_one(found, tmp_path):
+    (tmp_path / "found.toml").write_text(found.to_toml())
+    again = epp.read_case(tmp_path / "found.toml")
+    measured = again.parameters["J_load"]
+    assert measured.mark == "measured" and measured.unit == "kg*m^2"
+    assert measured.tolerance == pytest.approx(found["J_load"].tolerance, rel=1e-9)
+    assert again.with_values({"J_load": "25 g*m^2"}).value("J_load") == pytest.approx(0.025)
+
+
+@pytest.fixture
+def few_draws(monkeypatch):
+    """Enough to see what happens, not to rely on intervals."""
+    monkeypatch.setattr(step, "STARTS", 30)
+    monkeypatch.setattr(step, "ROUNDS", 1)
+    monkeypatch.setattr(sampling, "DRAWS", 40)
+
+
+def test_what_acts_as_a_sum_alone_is_named(tmp_path, few_draws):
+    """Two inertias on one shaft: the motion depends on their sum, so that one of them is taken from the case."""
+    parts = 'J_arm = "0.012 kg*m^2"\nJ_tool = "0.015 kg*m^2"\nJ_load = "J_arm + J_tool"'
+    text = DRIVE.replace('J_load = { value = "0.03 kg*m^2", mark = "tunable" }', parts)
+    case = epp.case_from_text(text).with_values({name: TRUTH[name] for name in ("coulomb", "k")})
+    path = record(tmp_path, "time [s],motor_angle [deg],current [mA]", noisy(), 1e3 * CURRENT)
+    result = epp.identify(case, step=path, fit=("J_arm", "J_tool"))
+    fit = result.fits[0]
+    vague = {e.name: e for e in fit.unidentified}
+    held = [e for e in vague.values() if not e.kept]
+    assert len(held) == 1 and len(vague) == 2
+    other = ({"J_arm", "J_tool"} - {held[0].name}).pop()
+    assert f"the data do not identify it from {other}" in held[0].note
+    assert result.case.parameters[held[0].name].mark == "assumed"
+    assert result.case.value("J_arm") + result.case.value("J_tool") == pytest.approx(TRUTH["J_load"], rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "signal", "stretch"),
+    [("two_mass_deadzone", "dead_zone.lower", "load [rad]", 1.0), ("backlash_servo", "play.gap", "x", 20.0)],
+)
+def test_loops_of_matrices_and_rings_are_fitted_from_their_start(tmp_path, few_draws, name, field, signal, stretch):
+    """No input moves them; a field may be negative, a signal without a unit."""
+    case = epp.case(name)
+    value = 1.3 * case.value(field)
+    times = TIME * stretch
+    run = epp.simulate(case.with_values({field: value}), t_end=times[-1], t_eval=times)
+    y = run.signals[signal.partition(" ")[0]]
+    y = y + 0.01 * np.std(y) * np.random.default_rng(1).normal(size=y.size)
+    path = tmp_path / "record.csv"
+    np.savetxt(path, np.column_stack([times, y]), delimiter=",", header=f"time [s],{signal}", comments="")
+    estimate = epp.identify(case, step=path, fit=(field,))[field]
+    assert estimate.identified and estimate.low <= estimate.high
+    assert estimate.value == pytest.approx(value, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("header", "arguments", "expected"),
+    [
+        ("time [s],motr_angle [deg],current [A]", ("--fit", "J_load"), "did you mean 'motor_angle'?"),
+        ("time [s],motor_angle [mm],current [A]", ("--fit", "J_load"), "expected the unit of an angle"),
+        ("time [s],motor_angle [deg],current [V]", ("--fit", "J_load"), "expected the unit of a quantity in A"),
+        ("time [s],motor_angle [deg],current [A]", (), "--fit with one or more of J_load, coulomb, k."),
+        ("time [s],motor_angle [deg],current [A]", ("--fit", "J_laod"), "did you mean 'J_load'?"),
+        ("time [s],theta [deg],current [A]", ("--fit", "k", "--column", "motr=theta"), "one of time, "),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(tmp_path, header, arguments, expected):
+    (tmp_path / "drive.toml").write_text(DRIVE)
+    path = record(tmp_path, header, CURRENT, CURRENT)
+    result = CliRunner().invoke(app, ["identify", str(tmp_path / "drive.toml"), "--step", str(path), *arguments])
+    assert result.exit_code == 2 and not result.stdout
+    assert expected in result.stderr and len(result.stderr.strip().splitlines()) == 1
+
+
+def test_discrete_time_is_refused():
+    with pytest.raises(epp.EppError, match="expected continuous time"):
+        epp.identify(epp.case("backlash_discrete_pi"), step="none.csv", fit=("play.gap",))
+
+
+def test_other_columns_are_named(tmp_path):
+    from eppanalysis.identify.reading import read_recording
+
+    path = record(tmp_path, "time [s],motor_angle [deg],note [V]", CURRENT, CURRENT)
+    read = read_recording(path, ("time", "motor_angle"), units={"time": "s", "motor_angle": "rad"})
+    assert read.sentences() == ["Columns that were not used: note [V]."]
