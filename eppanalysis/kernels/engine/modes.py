@@ -5,35 +5,91 @@ from __future__ import annotations
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.engine.flow import choose_step, multiply
 from eppanalysis.kernels.engine.series import DELAY_LINE
-from eppanalysis.kernels.engine.tables import HOT, clear
+from eppanalysis.kernels.engine.tables import HOT, INLINE, clear
 
 
 @njit(**HOT)
 def find_combination(model, compiled, work, modes, base_step):
     """Number of a combination of modes, compiled if new; -1 when the combination has no unique solution."""
-    n_e = modes.size
     for q in range(compiled.count[0]):
-        same = True
-        for e in range(n_e):
-            if compiled.key[q, e] != modes[e]:
-                same = False
-                break
-        if same:
+        if is_of(compiled, q, modes):
             return q
-    # A full table is begun anew: what is met again is compiled again.
-    if compiled.count[0] == compiled.key.shape[0]:
-        compiled.count[0] = 0
-        compiled.next[:, :] = -1
-    q = compiled.count[0]
-    if q == compiled.count[1]:
-        clear(compiled, q)
-        compiled.count[1] = q + 1
+    alike = -1
+    if compiled.count[0] < compiled.key.shape[0]:
+        q = compiled.count[0]
+        if q == compiled.count[1]:
+            clear(compiled, q)
+            compiled.count[1] = q + 1
+    else:
+        # A full table gives up the place of a combination that differs in constants alone (an encoder has thousands of
+        # levels): the matrices stay, those of steps as well. Places are given up in turn.
+        alike = _alike(model, compiled, modes)
+        q = compiled.count[2] = alike if alike >= 0 else (compiled.count[2] + 1) % compiled.key.shape[0]
     if not compile_modes(model, compiled, work, q, modes):
         return -1
     compile_guards(model, compiled, work, q, modes)
-    choose_step(compiled, work, q, base_step)
-    compiled.count[0] += 1
+    if alike < 0:
+        choose_step(compiled, work, q, base_step)
+    compiled.count[0] = max(compiled.count[0], q + 1)
     return q
+
+
+@njit(**INLINE)
+def is_of(compiled, q, modes):
+    """Whether place q of the table holds the combination `modes`."""
+    for e in range(modes.size):
+        if compiled.key[q, e] != modes[e]:
+            return False
+    return True
+
+
+@njit(**HOT)
+def _alike(model, compiled, modes):
+    """Place of a combination that differs from `modes` in constants alone, behind the last given up; -1 for none."""
+    for i in range(compiled.count[0]):
+        q = (compiled.count[2] + 1 + i) % compiled.count[0]
+        alike = True
+        for e in range(modes.size):
+            m = model.mode_first[e]
+            if compiled.key[q, e] != modes[e] and not _same_but_constants(model, m + compiled.key[q, e], m + modes[e]):
+                alike = False
+                break
+        if alike:
+            return q
+    return -1
+
+
+@njit(**HOT)
+def _same_but_constants(model, a, b):
+    """Whether two modes of an element, and their guards, weigh what they see alike."""
+    first, other = model.guard_first[a], model.guard_first[b]
+    guards = model.guard_first[a + 1] - first
+    if model.mode_stick[a] != model.mode_stick[b] or guards != model.guard_first[b + 1] - other:
+        return False
+    for i in range(model.mode_w0.shape[1]):
+        if not (
+            _equal(model.mode_wz[a, i], model.mode_wz[b, i])
+            and _equal(model.mode_wh[a, i], model.mode_wh[b, i])
+            and _equal(model.mode_ws[a, i], model.mode_ws[b, i])
+        ):
+            return False
+    for g in range(guards):
+        if not (
+            _equal(model.guard_z[first + g], model.guard_z[other + g])
+            and _equal(model.guard_rate[first + g], model.guard_rate[other + g])
+            and _equal(model.guard_h[first + g], model.guard_h[other + g])
+            and _equal(model.guard_w[first + g], model.guard_w[other + g])
+        ):
+            return False
+    return True
+
+
+@njit(**HOT)
+def _equal(row, other):
+    for i in range(row.size):
+        if row[i] != other[i]:
+            return False
+    return True
 
 
 @njit(**HOT)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from eppanalysis.kernels.compiling import njit
-from eppanalysis.kernels.engine.modes import find_combination
+from eppanalysis.kernels.engine.modes import find_combination, is_of
 from eppanalysis.kernels.engine.series import first_rise, guard_noise, term_sizes
 from eppanalysis.kernels.engine.tables import HOT, INLINE
 
@@ -47,8 +47,8 @@ def switch(model, compiled, work, q, which, x, recent, H, Sg, last, u, modes, me
     if jumped:
         modes[model.guard_element[k]] = model.guard_bypass[k]
         new = -1
-    if new < 0:
-        before = compiled.count[0]
+    # A place on the way that is remembered may have been given up to another combination.
+    if new < 0 or not is_of(compiled, new, modes):
         new = find_combination(model, compiled, work, modes, base_step)
         if new < 0 and model.guard_bypass[k] >= 0 and not jumped:
             # Sliding along two surfaces at once has no unique solution here, so the element that arrives crosses its
@@ -58,8 +58,7 @@ def switch(model, compiled, work, q, which, x, recent, H, Sg, last, u, modes, me
             new = find_combination(model, compiled, work, modes, base_step)
         if new < 0:
             return -1
-        # The way is remembered, unless the table was begun anew meanwhile: then its rows are of other combinations.
-        if compiled.count[0] >= before and not jumped:
+        if not jumped:
             compiled.next[q, which] = new
     if strength != 0.0:
         w0 = model.first[model.guard_element[k], 1]

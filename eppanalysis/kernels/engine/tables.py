@@ -88,7 +88,7 @@ class Combinations(NamedTuple):
     Lengths with a + are those of rows that are summed eight numbers at a time: padded with zeros.
     """
 
-    count: np.ndarray  # (2,) int: in use, ever used
+    count: np.ndarray  # (3,) int: in use, ever used, the place given up last
     key: np.ndarray  # (q, E) int
     linear: np.ndarray  # (q,) int: no smooth channel acts
     step: np.ndarray  # (q,)
@@ -179,7 +179,7 @@ def make_combinations(model: Model, capacity: int) -> Combinations:
         "T_long": (q, LONGS, wide, steps), "reach": (q, LONGS, wide, most),
     })  # fmt: skip
     per_guard = ("guard", "next", "ga_count", "on_rate", "smooth_guard")
-    places = {"count": (2,), "key": (q, n_e), "ga_place": (q, G, n)} | dict.fromkeys(per_guard, (q, G))
+    places = {"count": (3,), "key": (q, n_e), "ga_place": (q, G, n)} | dict.fromkeys(per_guard, (q, G))
     places |= dict.fromkeys(("linear", "ready", "n_guards", "longs"), (q,))
     return Combinations(**numbers, **{name: np.zeros(shape, np.int64) for name, shape in places.items()})
 

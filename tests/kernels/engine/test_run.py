@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.kernels.engine import workspace
+from eppanalysis.kernels.engine.tables import make_combinations
+from eppanalysis.methods.simulation import simulate
 from eppanalysis.models.systems.inputs import Ramp, Sine
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.signals import SignalMap
@@ -156,3 +159,17 @@ def test_stribeck_friction_breaks_away_alike_in_both_directions(way: float) -> N
 
     witness = solve_ivp(lambda t, v: t - 1.0 / (1.0 + 3.0 * v), (1.0, 2.0), [0.0], rtol=1e-11, atol=1e-13)
     assert forward[-1] == pytest.approx(witness.y[0, -1], rel=1e-8)
+
+
+def test_a_full_table_of_mode_combinations_leaves_no_trace(monkeypatch) -> None:
+    """An encoder has more levels than the table has places: what differs in constants alone takes over matrices."""
+    case, runs = epp.case("azimuth_servo"), []
+    for places in (256, 6, 2):
+        monkeypatch.setattr(workspace, "make_combinations", lambda model, _, n=places: make_combinations(model, n))
+        monkeypatch.setattr(simulate, "of_thread", type(simulate.of_thread)())
+        runs.append(epp.simulate(case, t_end=2.0))
+    whole, *others = runs
+    assert len(whole.events) > 40
+    for run in others:
+        assert run.events == whole.events
+        assert all(np.array_equal(values, whole.signals[signal]) for signal, values in run.signals.items())
