@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from eppanalysis.arguments import check_counts
@@ -146,9 +147,10 @@ def design_guide(
         work.check(case.with_values(combination) if combination else case)
     rows: list[GuideRow] = []
     open_ends: dict[str, None] = {}
-    total = len(ranges) * len(combinations)
+    each = 1 + work.is_under_tolerances(case)  # a row's bound, and that under its tolerances
+    total = each * len(ranges) * len(combinations)
     for combination in combinations:
-        done = len(rows)
+        done = each * len(rows)
 
         def advance(count: int, of: int | None, doing: str, done: int = done) -> None:
             if progress is not None:
@@ -252,12 +254,15 @@ class _Work:
 
     def check(self, case: Case) -> None:
         """Refuse tolerances that one variant cannot have, before anything is computed."""
-        if self.allowed is not None:
-            return
-        if self.tolerances is None and not any(p.tolerance for p in case.parameters.values()):
+        if not self.is_under_tolerances(case):
             return
         for gain in self.ranges:
             check_tolerances(self._question(case.with_values({self.over: gain})), self.tolerances)
+
+    def is_under_tolerances(self, case: Case) -> bool:
+        """Whether rows have a bound under tolerances, those given or those that the case carries."""
+        carried = any(p.tolerance for p in case.parameters.values())
+        return self.allowed is None and (self.tolerances is not None or carried)
 
     def _question(self, case: Case) -> Question:
         return Question(case, self.limit, *range_within(case, self.limit, self.within))
@@ -267,7 +272,7 @@ class _Work:
         known = self._known(case)
         if known is not None:
             question, cell = known
-            row = self._row(case, varied, cell.value, cell, (question.low, question.high), HarmonicSweep(question))
+            row = self._row(case, varied, cell.value, cell, HarmonicSweep(question), partial(advance, 1, None))
             advance(1, 1, "")
             return [row], ""
         # A margin on the gain asks for the bound of a loop whose gain is larger by it.
@@ -287,8 +292,8 @@ class _Work:
         )
         sweep = HarmonicSweep(Question(case, self.limit, *bounds.within, self.over))
         rows = [
-            self._row(case, varied, gain, cell, bounds.within, sweep)
-            for gain, cell in zip(self.ranges, bounds, strict=True)
+            self._row(case, varied, gain, cell, sweep, partial(advance, len(self.ranges) + k, None))
+            for k, (gain, cell) in enumerate(zip(self.ranges, bounds, strict=True))
         ]
         return rows, bounds.not_covered
 
@@ -309,9 +314,10 @@ class _Work:
         varied: tuple[str, ...],
         gain: float,
         cell: BoundCell,
-        within: tuple[float, float],
         sweep: HarmonicSweep,
+        tell: Callable[[str], None],
     ) -> GuideRow:
+        within = sweep.question.low, sweep.question.high
         here = case.with_values({self.over: gain})
         own, bound = value_of(here, self.limit), cell.bound
         own = _NAN if own is None else own
@@ -322,7 +328,7 @@ class _Work:
         if math.isfinite(bound):
             runs, hit = _beyond(here, self.limit, within, own, cell, self.allowed)
             try:
-                tolerance = self._tolerance(here.with_values({self.over: cell.value}), within, sweep)
+                tolerance = self._tolerance(here.with_values({self.over: cell.value}), sweep, tell)
             except EppError as error:
                 missing = str(error).rstrip(".")
         radius, stiffness = _NAN, _NAN
@@ -343,7 +349,7 @@ class _Work:
             struck="" if hit is None else hit.name,
         )
 
-    def _tolerance(self, case: Case, within: tuple[float, float], sweep: HarmonicSweep) -> ToleranceBound | None:
+    def _tolerance(self, case: Case, sweep: HarmonicSweep, tell: Callable[[str], None]) -> ToleranceBound | None:
         carried = any(p.tolerance for p in case.parameters.values())
         if self.tolerances is None and not carried:
             return None
@@ -353,11 +359,12 @@ class _Work:
             case,
             self.limit,
             self.tolerances,
-            within=within,
+            within=(sweep.question.low, sweep.question.high),
             samples=self.samples,
             seed=self.seed,
             threads=self.workers,
             sweep=sweep,
+            progress=lambda done, of, doing: tell(f"tolerances: {doing}"),
         )
 
 

@@ -356,10 +356,13 @@ class Guide(Result):
         says = math.isfinite(safe) and not self._applied
         where = f", tested at {self.case.text(self.limit, safe, DIGITS)}" if says else ""
         sized = "" if self.allowed is None else f", with {self.allowed} allowed"
+        sign = strictest.cell.sign
+        off = [sign * self.less_margin(row.tolerance.worst_case) for row in known if row.tolerance is not None]
+        worst = f"; {self._kept(sign * min(off), sign)} where every tolerance is used up" if off else ""
         return (
-            f"Keep {name} {self._kept(strictest.allowed, strictest.cell.sign)}"
+            f"Keep {name} {self._kept(strictest.allowed, sign)}"
             f"{'' if alone else f', the strictest of {len(known)} bounds'} (at {self._place(strictest)})"
-            f"{sized}{where}; {how}{missing}."
+            f"{sized}{where}; {how}{missing}{worst}."
         )
 
     @checked

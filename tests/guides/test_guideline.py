@@ -402,6 +402,30 @@ def test_a_row_without_a_bound_under_tolerances_says_so(monkeypatch: pytest.Monk
     assert row.to_dict()["missing"] == row.missing
 
 
+def test_under_tolerances_the_verdict_has_the_worst_case_and_no_bar_is_full_before_the_end() -> None:
+    """The cycles of a relay scale with its level, so that a level off by a tenth moves the bound by a tenth."""
+    told: list[tuple[int, int | None, str]] = []
+    guide = epp.design_guide(
+        epp.case("relay_deadzone"),
+        [1.0],
+        over="loop.gain",
+        limit="relay_dead_zone.threshold",
+        tolerances={"relay_dead_zone.level": "10 %"},
+        within=(1.0, 3.0),
+        samples=4,
+        starts=2,
+        progress=lambda *now: told.append(now),
+    )
+    (row,) = guide.rows
+    assert row.tolerance is not None
+    assert row.tolerance.worst_case == pytest.approx(1.1 * row.cell.exact, rel=1e-6)
+    worst = math.ceil(100 * row.tolerance.worst_case) / 100  # rounded to the safe side
+    assert str(guide).endswith(f"; above {worst:g} where every tolerance is used up.")
+    shares = [done / of for done, of, _ in told if of is not None]
+    assert len(shares) == len(told) and shares == sorted(shares) and shares[-1] < 1.0
+    assert told[-1][2] == "tolerances: runs of all draws, 7 of 7"
+
+
 def test_from_the_bench_to_a_bound(tmp_path: Path) -> None:
     """A case that identification wrote, with marks and tolerances, gives the bound of the elbow that was measured."""
     truth = {"pulley_friction": 0.0, "backlash": 2.5 * DEGREE, "cable_stiffness": 6705.263, "pin_stiffness": 1000.0}

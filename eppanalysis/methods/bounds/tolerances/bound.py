@@ -34,6 +34,7 @@ from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
+from eppanalysis.progress import Progress
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
@@ -44,6 +45,9 @@ _MOST_CORNERS, _CHECKED = 8, 3
 _SIZES, _POINTS = (1.0, 1.3, 1.8, 2.5), 2
 #: First half-width of the bracket of a draw's bound, relative to what the elasticities predict; halvings of it.
 _BRACKET, _HALVINGS = 0.08, 5
+#: Rounds of runs: how often the end of a bracket is tried, and with its halvings.
+_ENDS = 2
+_ROUNDS = _ENDS + _HALVINGS
 _PERIODS = 40.0
 _CONFIDENCE = 0.95
 
@@ -121,6 +125,7 @@ def tolerance_bound(
     seed: int = 20050901,
     threads: int = 1,
     sweep: HarmonicSweep | None = None,
+    progress: Progress | None = None,
 ) -> ToleranceBound:
     """The bound on a parameter for all values of the others within their tolerances, and with given probabilities.
 
@@ -143,6 +148,8 @@ def tolerance_bound(
     sweep : HarmonicSweep, optional
         Over one of the parameters of a neighbouring case, at whose last value the search goes on; a new search by
         default.
+    progress : callable, optional
+        Told which rounds of runs are done, of how many, and what is being done.
 
     Returns
     -------
@@ -175,12 +182,14 @@ def tolerance_bound(
     widths = check_tolerances(question, tolerances)
     # How far the bounded parameter is itself off does not move the bound: that is taken off in the end.
     own = widths.pop(limit, 0.0)
+    tell = progress or (lambda done, of, doing: None)
+    tell(0, _ROUNDS, "worst corner")
     box = _Box.of(question, widths, sweep)
     worst, message, n_corners = box.worst()
     draws, offset = np.zeros(0), float("nan")
     if samples:
         spread = _spread(len(widths) + 1, samples, spreads, seed)
-        draws, offset = box.draws(spread[:, :-1], threads)
+        draws, offset = box.draws(spread[:, :-1], threads, tell)
         draws = draws - spread[:, -1] * own
     sign = box.sign
     settings = {"limit": limit, "samples": samples, "distribution": distribution, "seed": seed, "half_widths": widths}
@@ -356,7 +365,7 @@ class _Box:
                 better = worst = found
         return better, count
 
-    def draws(self, spread: Array, threads: int) -> tuple[Array, float]:
+    def draws(self, spread: Array, threads: int, tell: Progress) -> tuple[Array, float]:
         """Bounds of draws (n, parameters) by runs, and how far the runs are off at the centre."""
         names = list(self.widths)
         reach = np.array([self.centre.slopes.get(n, 0.0) * self.widths[n] for n in names])
@@ -364,22 +373,24 @@ class _Box:
         # First order in the logarithm: exact for a bound that is a product of powers.
         guesses = self.centre.value * np.exp(np.clip(spread @ np.nan_to_num(share), -2.0, 2.0))
         cases = [self.question.case.with_values(self.values(tuple(row))) for row in spread.tolist()]
-        found = self._bracketed([*cases, self.question.case], np.append(guesses, self.centre.value), threads)
+        found = self._bracketed([*cases, self.question.case], np.append(guesses, self.centre.value), threads, tell)
         # Runs see stable cycles alone, and only those that they reach: by how much that shifts the nominal bound is
         # taken off every draw (docs/howto/bounds.md).
         offset = float(found[-1] / self.centre.value - 1.0)
         return found[:-1] / (1.0 + offset), offset
 
-    def _bracketed(self, cases: Sequence[CaseLike], guesses: Array, threads: int) -> Array:
+    def _bracketed(self, cases: Sequence[CaseLike], guesses: Array, threads: int, tell: Progress) -> Array:
         """Bounds by halving; a guess whose bracket does not hold the bound is widened, twice at most."""
         low, high = guesses * (1.0 - _BRACKET), guesses * (1.0 + _BRACKET)
         safe_end = low if self.sign > 0 else high
         # `safe_end` is `low` or `high` itself. With a run that oscillates
         # there, halving would close in on it and not on the bound.
-        for _ in range(2):
+        for k in range(_ENDS):
+            tell(k, _ROUNDS, f"runs of all draws, {k + 1} of {_ROUNDS}")
             wrong = self._oscillating(cases, safe_end, threads)
             safe_end[wrong] *= 1.0 - self.sign * 2 * _BRACKET
-        for _ in range(_HALVINGS):
+        for k in range(_ENDS, _ROUNDS):
+            tell(k, _ROUNDS, f"runs of all draws, {k + 1} of {_ROUNDS}")
             middle = np.sqrt(low * high)
             moving = self._oscillating(cases, middle, threads)
             up = moving if self.sign > 0 else ~moving
