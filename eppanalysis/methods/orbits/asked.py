@@ -27,8 +27,9 @@ Array = NDArray[np.float64]
 _TIMES, _LEAST, _MOST = 2.0, 0.02, 1.0
 #: How much farther an orbit may be where a balance in between agrees with it.
 _LOOSER = 5.0
-#: Even harmonics and mean, relative to the fundamental, that are rounding of a balance.
-_ODD = 1e-6
+#: Even harmonics and mean, relative to the fundamental: below the first they are rounding of a balance, above the other
+#: the cycle is no mirror image of itself.
+_ODD, _SKEW = 1e-6, 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,8 @@ class Asked:
         The approximate cycle.
     image : array or None
         See :func:`eppanalysis.methods.orbits.mirrored.mirror`; None where the cycle is not its own mirror image.
+    other_image : array or None
+        The same; None where the cycle may be its own mirror image.
     tolerance : float
         How far frequency and sizes may be away, relative.
     """
@@ -49,17 +52,17 @@ class Asked:
     system: LureSystem
     cycle: LimitCycle
     image: Array | None
+    other_image: Array | None
     tolerance: float
 
     @classmethod
     def of(cls, system: LureSystem, hybrid: HybridSystem, cycle: LimitCycle) -> Asked:
         """By the cycle's own estimate of its error."""
         image = mirror(hybrid)
-        if image is not None and not _is_odd(system, hybrid, cycle, image[: hybrid.n_plant, -1] / 2.0):
-            image = None
+        skew = 0.0 if image is None else _skew(system, hybrid, cycle, image[: hybrid.n_plant, -1] / 2.0)
         estimate = cycle.error_estimate
         tolerance = float(np.clip(_TIMES * estimate, _LEAST, _MOST)) if np.isfinite(estimate) else _MOST
-        return cls(system, cycle, image, tolerance)
+        return cls(system, cycle, image if skew <= _ODD else None, image if skew > _SKEW else None, tolerance)
 
     def loosened(self) -> Asked:
         """The same for an orbit that a better estimate vouches for, too."""
@@ -77,6 +80,9 @@ class Asked:
             return f"has {number(1.0 / orbit.period)} Hz"
         if self.image is not None and not is_mirrored(orbit, self.image):
             return f"is not its own mirror image ({number(1.0 / orbit.period)} Hz)"
+        # Beside a pair of mirror images there may be a symmetric cycle of nearly the same frequency and size.
+        if self.other_image is not None and not orbit.one_of_many and is_mirrored(orbit, self.other_image):
+            return f"is its own mirror image ({number(1.0 / orbit.period)} Hz)"
         return self.shape_difference(to_limit_cycle(self.system, orbit), orbit.one_of_many)
 
     def shape_difference(self, found: LimitCycle, floats: bool = False) -> str:
@@ -99,18 +105,19 @@ def _near(value: float, other: float, tolerance: float) -> bool:
     return bool(abs(np.log(value / other)) <= np.log1p(tolerance))
 
 
-def _is_odd(system: LureSystem, hybrid: HybridSystem, cycle: LimitCycle, centre: Array) -> bool:
-    """Whether a cycle oscillates about the loop's centre without even harmonics."""
+def _skew(system: LureSystem, hybrid: HybridSystem, cycle: LimitCycle, centre: Array) -> float:
+    """Largest even harmonic, with the mean about the loop's centre, relative to the size; not a number where that says
+    nothing.
+    """
     model, n = hybrid.model, hybrid.n_plant
     at_rest = model.Yx[:, :n] @ centre + model.Yx[:, n:] @ hybrid.x0[n:] + model.YH @ hybrid.H0
-    moved = False
+    skews = []
     for middle, name in zip(at_rest, system.signals.names, strict=True):
         c = cycle.harmonics.get(name, np.zeros(0))
         if len(c) < 2:
             continue
         size = max(float(abs(c[1])), cycle.peak_to_peak[name])
         even = max(float(abs(c[0].real - middle)), float(np.abs(c[2::2]).max(initial=0.0)))
-        if even > _ODD * size:
-            return False
-        moved |= size > 0
-    return moved
+        if size > 0 or even > 0:
+            skews.append(even / size if size > 0 else np.nan)
+    return float(np.max(skews)) if skews else np.nan

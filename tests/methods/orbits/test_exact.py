@@ -155,6 +155,36 @@ def test_the_search_lists_symmetric_orbits_and_their_asymmetric_neighbours():
         assert found.status is Status.CONVERGED and not found.unclosed
 
 
+def fin(speed: float) -> epp.LureSystem:
+    """Bending and torsion of a fin in an air stream, with freeplay of 0.01 either way at its root; made-up numbers."""
+    inertia = np.linalg.inv([[1.0, 0.2], [0.2, 0.25]])
+    air = np.array([[1.0, 1.3 * speed**2], [0.0, -0.25 * speed**2]])
+    damping = 0.3 * np.array([[0.04 + 0.3 * speed, 0.0], [-0.05 * speed, 0.03 + 0.12 * speed]])
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-inertia @ air, -inertia @ damping]])
+    B = np.concatenate([[0.0, 0.0], -inertia @ [0.0, 0.6]])
+    section = epp.blocks.StateSpaceBlock(A=A.tolist(), B=B[:, None].tolist(), C=[[0, 1, 0, 0]])
+    parts = {"section": section, "root": epp.DeadZone(-0.01, 0.01)}
+    return epp.Diagram(parts, ["section -> root", "root -> section"], signals={"torsion": "section"}).to_system()
+
+
+@pytest.mark.parametrize(("speed", "period"), [(0.85, 7.859866276), (0.9, 7.944344758)])  # of independent shooting
+def test_a_pair_of_mirror_images_is_not_answered_by_the_symmetric_cycle_beside_it(speed, period):
+    loop = fin(speed)
+    guesses = epp.predict_limit_cycles(loop)
+    pair = [guess for guess in guesses if abs(guess.mean["torsion"]) > 1e-3]
+    assert len(pair) == 2 and len(guesses) == 3
+    for guess in pair:
+        cycle = epp.exact_orbit(loop, guess)
+        assert cycle.period == pytest.approx(period, rel=1e-9)
+        # Harmonic balance knows nothing of runs, events and neighbours.
+        balance = epp.harmonic_balance(loop, guess, order=15)
+        assert cycle.period == pytest.approx(balance.period, rel=1e-5)
+        assert cycle.mean["torsion"] == pytest.approx(balance.mean["torsion"], rel=1e-2)
+    found = epp.find_limit_cycles(loop)
+    assert sorted(np.sign(np.round([c.mean["torsion"] for c in found], 9))) == [-1.0, 0.0, 1.0]
+    assert found.status is Status.CONVERGED and not found.unclosed
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
