@@ -47,8 +47,8 @@ Enough = Callable[[LimitCycle], bool]
 #: Factors on a predicted oscillation, or on the distance of the start from rest, at which runs are started.
 _SCALES = (0.1, 0.3, 0.6, 1.0, 1.6, 3.0)
 _N_RANDOM, _SEED = 16, 20050901
-#: Turns of a predicted cycle in a run, fewest and most samples, how often a run is made three times as long.
-_TURNS, _FEWEST, _MOST, _LONGER = 40.0, 400, 40_000, 3
+#: Turns of a predicted cycle in a run, fewest and most samples, how many times as long a run is made, how often.
+_TURNS, _FEWEST, _MOST, _FACTOR, _LONGER = 40.0, 400, 40_000, 3.0, 3
 #: Starts on a cycle from which orbits of other numbers of samples are sought, and samples in all of those.
 _STARTS, _MOST_SOUGHT = 6, 30_000
 #: Steps of the engine, and what is worth as many, after which a search ends.
@@ -152,7 +152,10 @@ class SampledSearch:
                 return End.DIVERGENCE
             if status is Status.LIMIT_CYCLE:
                 return self._keep(start, run, found)
-            t *= 3.0
+            # One that has run away passes more edges of its encoder than a longer run has events for.
+            if status is Status.EVENT_LIMIT and _FACTOR * run.stats[0] < t:
+                break
+            t *= _FACTOR
         return End.OUT_OF_EVENTS if status is Status.EVENT_LIMIT else End.UNDECIDED
 
     def _run(self, start: HybridSystem, t: float) -> Run:

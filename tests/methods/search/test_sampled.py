@@ -102,12 +102,15 @@ def test_the_search_of_the_azimuth_servo_comes_to_all_three_cycles() -> None:
 
 def test_runs_that_use_up_their_events_are_told_from_those_that_cannot_be_judged(monkeypatch) -> None:
     # As those of a spring do that grow over thousands of steps of its encoder.
-    monkeypatch.setattr(locked, "run_hybrid", lambda *given: run_hybrid(*given[:4], 60, 60))
+    lengths = []
+    monkeypatch.setattr(locked, "run_hybrid", lambda *given: lengths.append(given[1]) or run_hybrid(*given[:4], 60, 60))
     monkeypatch.setattr(locked, "_N_RANDOM", 1)
     found = epp.find_limit_cycles(sampled_relay())
     assert found.status is epp.Status.UNDECIDED
     assert f"{found.n_runs} runs had used up all events before anything settled or repeated itself" in str(found)
     assert "neither settled" not in str(found)
+    # Far from its end a run is not made longer: that takes more events still.
+    assert found.n_runs <= len(lengths) < 2 * found.n_runs
     assert "Cycles that only other contents of the controllers' memory lead to were not sought." in str(found)
 
 
