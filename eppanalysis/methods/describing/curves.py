@@ -6,6 +6,7 @@ Pairs of roots near a fold are found because every local extremum is located bef
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,19 +75,27 @@ def _dips(y: Array) -> NDArray[np.intp]:
 
 def contour_lines(x: Array, y: Array, values: Array) -> list[Array]:
     """Zero contours of `values` (nx, ny) as polylines (n, 2) in fractional indices; not-a-number is left out."""
-    from contourpy import LineType, contour_generator
+    from contourpy import FillType, LineType, SerialContourGenerator, ZInterp
 
-    known = np.isfinite(values)
+    known, above = np.isfinite(values), values > 0
     rows = np.flatnonzero(known.any(axis=1))
     # Of a loop without gain there is one frequency, and no line in a plane.
-    if min(values.shape) < 2 or not rows.size or not np.any(values > 0) or np.all(values[known] > 0):
+    if min(values.shape) < 2 or not rows.size or not above.any() or not np.any(known > above):
         return []
     used = slice(int(rows[0]), int(rows[-1]) + 1)
-    inner = values[used] if known[used].all() else np.ma.masked_invalid(values[used])
-    if len(inner) < 2:
+    inner, known = values[used].T, known[used].T
+    if inner.shape[1] < 2:
         return []
-    generator = contour_generator(
-        np.arange(len(x))[used], np.arange(len(y)), inner.T, line_type=LineType.Separate, corner_mask=True
+    # The class and not its `contour_generator`, which looks for values that are none again and takes as long.
+    places = np.meshgrid(np.arange(used.start, used.stop, dtype=float), np.arange(len(y), dtype=float))
+    plane: list[Any] = [*places, inner, None if known.all() else ~known]
+    generator = SerialContourGenerator(
+        *plane,
+        line_type=LineType.Separate,
+        fill_type=FillType.OuterOffset,
+        corner_mask=True,
+        quad_as_tri=False,
+        z_interp=ZInterp.Linear,
     )
     return [np.asarray(line) for line in generator.lines(0.0)]
 

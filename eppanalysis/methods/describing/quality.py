@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray
 from eppanalysis.models.systems.means import equilibrate
 
+#: Rates at which perturbations are tried, relative to the frequency of a cycle.
+_RATES = np.geomspace(1e-6, 3.0, 90)
+
 
 @dataclass(frozen=True, eq=False)
 class Point:
@@ -88,7 +91,7 @@ def slow_growth(balance: Balance, p: Point) -> float | None:
     mean at mu. The determinant of the perturbed balance changes sign at each such rate; rates up to 3 omega are scanned
     (the describing function itself only holds for slow ones).
     """
-    rates = p.omega * np.geomspace(1e-6, 3.0, 90)
+    rates = p.omega * _RATES
     signs = _perturbation_signs(balance, p, rates)
     change = np.flatnonzero(signs[1:] * signs[:-1] < 0)
     return float(np.sqrt(rates[change[-1]] * rates[change[-1] + 1])) if change.size else None

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray
@@ -29,6 +28,10 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.measured.loop import DataSystem
 
 _MOST_NODES = 4000
+#: Places beside a frequency at which the linear part changes, relative to it.
+_BESIDE = np.concatenate([-np.geomspace(1e-7, 0.1, 8), [1e-10], np.geomspace(1e-7, 0.1, 8)])
+#: Amplitudes at which gains are held against what the linear part asks for, relative to a threshold.
+_FAR = np.geomspace(1e-60, 1e60, 601)
 #: Share of a pole's or zero's imaginary part in its size from which it may resonate.
 _RESONANT = 0.03
 #: Breakpoints around which biases are sought where the static balance has several answers.
@@ -100,7 +103,10 @@ def symmetry_candidates(system: LureSystem) -> Array:
     if system.time_step or np.any(system.delays) or system.A.shape[0] == 0:
         return np.zeros(0)
     A, B, C = system.A, system.B, system.C[:1]
-    s = zeros(scipy.linalg.block_diag(A, -A), np.vstack([B, B]), np.hstack([C, C]), np.zeros((1, 1)))
+    n = len(A)
+    both = np.zeros((2 * n, 2 * n))
+    both[:n, :n], both[n:, n:] = A, -A
+    s = zeros(both, np.concatenate([B, B]), np.concatenate([C, C], 1), np.zeros((1, 1)))
     # A real rational L(jw) equals L(-jw): its real values are zeros of the difference, none of which a grid can step
     # over.
     s = s[(s.imag > 0) & (np.abs(s.real) < 1e-3 * np.abs(s))]
@@ -129,8 +135,7 @@ def frequency_nodes(system: LureSystem, per_decade: int, lowest_gain: float = 0.
         low, top = (scales.min() / 1e3, scales.max() * 1e3) if scales.size else (1e-12, 1e12)
         nodes = [np.geomspace(low, top, int(per_decade * np.log10(top / low)) + 2)]
     around = np.concatenate([scales, symmetry_candidates(system) if len(system.elements) == 1 else np.zeros(0)])
-    spread = np.concatenate([-np.geomspace(1e-7, 0.1, 8), [1e-10], np.geomspace(1e-7, 0.1, 8)])
-    nodes.append((around[:, None] * (1.0 + spread)).ravel())
+    nodes.append((around[:, None] * (1.0 + _BESIDE)).ravel())
     if np.any(system.delays):
         bounded = lowest_gain > 0
         top = _gain_limit(system, np.concatenate(nodes), lowest_gain) if bounded else 2 * np.pi / system.delays.max()
@@ -152,7 +157,7 @@ def amplitude_scales(balance: Balance, gains: Array, sizes: Array, single: Singl
     """Positive amplitudes that matter: `sizes`, and where the element's gain meets 1/`gains` of the linear part."""
     reference = sizes[(sizes > 0) & np.isfinite(sizes)]
     middle = float(np.exp(np.log(reference).mean())) if reference.size else 1.0
-    a = middle * np.geomspace(1e-60, 1e60, 601)
+    a = middle * _FAR
     bias = np.zeros(a.size) if single is None else single.at(a)
     # Next to a bias, smaller amplitudes are lost in its rounding.
     a, bias = (v[a > 1e-9 * np.abs(bias)] for v in (a, bias))
@@ -197,9 +202,10 @@ def search_one(balance: Balance) -> Found:
     omega = frequency_nodes(system, 40, _lowest_gain(N))
     L = balance.linear(omega)[:, 0, 0]
     lines, followed, coarse = static_curves(balance, amplitude, scales)
-    real = _is_real(balance, lines)
+    gains = [balance.evaluate(line[:, :1], line[:, 1:], np.ones(len(line)))[1][:, 0] for line in lines]
+    real = all(map(_is_real, gains))
     finder = _on_crossings if real else _on_phase_curves
-    cycles, curves = finder(balance, lines, omega, L)
+    cycles, curves = finder(balance, list(zip(lines, gains, strict=True)), omega, L)
     text = _sentence(system, real, omega, amplitude, len(lines))
     few = _breakpoints(balance) <= _MOST_CENTRES
     text += _MANY_STEPS * (not few) + _MANY_BRANCHES * (not followed) + _FEW_PLACES * coarse
@@ -265,11 +271,8 @@ def static_curves(balance: Balance, amplitude: Array, scales: Array) -> tuple[li
 
     Besides whether all branches that were found are among them, and whether they were sought at few places.
     """
-    zero = np.zeros((len(amplitude), 1))
-    q0 = _static(balance, amplitude, zero[:, 0])
-    size = _static_size(balance, amplitude, zero[:, 0])
-    symmetric = bool(np.all(np.abs(q0[np.isfinite(q0)]) <= 1e-9 * size[np.isfinite(q0)]))
-    lines = [np.stack([amplitude, zero[:, 0]], -1)] if symmetric else []
+    symmetric = _needs_no_bias(balance, amplitude)
+    lines = [np.stack([amplitude, np.zeros(len(amplitude))], -1)] if symmetric else []
     if _prescribed_alone(balance):
         fixed = float(balance.prescribed[0] / balance.on_bias[0, 0])
         return lines or [np.stack([amplitude, np.full(len(amplitude), fixed)], -1)], True, False
@@ -322,10 +325,13 @@ def _static(balance: Balance, a: Array, b: Array) -> Array:
     return balance.on_bias[0, 0] * b + balance.on_mean[0, 0] * mean - balance.prescribed[0]
 
 
-def _static_size(balance: Balance, a: Array, b: Array) -> Array:
-    mean, gain = balance.evaluate(a[..., None], b[..., None], np.ones(np.shape(a)))
-    output = np.abs(mean[..., 0]) + np.abs(gain[..., 0]) * a
-    return np.abs(balance.on_bias[0, 0]) * (np.abs(b) + a) + np.abs(balance.on_mean[0, 0]) * output
+def _needs_no_bias(balance: Balance, a: Array) -> bool:
+    """Whether the static balance holds without a bias at all amplitudes, but for rounding."""
+    mean, gain = (v[:, 0] for v in balance.evaluate(a[:, None], np.zeros((len(a), 1)), np.ones(len(a))))
+    of_bias, of_mean, prescribed = balance.on_bias[0, 0], balance.on_mean[0, 0], balance.prescribed[0]
+    left = np.abs(of_mean * mean - prescribed)
+    size = np.abs(of_bias) * a + np.abs(of_mean) * (np.abs(mean) + np.abs(gain) * a)
+    return bool(np.all((left <= 1e-9 * size) | ~np.isfinite(left)))
 
 
 def _bias_nodes(balance: Balance, scales: Array) -> Array:
@@ -359,13 +365,9 @@ def _settle_bias(balance: Balance, points: Array) -> Array:
     return np.stack([a, np.where(ok, 0.5 * (low + high), b)], -1)
 
 
-def _is_real(balance: Balance, lines: list[Array]) -> bool:
-    for line in lines:
-        N = balance.evaluate(line[:, :1], line[:, 1:], np.ones(len(line)))[1]
-        N = N[np.isfinite(N)]
-        if N.size and np.abs(N.imag).max() > 1e-12 * np.abs(N).max():
-            return False
-    return True
+def _is_real(N: ComplexArray) -> bool:
+    N = N[np.isfinite(N)]
+    return bool(np.abs(N.imag).max(initial=0.0) <= 1e-12 * np.abs(N).max(initial=0.0))
 
 
 def phase_crossings(balance: Balance, omega: Array, L: ComplexArray) -> Array:
@@ -382,21 +384,20 @@ def _sine(L: ComplexArray) -> Array:
     return np.asarray(L.imag / np.abs(L), float)
 
 
-def _on_crossings(balance: Balance, lines: list[Array], omega: Array, L: ComplexArray) -> tuple[Array, list[Array]]:
+def _on_crossings(
+    balance: Balance, lines: list[tuple[Array, ComplexArray]], omega: Array, L: ComplexArray
+) -> tuple[Array, list[Array]]:
     """Real gain: each phase crossing by itself, all roots in amplitude along each branch of the bias."""
     cycles, curves = [np.zeros((0, 4))], []
     for w in phase_crossings(balance, omega, L):
         gain = float(balance.linear(np.array([w]))[0, 0, 0].real)
-        for line in lines:
+        for line, gains in lines:
+            N = np.asarray(gains.real, float)
             # Without a bias the loop gain is a function of the amplitude alone; else the balance of means goes along
             # with it.
             if not np.any(line[:, 1]):
-                known = balance.evaluate(line[:, :1], line[:, 1:], np.full(len(line), w))[1][:, 0]
-                loop_gain = np.asarray(known.real * gain, float)
-                cycles.append(_roots_in_amplitude(balance, line[:, 0], loop_gain, w, gain, np.zeros_like))
+                cycles.append(_roots_in_amplitude(balance, line[:, 0], N * gain, w, gain, np.zeros_like))
                 continue
-            gains = balance.evaluate(line[:, :1], line[:, 1:], np.full(len(line), w))[1]
-            N = np.asarray(gains[:, 0].real, float)
             for piece in _runs(N * gain > 0):
                 X = _points(line[piece], np.full(len(line[piece]), w), N[piece] * gain)
                 curves += settle(balance, [X])
@@ -431,14 +432,16 @@ def _runs(mask: NDArray[np.bool_]) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
 
 
-def _on_phase_curves(balance: Balance, lines: list[Array], omega: Array, L: ComplexArray) -> tuple[Array, list[Array]]:
+def _on_phase_curves(
+    balance: Balance, lines: list[tuple[Array, ComplexArray]], omega: Array, L: ComplexArray
+) -> tuple[Array, list[Array]]:
     """Complex gain: contours of zero phase in the plane of (place along the bias branch, omega)."""
     pieces: list[Array] = []
-    for line in lines:
-        N = balance.evaluate(line[:, :1], line[:, 1:], np.ones(len(line)))[1][:, 0]
+    for line, N in lines:
         with np.errstate(all="ignore"):
             n, g = N / np.abs(N), L / np.abs(L)
-        sine = np.outer(n.imag, g.real) + np.outer(n.real, g.imag)
+        sine = np.outer(n.imag, g.real)
+        sine += np.outer(n.real, g.imag)
         for path in contour_lines(line, omega, sine):
             pieces += _phase_pieces(line, N, omega, L, path)
     curves = settle(balance, pieces, 1)

@@ -49,16 +49,17 @@ def _relay(
     """Mean and gain of a hysteresis relay; `undecided` is the mean where the input reaches neither threshold."""
     (lower, upper), (low, high) = thresholds, levels
     rises, falls = b + a > upper, b - a < lower
-    a = np.where(rises & falls, a, 1.0)
-    up, down = (np.clip(x - b, -a, a) for x in (upper, lower))
+    both = rises & falls
+    a = np.where(both, a, 1.0)
+    up, down = (np.minimum(np.maximum(x - b, -a), a) for x in (upper, lower))
     share = (angle(a - up, a + up) + angle(a - down, a + down)) / (2 * np.pi)
     # The cosines of both switching phases as products of two roots, exact also where a threshold is only just reached
     # (docs/theory/hysteresis.md, Hysteresis relay).
     cosines = np.sqrt((a - up) / a) * np.sqrt((a + up) / a) + np.sqrt((a - down) / a) * np.sqrt((a + down) / a)
     gain = (high - low) / np.pi * (cosines / a - 1j * (((upper - lower) / a) / a))
-    mean = np.where(rises & falls, low + (high - low) * share, undecided)
-    mean = np.where(rises & ~falls, high, np.where(falls & ~rises, low, mean))
-    return mean, np.where(rises & falls, gain, 0.0)
+    mean = np.where(both, low + (high - low) * share, undecided)
+    mean = np.where(rises > falls, high, np.where(falls > rises, low, mean))
+    return mean, np.where(both, gain, 0.0)
 
 
 @dataclass(frozen=True)

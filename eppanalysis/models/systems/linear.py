@@ -271,7 +271,9 @@ def zeros(A: Array, B: Array, C: Array, D: Array) -> ComplexArray:
         Empty where nothing of the input reaches the output at all.
     """
     n = len(A)
-    both = balanced(np.block([[A, B], [C, np.zeros((1, 1))]]))[0]
+    both = np.zeros((n + 1, n + 1))
+    both[:n, :n], both[:n, n:], both[n:, :n] = A, B, C
+    both = balanced(both)[0]
     A, b, c, d = both[:n, :n], both[:n, n], both[n, :n], float(D[0, 0])
     size = _Sizes(np.abs(A), np.abs(b), np.abs(c), float(np.linalg.norm(A)), float(np.linalg.norm(c)))
     least = ROUNDING * abs(d)

@@ -134,12 +134,18 @@ def equilibrate(matrix: Array) -> tuple[Array, Array]:
     row, column = np.ones(matrix.shape[0]), np.ones(matrix.shape[1])
     size = np.abs(matrix)
     for _ in range(6):
-        r = (row[:, None] * size * column).max(1, initial=0.0)
-        # Powers of two scale without rounding.
-        row = row / np.where(r > 0, 2.0 ** np.round(np.log2(np.where(r > 0, r, 1.0)) / 2.0), 1.0)
-        c = (row[:, None] * size * column).max(0, initial=0.0)
-        column = column / np.where(c > 0, 2.0 ** np.round(np.log2(np.where(c > 0, c, 1.0)) / 2.0), 1.0)
+        of_rows = _half_way((row[:, None] * size * column).max(1, initial=0.0))
+        row = row / of_rows
+        of_columns = _half_way((row[:, None] * size * column).max(0, initial=0.0))
+        column = column / of_columns
+        if np.all(of_rows == 1.0) and np.all(of_columns == 1.0):
+            break
     return row, column
+
+
+def _half_way(largest: Array) -> Array:
+    """Roots of largest entries, as powers of two: these scale without rounding. One where there is nothing to scale."""
+    return np.asarray(2.0 ** np.round(np.log2(np.where(largest > 0, largest, 1.0)) / 2.0), float)
 
 
 def mean_state(system: LureSystem, value: Array, bias: Array, mean: Array) -> Array:
