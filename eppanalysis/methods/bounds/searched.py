@@ -172,6 +172,8 @@ def _cell(question: Question, value: float, asking: Asking) -> BoundCell:
         if again.free:
             break
         beyond, safer = [again, *beyond], safer[1:]
+    if not safer and not beyond[0].cycles:  # other starts leave the end of the range open, where no cycle was found
+        return _without(question, value, beyond, asking)
     if not safer:
         return BoundCell(value=value, finding=Finding.BEYOND, message=Finding.BEYOND.sentence, n_searched=len(asked))
     sides, more = _narrowed(question, (safer[0], beyond[0], _nearest(beyond)), asking)

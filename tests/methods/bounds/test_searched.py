@@ -112,6 +112,21 @@ def test_where_the_answer_does_not_change_there_is_no_bound(case, bounds, cycles
     assert told.startswith("No bound on dead") and "not covered" in told
 
 
+@dataclass(frozen=True)
+class OpenFromOthers(Told):
+    """The answers of a loop whose runs from known cycles are left undecided where it has none."""
+
+    def answer(self, question: Question, value: float, known: object = ()) -> Answer:
+        answer = super().answer(question, value, known)
+        return answer if self.first or answer.cycles else replace(answer, open_ends=("a run was left undecided",))
+
+
+def test_starts_that_leave_the_end_of_the_range_open_are_no_cycles_there(case, bounds) -> None:
+    cell = cell_of(case, OpenFromOthers(cycle=bounds[0].other_orbit, cycles_from=0.16, free_to=9.0))
+    assert cell.finding is Finding.UNSURE and np.isnan(cell.bound)
+    assert "of the others, runs were left undecided at" in cell.message
+
+
 def test_a_bound_at_zero_is_found_in_few_steps(case, bounds) -> None:
     told = Told(cycle=bounds[0].other_orbit, cycles_from=1e-300)
     question = Question(case, "dead", 0.0, 0.2)
