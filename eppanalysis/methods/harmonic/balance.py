@@ -255,13 +255,14 @@ def _compared(loop: Loop, point: _Point) -> _Point:
         if not trial.converged:
             alone = settled = True
             break
-        settled = better is not point and _distance(better, trial) <= _left(better, distance)
+        confirmed = better is not point and _distance(better, trial) <= _left(better, distance)
         better, distance = trial, _distance(point, trial)
-        if better.error < _FINE or (settled and _may_be_told(better, distance)):
+        settled = confirmed or better.error < _FINE
+        if settled and _may_be_told(better, distance):
             break
     if better is point:
         return _unknown(point, "No balance of a higher order, with which it would be compared, converges.")
-    if not (settled or better.error < _FINE) or not _may_be_told(better, distance):
+    if not (settled and _may_be_told(better, distance)):
         return _unknown(point, f"Balances up to order {better.order} do not settle; no exact orbit need be near.")
     error = distance + _left(better, distance)
     if not _switches_alike(loop, point, error):
