@@ -57,6 +57,8 @@ _DWINDLES = 0.999
 #: A run that seems to settle is made this many times longer, for friction may creep towards its next slip far more
 #: slowly than the linear part moves; a state that drifts is followed this far at most.
 _LATE, _LATEST = 100.0, 1e6
+#: Share of its first size above which the motion at the end of so long a run has not decayed; steps see sizes to 1 %.
+_AS_LARGE = 0.9
 #: A cycle is listed as a run has it when all changes still to come are below this share of its amplitude. The run is
 #: made three times longer this often at most. Only so many are listed, for they may fill a continuum.
 _REACHED, _MOST_LONGER, MOST_REACHED = 1e-9, 6, 12
@@ -279,12 +281,24 @@ class Ends:
         if (ended := self._ended(status, start, run)) is not None:
             return ended
         known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
-        return self._rested(start, run) if known is End.UNDECIDED else known
+        if known is not End.UNDECIDED:
+            return known
+        return self._quiet_cycle(run, t) if self._swings(start, run, t) else self._rested(start, run)
+
+    def _swings(self, start: HybridSystem, run: Run, t: float) -> bool:
+        """Whether states swing as far at the end of a long run as in its first t seconds: without damping no rest."""
+        swing = []
+        for x, H in ((start.x0, start.H0), _end_of_run(start, run)):
+            part = self._run(replace(start, x0=x, H0=H), t)
+            # What drifts evenly goes as far as it moves.
+            swing.append((part.high - part.low - np.abs(part.x_end - x))[start.compared])
+        size = np.maximum(self._sizes(), np.abs(start.x0))[start.compared]
+        return bool(np.any(swing[1] > np.maximum(_AS_LARGE * swing[0], _ASIDE * size)))
 
     def _rested(self, start: HybridSystem, run: Run) -> End:
         """Keep the state of rest of the first run that settles."""
         if self.rest is None:
-            self.rest = run.x_end, (run.memory_values[run.order[-1]] if run.n_kept else start.H0)
+            self.rest = _end_of_run(start, run)
         return End.REST
 
     def _has_gone(self, start: HybridSystem, run: Run, t: float) -> bool:
@@ -383,6 +397,11 @@ class Ends:
         if self.progress is not None:
             found = f"{self.n_boundaries} basin boundaries, {len(self.orbits)} cycles"
             self.progress(self.n_runs, None, f"{self.system.name}: {self.n_runs} runs, {found}")
+
+
+def _end_of_run(start: HybridSystem, run: Run) -> tuple[Array, Array]:
+    """State and memory at the end of a run."""
+    return run.x_end, run.memory_values[run.order[-1]] if run.n_kept else start.H0
 
 
 def _outcome_on(number: int, reached: Reached) -> End | int:

@@ -339,6 +339,17 @@ def test_a_centre_is_one_continuum_and_not_a_list_of_cycles(plant, element, fami
     assert "for a continuum of cycles" in found.search
 
 
+@pytest.mark.parametrize("element", [epp.DeadZone(), epp.Saturation(), epp.Play(0.2)])
+def test_an_undamped_swing_does_not_settle(element):
+    """However small it is beside what was predicted: nothing takes its energy."""
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 0.0, 1.0]), element)
+    found = epp.find_limit_cycles(loop)
+    assert not found.settles and not found.rest_state.size
+    assert epp.simulate(loop, t_end=300.0).status is not Status.SETTLED
+    damped = epp.find_limit_cycles(epp.LureSystem.from_tf(([1.0], [1.0, 0.5, 1.0]), epp.Saturation()))
+    assert damped.settles
+
+
 def test_what_rounding_moves_at_rest_is_no_cycle():
     # A play that nothing moves is let go and caught again by the last bits of its input: twelve such were listed.
     blocks = [epp.DeadZone(-0.2, 0.2), ([8.0], [1.0, 1.0, 0.0]), epp.Play(1.0)]
