@@ -11,6 +11,7 @@ import numpy as np
 import eppanalysis as epp
 from eppanalysis.models.elements import Nonlinearity
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.sampled.averaged import Places
 
 #: Factors on time, amplitudes and states (the seed of a random factor for each).
 UNITS = ((1e6, 1e-6, 1), (1e-6, 1e6, 2), (1.0, 1e-6, None), (1e-6, 1.0, None), (1e6, 1.0, 3))
@@ -41,8 +42,11 @@ def orthogonal(n: int, seed: int) -> np.ndarray:
 
 
 def rotated(system: LureSystem, seed: int) -> LureSystem:
-    """The loop with its state turned by a random orthogonal matrix."""
-    return in_coordinates(system, orthogonal(system.A.shape[0], seed))
+    """The loop with its state turned by a random orthogonal matrix; the clock of sampled controllers is none of it."""
+    own = Places.of(system).plant
+    T = np.eye(system.A.shape[0])
+    T[np.ix_(own, own)] = orthogonal(own.size, seed)
+    return in_coordinates(system, T)
 
 
 def rescaled(system: LureSystem, time: float, amplitude: float, states: int | None = None) -> LureSystem:

@@ -99,8 +99,8 @@ def search_several(balance: Balance) -> Found:
         f"Sought on {len(amplitude)} amplitudes {amplitude[0]:.3g} to {amplitude[-1]:.3g} of "
         f"{balance.system.element_names[balance.pivot]} by {len(omega)} frequencies {omega[0]:.3g} to {omega[-1]:.3g} "
         f"rad/s, all other amplitudes and means solved for at each ({count(len(sheets), 'branch')}); "
-        f"{count(len(curves), 'curve')} of zero phase followed to their ends, with all local extrema of the loop gain "
-        "located. A curve that runs wholly between points of this grid may be missed."
+        f"{'curves' if curves else 'no curve'} of zero phase followed to their ends, with all local extrema of the "
+        "loop gain located. A curve that runs wholly between points of this grid may be missed."
     )
     return Found(distinct(balance, np.concatenate(cycles)), tuple(curves), search, on_grid=True)
 

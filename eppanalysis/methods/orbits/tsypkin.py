@@ -22,6 +22,7 @@ from eppanalysis.methods.describing.curves import roots_at_once
 from eppanalysis.methods.orbits.guess import Guess, make_guess
 from eppanalysis.methods.orbits.mirrored import mirror
 from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.linear import balanced
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -30,8 +31,9 @@ ComplexArray = NDArray[np.complex128]
 #: and, eight to half a turn of the fastest oscillation, an even grid; and nodes of the pulse in a half period.
 _SHORTEST, _LONGEST = 0.05, 30.0
 _LOGARITHMIC, _EVEN, _TO_A_TURN, _PULSES = 400, 1200, 8, 200
-#: Condition of the modes beyond which they are not used.
-_ILL = 1e8
+#: Condition of the modes, in units that make them alike, beyond which they are not used: rounding takes the poles of a
+#: multiple one so far apart that guesses keep some digits, and in all coordinates alike.
+_ILL = 1e12
 #: Newton's method in both times: iterations, step for derivatives, and what a root leaves, relative to the guards.
 _ITERATIONS, _STEP, _ROOT = 20, 1e-6, 1e-9
 #: Samples of a half period at which no other switch may lie, and what counts as beyond one.
@@ -81,9 +83,12 @@ class Pulses:
         if turn is None:
             return None
         n, (modes, guards, level) = hybrid.n_plant, turn
-        poles, vectors = (np.asarray(a, complex) for a in np.linalg.eig(model.A))
+        A, units = balanced(model.A)
+        poles, vectors = (np.asarray(a, complex) for a in np.linalg.eig(A))
         if np.linalg.cond(vectors) > _ILL:
             return None
+        given = np.asarray(np.linalg.solve(vectors, model.B[:, 0] / units), complex)
+        vectors = units[:, None] * vectors
         poles = np.where(np.abs(poles) < 1e-9 * np.abs(poles).max(initial=0.0), 0.0, poles)
         if not np.any(poles):
             return None
@@ -92,7 +97,6 @@ class Pulses:
         rows = guards[: guards.size // 2]
         factor = model.guard_z[rows, 0]
         ends = np.stack([factor, factor * middle + model.guard_0[rows]], axis=1)
-        given = np.asarray(np.linalg.solve(vectors, model.B[:, 0]), complex)
         return cls(hybrid, centre, poles, given, model.C[0] @ vectors, vectors, level, modes, guards, ends)
 
     @property

@@ -165,8 +165,10 @@ class Round:
                 end, row, Phi = np.empty(N), np.empty(N), np.empty((N, N))
                 of_arc = arcs.F[a], arcs.S[a], arcs.g[a], arcs.gs[a], arcs.smooth[a]
                 along(arcs.channels, arcs.channels.sense[a], *of_arc, y.copy(), tau[a], end, Phi, sigma, row)
+                if not arcs.smooth[a]:
+                    known[key] = Phi
             if not arcs.smooth[a]:
-                Phi = known.setdefault(key, Phi)
+                Phi = known[key]
                 end, row, sigma[:] = Phi @ y, arcs.g[a], 0.0
             E = Phi @ D
             # A switch of another element comes sooner or later with the start: by that time, at the arc's rate, the

@@ -22,7 +22,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.dynamic.sampled import ControllerMemory, SampledController
 from eppanalysis.models.systems.cuts import Cuts
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.sampled.strobe import is_sampled
+from eppanalysis.models.systems.sampled.strobe import clock_in, is_sampled
 from eppanalysis.models.systems.signals import SignalMap
 
 Array = NDArray[np.float64]
@@ -150,7 +150,7 @@ class Places:
             if isinstance(e, SampledController):
                 read += range(zs.start, zs.stop - 1)
                 held += range(ws.start, ws.stop)
-                clocks |= set(np.flatnonzero(system.C[zs.stop - 1]).tolist())
+                clocks.add(clock_in(system.C[zs.stop - 1]))
             else:
                 z += range(zs.start, zs.stop)
                 w += range(ws.start, ws.stop)

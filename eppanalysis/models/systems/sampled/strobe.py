@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.errors import EppError
+from eppanalysis.errors import EppError, ModelError
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
@@ -23,6 +23,24 @@ def sampled_among(elements: Iterable[Nonlinearity]) -> dict[int, SampledControll
     """The sampled controllers among the elements of a loop, by their places."""
     # Asked at every run: `isinstance` of an abstract class takes five times as long.
     return {i: e for i, e in enumerate(elements) if SampledController in type(e).__mro__}  # type: ignore[misc]
+
+
+def clock_in(row: Array) -> int:
+    """Number of the state that a controller's row of C reads as its clock.
+
+    Raises
+    ------
+    ModelError
+        If it is no state of its own: coordinates of a loop mix its other states only.
+    """
+    read = np.flatnonzero(row)
+    if read.size != 1:
+        raise ModelError(
+            f"SampledController: its clock is mixed with other states (its row of C reads {read.size} of them)",
+            expected="the clock as a state of its own: other coordinates of the plant's states alone, or of the plant "
+            "before the loop is built",
+        )
+    return int(read[0])
 
 
 def is_sampled(elements: Iterable[Nonlinearity]) -> bool:
@@ -161,5 +179,4 @@ class Strobe:
     def clock(self) -> int:
         """Number of the state that is the clock."""
         model = self.hybrid.model
-        row = model.first[self.numbers[0] + 1, 0] - 1
-        return int(np.flatnonzero(model.C[row])[0])
+        return clock_in(model.C[model.first[self.numbers[0] + 1, 0] - 1])

@@ -10,6 +10,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.sampled.strobe import Strobe, refuse_samples
+from tests.coordinates import in_coordinates, orthogonal
 
 
 def strobe(*times: float) -> Strobe:
@@ -47,3 +48,11 @@ def test_an_analysis_that_does_not_cover_samples_names_those_that_do(analysis, i
     refuse_samples([epp.Play(1.0)], analysis)
     with pytest.raises(epp.EppError, match=f"{analysis} does not cover loops with sampled controllers: {instead}"):
         refuse_samples([epp.Play(1.0), epp.SampledController([], [], [], [[1.0]], 0.1)], analysis)
+
+
+@pytest.mark.parametrize("analysis", [epp.predict_limit_cycles, epp.find_limit_cycles, epp.margins])
+def test_a_clock_that_is_mixed_with_other_states_is_refused(analysis) -> None:
+    """Such coordinates lost predictions and margins without a word."""
+    loop = epp.case("virtual_spring").to_system()
+    with pytest.raises(epp.ModelError, match="clock"):
+        analysis(in_coordinates(loop, orthogonal(len(loop.A), 0)))
