@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,15 @@ from eppanalysis.methods.continuation.borders import across, border_collision, b
 from eppanalysis.methods.continuation.cover import Gap, gaps
 from eppanalysis.methods.continuation.doubling import doubled, half_alike
 from eppanalysis.methods.continuation.families import Family
-from eppanalysis.methods.continuation.labels import Change, crossing, difference, in_words, is_linear, standstill
+from eppanalysis.methods.continuation.labels import (
+    STANDS,
+    Change,
+    crossing,
+    difference,
+    in_words,
+    is_linear,
+    standstill,
+)
 from eppanalysis.methods.continuation.own_states import OwnStates
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.continuation.sampled import sampled_branch
@@ -52,13 +60,11 @@ from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
-#: What is added to the reason of a gap in which other cycles were searched for.
+#: What is added to the reason of a gap in which other cycles were searched for, and where all were such.
 _SOUGHT = "an exact search in this part found no cycle that leads on through it"
-#: What is at a value at which a branch stands still.
-_STANDSTILLS = {
-    Change.INFINITE: "the period grows without bound",
-    Change.CONTINUUM: "cycles are a continuum at one value of the parameter",
-}
+_MANY = "an exact search in this part found cycles, which are a continuum"
+#: What is where an element begins to hold its value.
+_HELD = "each cycle from here on is one of a continuum: no switch renews what an element holds"
 
 
 def continue_branch(
@@ -135,21 +141,8 @@ def continue_branch(
         raise EppError(f"continue_branch: {parameter} runs from {start} to {stop}; expected two different values.")
     limits = min(first, last), max(first, last)
     if (own := OwnStates.of(case)) is not None:
-        within: Any = own  # a case that passes on what it does not know itself
-        branch = continue_branch(
-            within,
-            parameter,
-            first,
-            last,
-            cycle=None if cycle is None else own.states.asked(cycle),
-            origin=origin,
-            n_points=n_points,
-            max_step=max_step,
-            n_simulated=n_simulated,
-            n_others=n_others,
-            progress=progress,
-        )
-        return own.told(branch)
+        case = cast(CaseLike, own)  # it passes on what it does not know itself
+        cycle = None if cycle is None else own.states.asked(cycle)
     family = Family(lambda value: steady_case(case.with_values({parameter: value})), limits)
     walk = Walk(case, parameter, family, limits, n_points, max_step)
     if origin is not None and origin.point is None:
@@ -166,25 +159,29 @@ def continue_branch(
         branch = walk.run_off(doubled(family, origin.point, 0.25 * max_step))
     if not branch.not_covered:
         branch = _with_others(walk, branch, others)
-    if n_simulated == 0:
-        return branch
-    return replace(branch, simulated=_simulated(case, parameter, np.linspace(*limits, n_simulated)))
+    if n_simulated > 0:
+        branch = replace(branch, simulated=_simulated(case, parameter, np.linspace(*limits, n_simulated)))
+    return branch if own is None else own.told(branch)
 
 
 def _with_others(walk: Walk, branch: Branch, most: int) -> Branch:
     """The branch, with those of cycles found in what it does not cover, and what even these leave."""
     others: list[Branch] = []
     tried: list[float] = []
+    sought = _SOUGHT
     while len(others) < most:
         left = [v for g in _gaps(walk, branch, others) if not g.turns for v in _places(walk, g) if v not in tried]
         if not left:
             break
         tried.append(left[0])
         found = _branch_from(walk, left[0])
-        others += [found] if found is not None else []
+        if found is not None and len(found) > 1:
+            others.append(found)
+        elif found is not None:
+            sought = _MANY
     missing = _gaps(walk, branch, others)
     if tried:
-        missing = tuple(g if g.turns else replace(g, why=f"{g.why}; {_SOUGHT}") for g in missing)
+        missing = tuple(g if g.turns else replace(g, why=f"{g.why}; {sought}") for g in missing)
     part = " Together they cover" if others else " It covers"
     message = branch.message + (f"{part} a part of the range asked for." if missing else "")
     return replace(branch, message=message, missing=missing, others=tuple(others))
@@ -292,6 +289,9 @@ class Walk:
         value, orbit = seed
         inward = 1.0 if value - self.limits[0] <= self.limits[1] - value else -1.0
         begin = make_point(self.family, value, orbit, None, inward)
+        if begin.one_of_many:
+            _, why = self._stood([], begin, Change.CONTINUA)
+            return self._branch([begin], ("begins at the end of the range" if self._at_limit(value) else why, why))
         points, why = self.along(begin, self.n_points)
         back: list[Point] = []
         other = "begins at the end of the range"
@@ -335,8 +335,8 @@ class Walk:
                     ds *= 0.3
                     continue
                 return self._left(points, new)
-            if standstill(points[-1], new):
-                return self._stood(points, new)
+            if (what := standstill(points[-1], new)) is not None:
+                return self._stood(points, new, what)
             if self._watch(points[-1], new, len(points)):
                 return points, "joins the branch of half its period"
             points.append(new)
@@ -349,14 +349,14 @@ class Walk:
         """The points up to a change of the sequence beyond which no orbit is, or at which the parameter stands."""
         if new is None:
             return points, why
-        self.special.pop()  # that the events change there is up to rounding
-        return self._stood(points, new)
+        _, inside, _, _ = self.special.pop()  # that the events change there is up to rounding
+        what = standstill(points[-1], new) or Change.CONTINUUM
+        return self._stood(points, inside if what is Change.CONTINUA else new, what)
 
-    def _stood(self, points: list[Point], new: Point) -> tuple[list[Point], str]:
-        """The points up to one at which the parameter stands still."""
-        stands = standstill(points[-1], new) or Change.CONTINUUM
-        self._note(stands, new, _STANDSTILLS[stands], len(points))
-        return [*points, new], f"ends where {_STANDSTILLS[stands]}"
+    def _stood(self, points: list[Point], new: Point, what: Change) -> tuple[list[Point], str]:
+        """The points up to one at which the parameter stands still, or cycles are a continuum from there on."""
+        self._note(what, new, STANDS[what], len(points))
+        return [*points, new], f"ends where {STANDS[what]}"
 
     def _left(self, points: list[Point], new: Point) -> tuple[list[Point], str]:
         """The points up to the limit of the range, beyond which the new one is."""
@@ -364,6 +364,8 @@ class Walk:
         if end is not None:
             if self._watch(points[-1], end, len(points)):
                 return points, "joins the branch of half its period"
+            if end.one_of_many:
+                return self._stood(points, end, Change.CONTINUA)
             points.append(end)
         return points, "leaves the range"
 
@@ -446,9 +448,12 @@ class Walk:
             "residual": np.array([p.orbit.residual for p in points]),
         }
         data |= {name: sizes[:, i] for i, name in enumerate(names)}
+        held = np.array([p.orbit.holds for p in points])
+        begins = np.flatnonzero(held & ~np.append(False, held[:-1])).tolist()
+        noted = [*self.special, *((Change.CONTINUA, points[i], _HELD, i) for i in begins)]
         special = tuple(
             SpecialPoint(kind, p.value, note, to_limit_cycle(system, p.orbit), i, p)
-            for kind, p, note, i in self.special
+            for kind, p, note, i in sorted(noted, key=lambda s: s[3])
         )
         failed = any(s.kind is Change.END for s in special)
         return Branch(

@@ -13,7 +13,7 @@ from eppanalysis.results import PlainData
 Array = NDArray[np.float64]
 
 #: Parts of the range that are shorter than this, relative to it, are rounding.
-_ROUNDING = 1e-9
+_ROUNDING = 1e-7
 TURNS = "the branch turns back there (cycles of other branches were not sought)"
 
 
@@ -53,9 +53,9 @@ def gaps(limits: tuple[float, float], branches: Sequence[tuple[Array, tuple[str,
     covered = _joined((float(v.min()), float(v.max())) for v, _ in branches if v.size)
     edges = [limits[0], *(edge for pair in covered for edge in pair), limits[1]]
     out = []
-    for low, high in zip(edges[::2], edges[1::2], strict=True):
+    for k, (low, high) in enumerate(zip(edges[::2], edges[1::2], strict=True)):
         if high - low > least:
-            beside = [_end(branches, edge) for edge in (low, high) if edge not in limits]
+            beside = [_end(branches, edge) for edge in (low,) * (k > 0) + (high,) * (k < len(covered))]
             why = "; ".join(dict.fromkeys(text for text, _ in beside))
             out.append(Gap(low, high, why, all(turns for _, turns in beside)))
     return tuple(out)

@@ -34,12 +34,22 @@ class Change(StrEnum):
     #: sizes exist there.
     INFINITE = "infinite period"
     CONTINUUM = "continuum"
+    #: Where at each value of the parameter cycles of many sizes exist: which of them a branch takes would be rounding.
+    CONTINUA = "continuum at each value"
     #: Where the cycle becomes the free oscillation of the linear loop, which is at the limit of stability there.
     LINEAR = "linear limit"
     #: Where a function that is watched along the branch, such as the size of the cycle, passes zero.
     PASSAGE = "passage"
     #: Of a sampled loop: the cycle ceases, and the branch goes on with one that has another place among the samples.
     SAMPLES = "change of samples"
+
+
+#: What is where a branch does not go on.
+STANDS = {
+    Change.INFINITE: "the period grows without bound",
+    Change.CONTINUUM: "cycles are a continuum at one value of the parameter",
+    Change.CONTINUA: "cycles are a continuum at each value of the parameter",
+}
 
 
 def in_words(ends: tuple[str, str]) -> str:
@@ -55,7 +65,9 @@ def in_words(ends: tuple[str, str]) -> str:
 
 
 def standstill(old: Point, new: Point) -> Change | None:
-    """What a branch has come to whose parameter stands still but for rounding; None where it moves."""
+    """What a branch has come to that does not go on, but for rounding; None where it moves."""
+    if new.one_of_many:
+        return Change.CONTINUA
     if abs(new.turn) > _STANDS:
         return None
     before, tau = old.orbit.tau, new.orbit.tau

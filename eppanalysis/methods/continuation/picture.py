@@ -39,7 +39,7 @@ def plot_branch(
     """Bifurcation diagram: amplitude and frequency over the parameter; stable solid, unstable dashed.
 
     Folds are filled diamonds, period doublings triangles, other special points open squares, simulated runs crosses on
-    top. Parts of the range asked for that have no orbit are hatched, with the reason in the legend. Angles are in
+    top. Parts of the range asked for that no branch covers are hatched, with the reason in the legend. Angles are in
     degrees, lengths in millimetres.
 
     Parameters
@@ -68,7 +68,7 @@ def plot_branch(
             y = np.append(y, scale * one.points[key])
         for gap in branch.missing:
             edges: dict[str, Any] = {"facecolor": "none", "edgecolor": "#BBBBBB", "linewidth": 0, "hatch": "xx"}
-            ax.axvspan(x_factor * gap.low, x_factor * gap.high, **edges, label=f"no orbit: {gap.why}")
+            ax.axvspan(x_factor * gap.low, x_factor * gap.high, **edges, label=f"not covered: {gap.why}")
         if key in branch.simulated:
             runs = x_factor * branch.simulated["value"], scale * branch.simulated[key]
             ax.plot(*runs, "x", color=GREEN, markersize=5, label="simulated")

@@ -126,6 +126,7 @@ class Branch(Result):
         for kind, name in (
             (Change.INFINITE, "infinite period"),
             (Change.CONTINUUM, "continuum"),
+            (Change.CONTINUA, "continuum at each value, met"),
             (Change.LINEAR, "linear limit"),
         ):
             found = [s.value for one in (self, *self.others) for s in one.special if s.kind is kind]

@@ -30,6 +30,9 @@ _NOISE = 1e-6
 _GENTLE = 0.1
 #: A period that is this many times as long after a step is none: what dies out with time has vanished to rounding.
 _MOST_LONGER = 10.0
+#: Share of the largest singular value of the equations over start, dwell times and parameter below which the smallest
+#: one is rounding; multipliers that are farther from 1 than this leave none so small.
+_FREE, _NEUTRAL = 1e-10, 1e-4
 #: A step along a branch is not made shorter than this; one that turns the direction by more than this is lost.
 LEAST_STEP, _MOST_BEND = 1e-6, 0.4
 
@@ -82,6 +85,19 @@ class Point:
         return self.orbit.multipliers
 
     @cached_property
+    def one_of_many(self) -> bool:
+        """Whether cycles are a continuum at each value: the equations leave more than one direction free.
+
+        At a fold, and where cycles of all sizes exist at one value only, the parameter takes part in the one direction.
+        """
+        if not np.any(np.abs(self.multipliers - 1.0) < _NEUTRAL):
+            return False
+        K = np.column_stack([self.orbit.A, self.slope]) / self.orbit.row_scale[:, None]
+        K *= _column_sizes(self.orbit, self.slope)
+        sizes = np.linalg.svd(K, compute_uv=False)
+        return bool(sizes[-1] < _FREE * sizes[0])
+
+    @cached_property
     def unknowns(self) -> Array:
         """Free part of the start, dwell times, parameter; shape (m + p + 1,)."""
         return np.concatenate([self.orbit.y[self.orbit.arcs.free], self.orbit.tau, [self.value]])
@@ -126,11 +142,14 @@ def make_point(family: Family, value: float, orbit: Orbit, along: Array | None, 
     return Point(family, value, orbit, slope, t / np.sqrt(np.sum(w * t * t)))
 
 
+def _column_sizes(orbit: Orbit, slope: Array) -> Array:
+    size = np.abs(slope / orbit.row_scale).max()
+    return np.append(orbit.column_scale, 1.0 / size if size > 0 else 1.0)
+
+
 def bordered(orbit: Orbit, slope: Array, row: Array, right: Array) -> Array:
     """Solve [[A, slope], [row]] s = right, scaled."""
-    columns = np.concatenate([orbit.column_scale, [1.0]])
-    size = np.abs(slope / orbit.row_scale).max()
-    columns[-1] = 1.0 / size if size > 0 else 1.0
+    columns = _column_sizes(orbit, slope)
     scaled = np.abs(row * columns).max()
     rows = np.concatenate([orbit.row_scale, [1.0 / scaled if scaled > 0 else 1.0]])
     K = np.vstack([np.column_stack([orbit.A, slope]), row])

@@ -143,18 +143,22 @@ class Orbit:
         n_wanted = max(int(np.sum(self.hybrid.compared)) - along, 0) + self.arcs.n_timers
         return multipliers(self.return_map, self.scale[self.arcs.free], n_wanted)
 
+    @property
+    def holds(self) -> bool:
+        """Whether an element holds a value that no switch on the cycle renews (a play that stays within its gap)."""
+        # Behind the elements' values stand the slopes of inputs and a 1.
+        first, count = self.arcs.memory.start, int(self.hybrid.model.first[-1, 2])
+        idle = np.setdiff1d(np.arange(first, first + count), self.arcs.free)
+        return bool(np.any(self.arcs.F[:, :, idle]))
+
     @cached_property
     def one_of_many(self) -> bool:
         """Whether the cycle is one of a continuum.
 
-        Either an element holds a value that no switch on the cycle renews (a play whose motion stays within its gap),
-        or the equations leave a direction of the start free: to rounding, or nearly and there are closed orbits to both
-        sides in that direction (of a centre, whose period may depend on the size).
+        Either an element holds its value, or the equations leave a direction of the start free: to rounding, or nearly
+        and there are closed orbits to both sides in that direction (of a centre, whose period may depend on the size).
         """
-        # Behind the elements' values stand the slopes of inputs and a 1.
-        first, count = self.arcs.memory.start, int(self.hybrid.model.first[-1, 2])
-        idle = np.setdiff1d(np.arange(first, first + count), self.arcs.free)
-        if np.any(self.arcs.F[:, :, idle]):
+        if self.holds:
             return True
         if self.motion is not None:
             return False

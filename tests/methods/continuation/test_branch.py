@@ -18,6 +18,7 @@ from eppanalysis.methods.continuation.families import Family, interpolate
 from eppanalysis.methods.continuation.labels import Change, standstill
 from eppanalysis.methods.continuation.steps import bend, last_admissible, other_sequence, step
 from eppanalysis.shown import for_people
+from tests.coordinates import InOtherWords, rotated
 from tests.shared import cycles_of
 
 POUND = 4.4482216152605
@@ -174,10 +175,42 @@ def test_a_continuum_at_one_value_is_named():
         ([1.0, 2.0, 8.0], [1.0, 2.0, 8.0], Change.CONTINUUM),
     ):
         old, new = (
-            SimpleNamespace(turn=1e-13, orbit=SimpleNamespace(tau=np.array(t), period=sum(t))) for t in (before, tau)
+            SimpleNamespace(turn=1e-13, one_of_many=False, orbit=SimpleNamespace(tau=np.array(t), period=sum(t)))
+            for t in (before, tau)
         )
         assert standstill(old, new) is kind
-        assert standstill(old, SimpleNamespace(turn=1e-6, orbit=new.orbit)) is None
+        assert standstill(old, SimpleNamespace(turn=1e-6, one_of_many=False, orbit=new.orbit)) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "start", "border", "stop", "seed"),
+    [("slip_jump", 2.0, 2.5, 5.0, 3), pytest.param("stick_band", 5.0, 4.0, 2.5, 4, marks=pytest.mark.slow)],
+)
+def test_a_branch_ends_where_cycles_are_a_continuum_at_each_value(name, start, border, stop, seed):
+    """A valve that slips by half its band or more sticks at once, at whatever place: special points were rounding."""
+    case, parameter = epp.case("stiction_level_S5J2"), f"jump_and_follow.{name}"
+    turned = InOtherWords(case, lambda system: rotated(system, seed))
+    branches = [epp.continue_branch(one, parameter, start, stop, n_others=0) for one in (turned, case)]
+    (end,), (branch, _) = branches[0].special, branches
+    assert branches[1].special[0].value == pytest.approx(end.value, rel=1e-6)
+    assert end.kind == "continuum at each value" and end.value == pytest.approx(border, rel=1e-6)
+    (gap,) = branch.missing
+    assert {gap.low, gap.high} == {end.value, stop} and "continuum at each value" in gap.why
+    assert "continuum at each value" in str(branch)
+    within = sorted((stop, 0.5 * (border + stop)))
+    alone = epp.continue_branch(case, parameter, *within, n_others=0)
+    assert len(alone) == 1 and not alone.folds and [s.kind for s in alone.special] == ["continuum at each value"]
+    assert [[g.low, g.high] for g in alone.missing] == [within]
+
+
+def test_cycles_on_which_an_element_holds_its_value_are_said_to_be_many():
+    """A gear that stays within its gap adds what it holds: the branch is that of this value."""
+    parts = {"gear": epp.Play(gap=10.0), "plant": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 2.0, 1.0, 0.0])}
+    connect = ["-plant -> relay", "relay + gear -> plant", "plant -> gear"]
+    system = epp.Diagram(parts={"relay": epp.Relay(), **parts}, connect=connect).to_system()
+    branch = epp.continue_branch(system, "relay.high", 1.0, 1.5, n_others=0)
+    assert [(s.kind, s.index) for s in branch.special] == [("continuum at each value", 0)] and branch.status.ok
+    assert sorted(branch.points["value"][[0, -1]]) == [1.0, 1.5]
 
 
 def test_empty_ranges_and_loops_without_cycles_are_refused():
@@ -327,7 +360,7 @@ def test_what_a_branch_does_not_cover_is_said_in_result_and_picture() -> None:
     assert gap.low == alone.points["value"].max() and gap.high == 2.0
     assert gap.why == "the branch stops at the number of points asked for" and "a part of the range" in alone.message
     figure = alone.plot(signal="play_input").figure
-    assert f"no orbit: {gap.why}" in [
+    assert f"not covered: {gap.why}" in [
         text.get_text().replace("\n", " ") for text in figure.axes[0].get_legend().get_texts()
     ]
     assert figure.axes[0].get_xlim()[1] >= 2.0
