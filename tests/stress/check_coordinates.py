@@ -20,8 +20,6 @@ from tests.test_coordinates import (
 )
 
 TURNS = range(20)
-#: Its fold is within 1 % of a grazing contact, at which one turn in five ends the branch.
-ELBOW = "fig8a_original"
 #: Unstable cycles without end: which of them bisection meets is left to rounding.
 CHAOTIC = "two_mass_deadzone"
 SEARCHED = [n for n in LOOPS if n != CHAOTIC and not epp.case(n).to_system().time_step]
@@ -75,7 +73,7 @@ def test_searches_in_other_units(name: str) -> None:
         search_alike(wanted, rescaled(system, time, amplitude, states), time, amplitude)
 
 
-@pytest.mark.parametrize("name", [n for n in BRANCHES if n != ELBOW])
+@pytest.mark.parametrize("name", BRANCHES)
 def test_branches_in_turned_coordinates(name: str) -> None:
     for seed in TURNS[:5]:
         branch_alike(name, turned(name, seed))

@@ -443,7 +443,7 @@ class Walk:
             "value": np.array([p.value for p in points]),
             "period": np.array([p.orbit.period for p in points]),
             "frequency": np.array([1.0 / p.orbit.period for p in points]),
-            "stable": np.array([is_stable(p.multipliers) for p in points]),
+            "stable": np.array([is_stable(p.multipliers, p.one_of_many) for p in points]),
             "multiplier": np.array([float(np.max(np.abs(p.multipliers), initial=0.0)) for p in points]),
             "residual": np.array([p.orbit.residual for p in points]),
         }

@@ -33,8 +33,9 @@ _MOST_LONGER = 10.0
 #: Share of the largest singular value of the equations over start, dwell times and parameter below which the smallest
 #: one is rounding; multipliers that are farther from 1 than this leave none so small.
 _FREE, _NEUTRAL = 1e-10, 1e-4
-#: A step along a branch is not made shorter than this; one that turns the direction by more than this is lost.
-LEAST_STEP, _MOST_BEND = 1e-6, 0.4
+#: A step along a branch is not made shorter than this; one that turns the direction by more than this is lost, or leads
+#: so many times as far as along the direction in which it began.
+LEAST_STEP, _MOST_BEND, _MOST_LENGTH = 1e-6, 0.4, 2.0
 
 
 def evaluate_at(
@@ -349,8 +350,14 @@ def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:
 
 
 def astray(point: Point, new: Point | None) -> bool:
-    """Whether a step from a point has lost the branch."""
-    return new is None or bend(point, new) > _MOST_BEND
+    """Whether a step from a point has lost the branch: it turns, or has gone farther aside than ahead.
+
+    The measure of the new orbit alone does not tell, for one that has collapsed to rest has another measure.
+    """
+    if new is None or bend(point, new) > _MOST_BEND:
+        return True
+    way, w = new.unknowns - point.unknowns, weights(point.orbit, point.family.width)
+    return bool(np.sum(w * way * way) > _MOST_LENGTH**2 * np.sum(w * point.tangent * way) ** 2)
 
 
 def regular(point: Point) -> bool:

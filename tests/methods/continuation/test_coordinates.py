@@ -92,6 +92,7 @@ def test_branches_do_not_depend_on_coordinates_and_units(name):
         branch_alike(name, in_units(name, *UNITS[0]), UNITS[0][1])
 
 
-def test_the_branch_of_an_elbow_does_not_depend_on_coordinates():
-    """Its stiff contacts kept every orbit from closing: no cycle was found at either end."""
-    branch_alike("fig8a_original", turned("fig8a_original", 1))
+@pytest.mark.parametrize("seed", [1, 4])
+def test_the_branch_of_an_elbow_does_not_depend_on_coordinates(seed):
+    """Its stiff contacts kept every orbit from closing, and beside a grazing contact a step collapsed to rest."""
+    branch_alike("fig8a_original", turned("fig8a_original", seed))
