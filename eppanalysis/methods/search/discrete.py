@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.methods.orbits.orbit import CONVERGED
+from eppanalysis.methods.orbits.samples.continua import joined
 from eppanalysis.methods.orbits.samples.locked import not_among
 from eppanalysis.methods.orbits.samples.sample_step import Step
 from eppanalysis.methods.orbits.samples.sampled import (
@@ -45,9 +46,8 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _STILL = 1e-9
-#: Distance of a multiplier from one that is rounding, and the share of its neighbours' size that a cycle between two of
-#: one continuum has at least.
-_NEUTRAL, _AS_LARGE = 1e-7, 0.9
+#: Distance of a multiplier from one that is rounding.
+_NEUTRAL = 1e-7
 #: Fewest and most samples of a first run, and those of a turn that it lasts; how often a run without an end is made
 #: three times as long.
 _FEWEST, _MOST, _TURNS, _LONGER = 400, 8000, 320, 2
@@ -204,20 +204,20 @@ def _continua_once(step: Step, cycles: Sequence[LimitCycle]) -> list[LimitCycle]
 
 
 def _joined(step: Step, one: LimitCycle, other: LimitCycle) -> bool:
-    """Whether what lies midway between two cycles is a cycle as large: they are of one continuum then."""
+    """Whether two cycles are of one continuum."""
     n, turn = one.state.size, float(step.system.time_step or 1.0)
     samples = round(one.period / turn)
     if samples != round(other.period / turn) or np.any(step.lag):  # what is on its way a state does not tell
         return False
     a, b = (_path(step, c.state, c.memory, samples)[:-1] for c in (one, other))
-    shift = min(range(samples), key=lambda k: float(np.ptp(np.roll(b, -k, 0) - a, axis=0).max()))
-    middle, memory = 0.5 * (a[0] + b[shift]), [*one.memory]
-    for place, i in enumerate(step.remembers):
-        memory[i] = float(middle[n + place])
-    path = _path(step, middle[:n], memory, samples)
-    size, least = np.ptp(path, axis=0), np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))
-    back = np.abs(path[-1] - path[0]) <= _STILL * (size.max() + np.abs(path[0]))
-    return bool(np.all(back) and np.all(size >= _AS_LARGE * least))
+
+    def once(begin: Array) -> Array:
+        memory = [*one.memory]
+        for place, i in enumerate(step.remembers):
+            memory[i] = float(begin[n + place])
+        return _path(step, begin[:n], memory, samples)
+
+    return joined(a, b, once)
 
 
 def _path(step: Step, state: Array, memory: Sequence[float | None], samples: int) -> Array:

@@ -1,7 +1,8 @@
 """All limit cycles of a loop with sampled controllers: those locked to the samples exactly, others as runs have them.
 
-Runs from many states end on stable cycles. From states on the cycles that are known, and on predicted ones, orbits of
-all numbers of samples near are sought by Newton's method, stable and unstable: several may exist side by side.
+Runs from many states, and from states between those that end differently, end on stable cycles; of a continuum one is
+listed. From states on the cycles that are known, and on predicted ones, orbits of all numbers of samples near are
+sought by Newton's method, stable and unstable: several may exist side by side.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from eppanalysis.methods.orbits.samples.locked import (
     lengths_near,
     locked_cycle,
     not_among,
+    of_one_continuum,
     same_round,
     starts_on,
 )
@@ -46,11 +48,15 @@ Enough = Callable[[LimitCycle], bool]
 
 #: Factors on a predicted oscillation, or on the distance of the start from rest, at which runs are started.
 _SCALES = (0.1, 0.3, 0.6, 1.0, 1.6, 3.0)
-_N_RANDOM, _SEED = 16, 20050901
+#: Fewest and most random starts, and of every other one the smallest size in parts of the largest predicted one.
+_N_RANDOM, _MOST_RANDOM, _SMALLEST, _SEED = 16, 128, 0.05, 20050901
 #: Turns of a predicted cycle in a run, fewest and most samples, how many times as long a run is made, how often.
 _TURNS, _FEWEST, _MOST, _FACTOR, _LONGER = 40.0, 400, 40_000, 3.0, 3
 #: Starts on a cycle from which orbits of other numbers of samples are sought, and samples in all of those.
 _STARTS, _MOST_SOUGHT = 6, 30_000
+#: Samples in all runs from random starts beyond the fewest, in those between starts that end on different orbits, and
+#: how often the way between two is halved.
+_MOST_MORE, _MOST_BETWEEN, _HALVINGS = 50_000, 100_000, 8
 #: Steps of the engine, and what is worth as many, after which a search ends.
 _MOST_WORK = 2e7
 #: Cycles that are not locked are one where they are as near as this, in logarithms of period and size.
@@ -73,6 +79,8 @@ class SampledSearch:
     ends: Counter[End] = field(default_factory=Counter)
     lengths: set[int] = field(default_factory=set)
     rest: Array = field(default_factory=lambda: np.zeros(0))
+    begun: list[tuple[Array, int]] = field(default_factory=list)
+    on: int | None = None
     ended: bool = False
     stopped: bool = False
 
@@ -85,14 +93,18 @@ class SampledSearch:
                     self._say(k, len(starts), f"run {k + 1} of {len(starts)}")
                     if self.suffices(start):
                         return
-                self._seek()
+                if not (self._between() or self._mirrored()):
+                    self._seek()
         except Spent:
             self.ended = True
 
     def suffices(self, start: HybridSystem) -> bool:
         """Whether a run from a start ends on a cycle that is all that is wanted."""
         before = len(self.rounds) + len(self.others)
+        self.on = None
         self.ends[self.end_of(start)] += 1
+        if self.on is not None:
+            self.begun.append((start.x0[: self.hybrid.n_plant], self.on))
         new = len(self.rounds) + len(self.others) > before
         self.stopped = new and self.enough is not None and any(map(self.enough, self.cycles()))
         return self.stopped
@@ -131,7 +143,10 @@ class SampledSearch:
         size = np.max(sizes, axis=0)
         size = np.where(size > 0.0, size, size.max(initial=0.0) or 1.0)
         rng = np.random.default_rng(_SEED)
-        return starts + [self._at(size * rng.uniform(-1.5, 1.5, n)) for _ in range(_N_RANDOM)]
+        more = _MOST_MORE // self.strobe.samples_in(self.horizon)
+        draws = size * rng.uniform(-1.5, 1.5, (int(np.clip(more, _N_RANDOM, _MOST_RANDOM)), n))
+        draws[1::2] *= np.exp(rng.uniform(np.log(_SMALLEST), 0.0, (len(draws) // 2, 1)))
+        return starts + [self._at(draw) for draw in draws]
 
     def _at(self, state: Array) -> HybridSystem:
         x = self.hybrid.x0.copy()
@@ -169,7 +184,7 @@ class SampledSearch:
             orbit = close_locked(self.strobe, begin, n)
             if orbit is None:
                 return End.UNDECIDED
-            self._add(orbit)
+            self.on = self._add(orbit)
             return End.CYCLE
         # The period of a slow cycle has ten thousand samples: its harmonics take ten times as long as the run.
         extent = extent_of(self.hybrid.compared, run, found)
@@ -184,9 +199,46 @@ class SampledSearch:
             self.others.append(cycle)
         return End.OF_RUNS
 
-    def _add(self, orbit: Round) -> None:
-        if not any(same_round(known, orbit) for known in self.rounds):
-            self.rounds.append(orbit)
+    def _add(self, orbit: Round) -> int:
+        """The place of an orbit among those listed, one for each continuum."""
+        for k, known in enumerate(self.rounds):
+            if same_round(known, orbit) or of_one_continuum(known, orbit):
+                return k
+        self.rounds.append(orbit)
+        return len(self.rounds) - 1
+
+    def _between(self) -> bool:
+        """Runs from starts midway between some that have ended on different orbits, and whether one is enough.
+
+        Small basins lie along the boundaries of large ones, where a run from a random start seldom comes.
+        """
+        rng = np.random.default_rng(_SEED)
+        left = _MOST_BETWEEN // self.strobe.samples_in(self.horizon)
+        while left > 0 and len(self.rounds) > 1:
+            self._say(len(self.begun), None, "runs between starts of different ends")
+            (a, on_a), (b, on_b) = (self.begun[k] for k in rng.choice(len(self.begun), 2, replace=False))
+            left -= 1
+            for _ in range(_HALVINGS * (on_a != on_b)):
+                left -= 1
+                middle = 0.5 * (a + b)
+                if self.suffices(self._at(middle)):
+                    return True
+                if self.on is None:
+                    break
+                a, on_b, b = (middle, on_b, b) if self.on == on_a else (a, self.on, middle)
+        return False
+
+    def _mirrored(self) -> bool:
+        """Runs from the images of all orbits about rest, which a symmetric loop has too, and whether one is enough."""
+        free, n = self.strobe.free, self.hybrid.x0.size
+        for orbit in self.rounds:
+            y = orbit.rows[0].copy()
+            y[free] *= -1.0
+            moved = free[free < self.rest.size]
+            y[moved] += 2.0 * self.rest[moved]
+            if self.suffices(self.strobe.begun(y[:n], y[n:], orbit.start.modes0)):
+                return True
+        return False
 
     def _seek(self) -> None:
         """Orbits of all numbers of samples near those known and predicted."""
@@ -227,7 +279,8 @@ class SampledSearch:
     def sentence(self) -> str:
         """How completeness was sought."""
         ends = ", ".join(f"{n} {what}" for what, n in sorted(self.ends.items()))
-        text = f"{sum(self.ends.values())} runs from predicted and random states ({ends}); "
+        between = ", and from states between these," * (len(self.rounds) > 1)
+        text = f"{sum(self.ends.values())} runs from predicted and random states{between} ({ends}); "
         if self.lengths:
             text += (
                 f"orbits that are locked to the samples were sought by Newton's method at {min(self.lengths)} to "
@@ -286,10 +339,11 @@ def _result(search: SampledSearch, at: OperatingPoint) -> CycleSearch:
         settles=search.ends[End.REST] > 0,
         diverges=search.ends[End.DIVERGENCE] > 0,
         search=search.sentence(),
-        not_covered="Cycles that only other contents of the controllers' memory lead to were not sought",
+        not_covered="Cycles that small basins or only other contents of the controllers' memory lead to may be missed",
         rest_state=search.rest,
         unclosed=unclosed,
         left_open=tuple(left),
+        n_continua=sum(o.one_of_many for o in search.rounds),
         n_runs=sum(search.ends.values()),
         provenance=Provenance(
             "search for limit cycles", {"system": system.name}, {}, {str(end): n for end, n in search.ends.items()}

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.guess import brought_about, marked
+from eppanalysis.methods.orbits.samples.continua import joined
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.period import analyse_period
 from eppanalysis.methods.simulation.rounding import is_rounding
@@ -180,6 +181,17 @@ class Round:
             D = arcs.J[a] @ E
         return D
 
+    @cached_property
+    def multipliers(self) -> NDArray[np.complex128]:
+        """Those of what repeats, one for each state of the controllers too."""
+        wanted = int(np.sum(self.start.compared)) + sum(len(np.asarray(c.x0)) for c in self.strobe.controllers)
+        return multipliers(self.derivative, self.scale, wanted)
+
+    @property
+    def one_of_many(self) -> bool:
+        """Whether it belongs to a continuum of orbits."""
+        return bool(np.any(np.abs(self.multipliers - 1.0) < _NEUTRAL))
+
     def moved(self, step: Array) -> HybridSystem:
         """The start after a step in what repeats."""
         y, n = self.rows[0].copy(), self.start.x0.size
@@ -247,6 +259,17 @@ def same_round(one: Round, other: Round) -> bool:
     return bool(np.min(away) < 1e3 * _SAME)
 
 
+def of_one_continuum(one: Round, other: Round) -> bool:
+    """Whether two orbits belong to one continuum, which a disturbance moves the loop along."""
+
+    def once(begin: Array) -> Array | None:
+        path = Round.of(one.strobe, one.moved(begin - one.at_samples[0]), one.n)
+        return None if path is None else path.at_samples
+
+    many = one.n == other.n and one.one_of_many and other.one_of_many
+    return many and joined(one.at_samples[:-1], other.at_samples[:-1], once)
+
+
 def starts_on(strobe: Strobe, run: Run, n: int, most: int) -> Iterator[HybridSystem]:
     """Starts behind samples of the last n periods of a run, evenly spread, the last one first."""
     order = run.order[run.guard[run.order] == strobe.guard][::-1][:: max(strobe.every, 1)][:n]
@@ -265,9 +288,7 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
         return again.samples[: int(again.stats[2])]
 
     shape = analyse_period(marks, system.delays, start.time_scale, system.signals.names, sample)
-    wanted = int(np.sum(start.compared)) + sum(len(np.asarray(c.x0)) for c in strobe.controllers)
-    values = multipliers(found.derivative, found.scale, wanted)
-    many = bool(np.any(np.abs(values - 1.0) < _NEUTRAL))
+    values, many = found.multipliers, found.one_of_many
     n, names = start.n_plant, system.signals.names
     matrix = (found.derivative - np.eye(found.scale.size)) / found.scale[:, None] * found.scale
     noise = found.residual + np.finfo(float).eps * np.sqrt(last + 1.0)
