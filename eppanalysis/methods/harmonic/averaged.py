@@ -21,11 +21,14 @@ def of_samples(system: AveragedSystem | DataSystem, cycle: LimitCycle) -> LimitC
     """A predicted or balanced cycle with the state of the loop whose controllers are sampled, if it has states.
 
     It may lock to the samples a whole one to either side, which no mean over their phases tells: two samples in its
-    period are added to its error. An error that is not known stays so.
+    period are added to its error. An error that is not known stays so. Of fewer than two samples in its period all that
+    counts is what they fold back: the cycle may not exist.
     """
     if not system.slowest:
         return cycle
-    cycle = replace(cycle, error_estimate=cycle.error_estimate + 2.0 * system.slowest / cycle.period)
+    samples = cycle.period / system.slowest
+    error = 2.0 / samples if samples >= 2.0 else float("inf")
+    cycle = replace(cycle, error_estimate=cycle.error_estimate + error)
     if isinstance(system, DataSystem):
         return cycle
     state, memory = system.started(cycle.state, cycle.memory)
