@@ -258,7 +258,7 @@ class Trajectory(Result):
     n_events : int
         Switches in all, those included that `events` no longer holds.
     note : str
-        Why an undecided run is one, where a longer run would not decide it.
+        Why a run ended early, or is undecided where a longer run would not decide it.
     """
 
     t: Array
@@ -309,7 +309,7 @@ class Trajectory(Result):
         """What the run does in the end, with a number."""
         since = f"from {number(self.settled_since)} s on"
         if self.limit_cycle is not None:
-            return f"Oscillates: {self.limit_cycle.size}, {since}."
+            return f"Oscillates: {self.limit_cycle.size}, {since}.{' ' * bool(self.note)}{self.note}"
         if self.status is Status.SETTLED:
             where = next(((n, v) for n, v in self.settled_at.items()), None)
             at = (

@@ -26,10 +26,7 @@ class Status(Enum):
     LIMIT_CYCLE = "The motion settled on a limit cycle."
     UNDECIDED = "The motion had neither settled nor repeated itself by the end; simulate for longer."
     DIVERGED = "The motion grew without bound."
-    EVENT_LIMIT = (
-        "The run stopped early: too many events (an accumulation of switches) or steps (far faster motions, or a far "
-        "smaller step, than its length allows); its results end where it stopped."
-    )
+    EVENT_LIMIT = "The run stopped early, as it had used up its events or its steps; its results end where it stopped."
     INCOMPLETE = "The search covers a part of what was asked for; its sentence says which."
     NOT_CONVERGED = "The iteration did not converge; its last iterate is given for inspection only."
 

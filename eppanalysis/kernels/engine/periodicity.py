@@ -33,12 +33,13 @@ def carry_on(workspace, samples, buffer, now):
         return
     now.watched = False
     turns, period, n_aside = _whole_periods(
-        buffer, workspace, samples, now.i_sample, now.t, now.t_end, now.count, p_events, now.max_events
+        buffer, workspace, samples, now.i_sample, now.t, now.t_end, now.count, p_events
     )
     now.periods_repeated = turns
     if turns == 0:
         return
     now.count += turns * p_events
+    now.max_events += turns * p_events  # only what is computed counts
     now.t_behind, now.i_behind = now.t + turns * period, now.i_sample + n_aside
     if n_aside > 0:
         # Their samples are taken in one more period, in the order of their phases.
@@ -54,7 +55,7 @@ def carry_on(workspace, samples, buffer, now):
 
 
 @njit(**HOT)
-def _whole_periods(buffer, workspace, samples, first, t, t_end, count, p, max_events):
+def _whole_periods(buffer, workspace, samples, first, t, t_end, count, p):
     """Enter the events of all whole periods (of p events) to come into the event buffer, and sort their samples by
     phase.
 
@@ -66,7 +67,7 @@ def _whole_periods(buffer, workspace, samples, first, t, t_end, count, p, max_ev
     turns = 0
     # Switches that pile up at one instant have no period.
     if period > 1e-12 * t:
-        turns = max(0, min(int((t_end - t) / period), (max_events - count) // p))
+        turns = max(0, int((t_end - t) / period))
     if turns == 0:
         return 0, period, 0
     repeat_events(turns, p, period, count, workspace.once, buffer)

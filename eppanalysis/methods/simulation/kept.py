@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.readable import number
 from eppanalysis.results import Status
 
 Array = NDArray[np.float64]
@@ -21,6 +22,8 @@ EARLY = {
     5: Status.EVENT_LIMIT,
     6: Status.EVENT_LIMIT,
 }
+#: The last switches of a run, as a share of those kept, come this much closer where they accumulate than all did.
+_LATE, _CLOSER = 0.1, 1e-6
 VERDICTS = (Status.UNDECIDED, Status.SETTLED, Status.LIMIT_CYCLE, Status.DIVERGED)
 
 
@@ -52,3 +55,37 @@ class Run:
     def order(self) -> NDArray[np.int64]:
         """Places of the kept events in the buffer, oldest first."""
         return np.arange(self.count - self.n_kept, self.count) % max(self.time.size, 1)
+
+    @property
+    def is_out_of_events(self) -> bool:
+        """Whether it ended early with many events, which do not accumulate."""
+        return self.code == 1 and not self._accumulates
+
+    @cached_property
+    def _last_of_events(self) -> Array:
+        """Times of the last events."""
+        return self.time[self.order[-max(int(_LATE * self.n_kept), 2) :]]
+
+    @property
+    def _accumulates(self) -> bool:
+        last = self._last_of_events
+        return bool(np.ptp(last) <= _CLOSER * last[-1] / self.count * (last.size - 1))
+
+    def why_early(self, t_end: float) -> str:
+        """Why a run has ended before its time, and what to do, in a sentence; empty for one that has not."""
+        if EARLY.get(self.code) is not Status.EVENT_LIMIT:
+            return ""
+        reached = float(self.stats[0])
+        stopped = f"The run stopped at {number(reached)} s"
+        if self.code != 1:
+            return (
+                f"{stopped}: far faster motions, or a far smaller step, than its length allows took all its steps; let "
+                "it end sooner or give it more (max_steps)."
+            )
+        if self._accumulates:
+            return f"{stopped}: its switches accumulate there, as the time between them shrinks to nothing."
+        each = float(np.ptp(self._last_of_events)) / max(self._last_of_events.size - 1, 1)
+        return (
+            f"{stopped}: it had used up all its events, of which one comes each {number(each)} s; let it end sooner or "
+            f"give it some {number((t_end - reached) / each, 2)} more (max_events)."
+        )

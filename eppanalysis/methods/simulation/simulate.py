@@ -90,7 +90,8 @@ def simulate(
     t_eval : array_like, shape (nt,), optional
         Increasing times at which signals are wanted [s]; 6001 even ones by default. Even spacing from 0 is fastest.
     max_events : int
-        A run with more stops there and says so (accumulating switches); samples of controllers do not count.
+        A run with more stops there and says why (its switches accumulate, or are many). Samples of controllers do not
+        count, nor what repeats itself once a run has closed on a cycle.
     max_steps : int
         And so with one of more steps (sixteen count as one where they are proven free of events): a loop with motions
         far faster than its run is long.
@@ -141,7 +142,7 @@ def simulate(
     cycle = cycle_of_run(system, hybrid, run, found, facts) if status is Status.LIMIT_CYCLE else None
     if status is Status.LIMIT_CYCLE and cycle is None:
         status = Status.UNDECIDED
-    settled = status is Status.SETTLED
+    settled, early = status is Status.SETTLED, run.why_early(t_end)
     trajectory = Trajectory(
         t=times[:n_written],
         signals=signals,
@@ -151,7 +152,7 @@ def simulate(
         settled_at={k: float(v[-1]) for k, v in signals.items()} if settled and n_written else {},
         settled_since=_since(hybrid, run, found) if status.ok else float("nan"),
         n_events=run.count,
-        note=BENEATH_ROUNDING if lost else hybrid.chatters if status is Status.EVENT_LIMIT else "",
+        note=BENEATH_ROUNDING if lost else early and (hybrid.chatters or early),
         units=dict(zip(system.signals.names, system.signals.units or [""] * len(signals), strict=True)),
         provenance=facts,
     )
@@ -274,11 +275,15 @@ def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
     """
     from eppanalysis.kernels.verdict import verdict_of_run
 
-    found = np.zeros(4)
     if run.code in EARLY:
-        beyond = not np.all(np.abs(run.x_end) < _LARGEST_STATE)
-        return (Status.DIVERGED if beyond else EARLY[run.code]), found
-    strobe = Strobe.of(hybrid)
+        status, found = EARLY[run.code], np.zeros(4)
+        if not np.all(np.abs(run.x_end) < _LARGEST_STATE):
+            return Status.DIVERGED, found
+        if run.is_out_of_events and Strobe.of(hybrid) is None:
+            # Those switches that were met may tell the cycle: what does not close to rounding is not carried on.
+            status, found = judge(hybrid, replace(run, code=0), float(run.stats[0]))
+        return (status, found) if status is Status.LIMIT_CYCLE else (EARLY[run.code], np.zeros(4))
+    strobe, found = Strobe.of(hybrid), np.zeros(4)
     if strobe is not None:
         return judge_samples(strobe, run, t_end)
     code = verdict_of_run(
@@ -408,6 +413,11 @@ def _since(hybrid: HybridSystem, run: Run, found: Array) -> float:
     turns = run.order[run.n_kept - 1 - p :: -p]
     moved = np.max(np.abs(np.diff(run.state[turns], axis=0)) / scale, axis=1)
     other = (run.guard[turns[1:]] != run.guard[turns[:-1]]) | (moved > 1e-3)
+    repeated = int(run.stats[-1])
+    if repeated and not np.any(other) and run.count > run.n_kept:
+        # What the run was carried over has taken the place of all that came before.
+        most, end = run.count - repeated * p, float(run.time[last]) - repeated * float(found[1])
+        return _since(hybrid, run_hybrid(hybrid, end, np.zeros(0), 2.0 * hybrid.time_scale, most, most), found)
     first = int(np.argmax(other)) if np.any(other) else -1
     return float(run.time[turns[first]])
 
