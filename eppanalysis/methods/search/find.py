@@ -122,7 +122,8 @@ def _found(
 ) -> CycleSearch:
     """See ``find_limit_cycles`` and ``search_from``."""
     if (apart := in_states_of_its_own(system)) is not None:
-        given = None if predicted is None else [apart.asked(cycle) for cycle in predicted]
+        # In the given states: what falls off faster than 1/s may not in others, by rounding, and phases are lost then.
+        given = [apart.asked(cycle) for cycle in (seeds_of(system, at) if predicted is None else predicted)]
         wanted = None if enough is None else lambda cycle: enough(apart.told(cycle))
         return _told(_found(apart.system, at, by_balance, given, progress, wanted), apart)
     if system.time_step:

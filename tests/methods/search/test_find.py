@@ -19,9 +19,11 @@ from eppanalysis.methods.search import find as cycles
 from eppanalysis.methods.search.ends import decays
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.results import Status
+from tests.freeplay import freeplay
 from tests.random_loops import random_loop
 from tests.sampled_relay import sampled_relay
 from tests.shared import cycles_of
+from tests.stress.families import turned
 
 LOOPS = [
     name
@@ -40,6 +42,15 @@ def test_every_cycle_of_the_verification_set_is_found_to_eight_digits(name):
         assert near.stable == expected.stable
         if expected.largest_multiplier is not None:
             assert abs(near.multipliers[0]) == pytest.approx(expected.largest_multiplier, rel=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_loop_in_turned_states_has_the_cycles_that_it_has_in_its_own(seed):
+    """Three of four were missing: in the states of its stiffest motions nothing was predicted."""
+    section = freeplay(20.0)
+    one, other = (epp.find_limit_cycles(loop) for loop in (section, turned(section, np.random.default_rng(seed))))
+    assert len(one) == 4
+    np.testing.assert_allclose([c.period for c in other], [c.period for c in one], rtol=1e-9)
 
 
 def test_original_elbow_has_a_stable_and_an_unstable_cycle():
