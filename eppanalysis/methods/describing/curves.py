@@ -262,18 +262,18 @@ def _at_one(balance: Balance, X: Array) -> tuple[Array, NDArray]:
 
 def distinct(balance: Balance, X: Array, tolerance: float = 1e-7) -> Array:
     """Each limit cycle once, in ascending order of amplitude at the pivot."""
-    kept: list[Array] = []
-    m = balance.m
-    for x in X[np.argsort(X[:, 0], kind="stable")]:
-        scale = np.ones_like(x)
-        a, _, _, _ = balance.unpack(x[None])
-        scale[2 * m : 3 * m] = a[0]
-        if not any(np.abs(_wrapped(x - y, m) / scale)[:-1].max() < tolerance for y in kept):
-            kept.append(x)
+    m, kept = balance.m, []
+    left = X[np.argsort(X[:, 0], kind="stable")]
+    while len(left):
+        first, left = left[0], left[1:]
+        kept.append(first)
+        scale = np.ones_like(left)
+        scale[:, 2 * m : 3 * m] = np.exp(left[:, balance.places])
+        left = left[~(np.abs(_wrapped(left - first, m) / scale)[:, :-1].max(-1) < tolerance)]
     return np.array(kept).reshape(-1, X.shape[1])
 
 
 def _wrapped(difference: Array, m: int) -> Array:
     out = difference.copy()
-    out[3 : 2 * m : 2] = np.angle(np.exp(1j * out[3 : 2 * m : 2]))
+    out[:, 3 : 2 * m : 2] = np.angle(np.exp(1j * out[:, 3 : 2 * m : 2]))
     return out

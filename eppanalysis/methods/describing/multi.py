@@ -33,6 +33,8 @@ _GAIN_RANGE = 2.5
 _MOST_SEEDS = 150
 _LEVELS = (0.0, 0.7, -0.7)
 _SAME_CURVE = 0.15
+#: Seeds that are followed at a time.
+_AT_ONCE = 4
 #: Share of its terms below which a sum of them is rounding.
 _CANCELLED = 1e-9
 #: Share of a measured response within which another is that of the same signal.
@@ -91,9 +93,8 @@ def search_several(balance: Balance) -> Found:
             pieces += _pieces(X, loop, path)
     limits = [(float(np.log(g[0])), float(np.log(g[-1]))) for g in (amplitude, omega)]
     box = Box(limits[0], limits[1], _GAIN_RANGE)
-    curves = _extend(balance, settle(balance, pieces), box)
     seeds = _seeds(balance, sheets)
-    curves += _grow(balance, _apart(seeds, curves), box)
+    curves = _followed(balance, settle(balance, pieces), seeds, box)
     cycles = [polish(balance, seeds[seeds[:, -1] == 0.0]), crossings(balance, curves)]
     search = (
         f"Sought on {len(amplitude)} amplitudes {amplitude[0]:.3g} to {amplitude[-1]:.3g} of "
@@ -115,15 +116,29 @@ def _pieces(X: Array, loop: ComplexArray, path: Array) -> list[Array]:
     return [points[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
 
 
-def _extend(balance: Balance, curves: list[Array], box: Box) -> list[Array]:
-    """Continue each curve beyond both of its ends; the grid only samples it."""
-    curves = [c for c in curves if len(c) > 1]
-    if not curves:
-        return []
-    start = np.array([end for c in curves for end in (c[0], c[-1])])
-    outward = np.array([step for c in curves for step in (c[0] - c[1], c[-1] - c[-2])])
-    paths = trace(balance, start, outward, box)
-    return [np.concatenate([paths[2 * i][::-1], c, paths[2 * i + 1]]) for i, c in enumerate(curves)]
+def _followed(balance: Balance, lines: list[Array], seeds: Array, box: Box) -> list[Array]:
+    """Lines continued beyond both of their ends (the grid only samples them), and further curves through seeds.
+
+    Seeds that may lie on no line are followed a few at a time, as a step takes as long for one as for several; what
+    turns out to be followed already is dropped.
+    """
+    lines = [line for line in lines if len(line) > 1]
+    curves: list[Array] = []
+    seeds = _apart(seeds, lines)
+    while lines or len(seeds):
+        few = seeds[:_AT_ONCE]
+        begun = [*lines, *few[:, None]]
+        start = np.array([end for line in begun for end in (line[0], line[-1])])
+        outward = np.zeros_like(start)
+        outward[:, 0] = np.tile((1.0, -1.0), len(begun))
+        for i, x in enumerate(lines):
+            outward[2 * i : 2 * i + 2] = x[0] - x[1], x[-1] - x[-2]
+        paths = trace(balance, start, outward, box)
+        for i, line in enumerate(begun):
+            if i < len(lines) or len(_apart(line, curves)):
+                curves.append(np.concatenate([paths[2 * i][::-1], line, paths[2 * i + 1]]))
+        lines, seeds = [], _apart(seeds[len(few) :], curves)
+    return curves
 
 
 def _seeds(balance: Balance, sheets: list[tuple[Array, ComplexArray]]) -> Array:
@@ -155,19 +170,6 @@ def _apart(seeds: Array, curves: list[Array]) -> Array:
     known = np.concatenate([c[:, columns] for c in curves]) if curves else np.zeros((0, 3))
     keep = [not len(known) or np.abs(known - x[columns]).max(-1).min() > _SAME_CURVE for x in seeds]
     return seeds[np.array(keep, bool)]
-
-
-def _grow(balance: Balance, seeds: Array, box: Box) -> list[Array]:
-    """Curves through seeds, each traced once."""
-    curves: list[Array] = []
-    while len(seeds):
-        start = np.repeat(seeds[:1], 2, axis=0)
-        outward = np.zeros_like(start)
-        outward[:, 0] = (1.0, -1.0)
-        left, right = trace(balance, start, outward, box)
-        curves.append(np.concatenate([left[::-1], seeds[:1], right]))
-        seeds = _apart(seeds[1:], curves)
-    return curves
 
 
 def _interpolate(X: Array, loop: ComplexArray, path: Array) -> tuple[Array, ComplexArray]:
