@@ -149,11 +149,14 @@ def elbow_parameters(fields: dict[str, Parameter], raw: RawCase) -> ElbowParamet
     _check_bands(fields, raw)
     _check_forearm(fields, raw)
     _check_rest(fields, raw)
+    values: dict[str, dict[str, Any]] = {}
+    for dotted, parameter in fields.items():
+        section, _, name = dotted.partition(".")
+        values.setdefault(section, {})[name] = parameter.value
     sections: dict[str, Any] = {}
     for section, cls in ElbowParameters.sections().items():
-        values = {k.partition(".")[2]: p.value for k, p in fields.items() if k.partition(".")[0] == section}
         try:
-            sections[section] = cls(**values)
+            sections[section] = cls(**values.get(section, {}))
         except ModelError as error:
             raise raw.refused_by_model(error, section) from None
     return ElbowParameters(**sections)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass, field
 from importlib.resources import files as package_files
 from pathlib import Path
@@ -333,15 +334,8 @@ def _dotted(data: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
             yield from _dotted(value, f"{prefix}{key}.")
 
 
-def copied(data: Any) -> Any:
-    """Tables and lists of a file once more; what they hold never changes."""
-    if isinstance(data, dict):
-        return {name: copied(value) for name, value in data.items()}
-    return [copied(value) for value in data] if isinstance(data, list) else data
-
-
 def put(data: dict[str, Any], path: list[str | int], value: Any, source: str, name: str) -> None:
-    """Write a value at a dotted path into the tables of a file.
+    """Write a value at a dotted path into the tables of a file; those on the way, which others hold, are copied.
 
     Raises
     ------
@@ -351,9 +345,9 @@ def put(data: dict[str, Any], path: list[str | int], value: Any, source: str, na
     here: Any = data
     for part in path[:-1]:
         if isinstance(part, str) and isinstance(here, dict):
-            here = here.setdefault(part, {})
+            here[part] = here = copy(here.get(part, {}))
         elif isinstance(here, list) and str(part).isdigit() and int(part) < len(here):
-            here = here[int(part)]
+            here[int(part)] = here = copy(here[int(part)])
         else:
             break
     last = path[-1]

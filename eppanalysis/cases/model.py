@@ -14,7 +14,7 @@ from eppanalysis.arguments import checked
 from eppanalysis.cases.diagrams import DiagramKind
 from eppanalysis.cases.elbow_case import ElbowKind
 from eppanalysis.cases.expected import Expected, make_expected
-from eppanalysis.cases.files import Missing, RawCase, copied, drop_alternatives, put, without_answers
+from eppanalysis.cases.files import Missing, RawCase, drop_alternatives, put, without_answers
 from eppanalysis.cases.from_system import input_tables, tables_of
 from eppanalysis.cases.kind import Kind
 from eppanalysis.cases.loops import LoopKind
@@ -75,6 +75,7 @@ class Case:
     _raw: RawCase = field(repr=False)
     _system: LureSystem = field(repr=False)
     _elbow: ElbowParameters | None = field(repr=False, default=None)
+    _file: Any = field(repr=False, default=None)
 
     @classmethod
     @checked
@@ -335,7 +336,8 @@ class Case:
         >>> str(changed.parameters["lock_pin.backlash"])
         '0.5 deg'
         """
-        data = copied(self._raw.data)
+        # What does not change stays the very same, which has been validated.
+        data = dict(self._raw.data)
         if any(str(name) not in _NO_CHANGE_OF_SYSTEM for name in values):
             data = without_answers(data)
         origins = dict(self._raw.origins)
@@ -348,7 +350,7 @@ class Case:
             if isinstance(data.get(section), dict):
                 data[section] = drop_alternatives(section, data[section], names)
         for section, others in KINDS[self.kind].beside(self._elbow, data, given).items():
-            data[section] |= others
+            data[section] = {**data[section], **others} if others else data[section]
         for name, value in values.items():
             if not isinstance(name, str) or not name or len(name) > 200:
                 raise CaseError(source, "", name, "the dotted name of a field")
@@ -358,7 +360,7 @@ class Case:
             put(data, path, plain, source, name)
             # Its sections too, for what the change makes missing; fields that stay keep their own entries.
             origins.update({".".join(map(str, path[:i])): source for i in range(1, len(path) + 1)})
-        made = load(replace(self._raw, data=data, origins=origins))
+        made = load(replace(self._raw, data=data, origins=origins), (self._raw.data, self._file))
         for name, value in values.items():
             old, new = (case.parameters.get(name) for case in (self, made))
             # A plain number is in SI units; what a field with a unit of its own refuses has been refused before.
@@ -425,15 +427,15 @@ class Case:
         return KINDS[self.kind].path(name, self._raw.data)
 
 
-def load(raw: RawCase) -> Case:
-    """The case of a file that has been read and merged.
+def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> Case:
+    """The case of a file that has been read and merged; `before` as for :func:`eppanalysis.cases.schema.validate`.
 
     Raises
     ------
     CaseError
         If anything in it is not valid.
     """
-    file = validate(raw, {name: kind.file for name, kind in KINDS.items()})
+    file = validate(raw, {name: kind.file for name, kind in KINDS.items()}, before)
     parts = KINDS[file.kind].parts(file, raw)
     expected = make_expected(file.expected)
     if expected.signal is not None and expected.signal not in parts.system.signals.names:
@@ -453,6 +455,7 @@ def load(raw: RawCase) -> Case:
         raw,
         system,
         parts.elbow,
+        file,
     )
 
 

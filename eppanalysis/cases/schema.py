@@ -304,8 +304,12 @@ _SENTENCES = {
 _LENGTHS = {"string_too_long": ("a text", "characters"), "too_long": ("a list", "items")}
 
 
-def validate(raw: RawCase, files: Mapping[str, type[CaseFile]]) -> Any:
+def validate(
+    raw: RawCase, files: Mapping[str, type[CaseFile]], before: tuple[Mapping[str, Any], Any] | None = None
+) -> Any:
     """The validated model of a case file; `files` are the models by what files call their kind.
+
+    `before` are the tables of a file and its model: sections of it that stand in this one as they are were validated.
 
     Raises
     ------
@@ -321,12 +325,18 @@ def validate(raw: RawCase, files: Mapping[str, type[CaseFile]]) -> Any:
     if model is None:
         raise CaseError(raw.origin("kind"), "kind", kind, " or ".join(repr(k) for k in files))
     try:
-        return model.model_validate(raw.data)
+        return model.model_validate(raw.data if before is None else _with_known(raw.data, *before))
     except ValidationError as error:
         found = error.errors(include_url=False)
         # An unknown field tells more than the missing one that it was meant for, and goes first; missing ones go last.
         first = min(found, key=lambda e: (e["type"] != "extra_forbidden", e["type"] == "missing"))
         raise _case_error(dict(first), raw, model) from None
+
+
+def _with_known(data: Mapping[str, Any], tables: Mapping[str, Any], file: Any) -> dict[str, Any]:
+    """The tables of a file, with the models of those that are the very ones of another file."""
+    known = {name: getattr(file, name, None) for name, table in data.items() if table is tables.get(name)}
+    return {**data, **{name: model for name, model in known.items() if isinstance(model, _Model)}}
 
 
 def _case_error(error: dict[str, Any], raw: RawCase, model: type[BaseModel]) -> CaseError:

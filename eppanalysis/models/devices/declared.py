@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import Field, dataclass, field
 from enum import Enum
 from typing import Any, ClassVar
 
@@ -205,4 +205,5 @@ class Section:
 
 def declared_fields(section: type[Section]) -> dict[str, Declared]:
     """What is declared of every field of a section, by their names."""
-    return {found.name: found.metadata[_KEY] for found in fields(section)}
+    found = section.__dataclass_fields__.items()
+    return {name: about.metadata[_KEY] for name, about in found if _KEY in about.metadata}

@@ -314,8 +314,8 @@ class _Packer:
         sampled = [e for e, element in enumerate(self.system.elements) if isinstance(element, SampledController)]
         order: list[int] = []
         for rest, on in (
-            (list(np.setdiff1d(np.arange(len(acts)), sampled)), acts),
-            (sampled, self._reach(acts)[:-1].T > 0),
+            ([e for e in range(len(acts)) if e not in sampled], acts),
+            (sampled, self._reach(acts)[:-1].T > 0 if sampled else acts),
         ):
             while rest:
                 # In an algebraic loop none comes before all others: the first one breaks it.
@@ -326,7 +326,8 @@ class _Packer:
     def _reach(self, acts: NDArray[np.bool_]) -> IntArray:
         """Which elements a jump reaches, straight or through others; a row each element, the last for inputs."""
         given = np.flatnonzero(np.any(self.system.D_input != 0.0, axis=1))
-        inputs = np.isin(np.arange(len(acts)), np.searchsorted(self.first[:, 0], given, side="right") - 1)
+        inputs = np.zeros(len(acts), bool)
+        inputs[np.searchsorted(self.first[:, 0], given, side="right") - 1] = True
         reach = np.vstack([acts.T, inputs])
         while np.any(further := ~reach & (reach @ acts.T)):
             reach |= further
