@@ -165,3 +165,14 @@ def test_each_continuum_of_a_sampled_relay_is_listed_once(T: float) -> None:
     assert len(set(listed)) == len(listed) == found.n_continua and all(c.stable for c in found)
     assert {mark for mark, n in met.items() if n > 10} <= set(listed)
     assert T != 0.5 or 22 in map(len, listed)
+
+
+@pytest.mark.slow
+def test_a_cycle_on_a_threshold_has_no_multipliers():
+    """The integrator of the converter counts in whole steps: one cycle ends a sample on a level of its modulator."""
+    found = epp.find_limit_cycles(epp.case("buck_converter"))
+    on_threshold = [cycle for cycle in found if cycle.stable is None]
+    assert on_threshold and found.stable
+    for cycle in on_threshold:
+        assert cycle.multipliers is None and "either side" in cycle.stability_criterion
+        assert cycle.residual < 1e-9

@@ -20,6 +20,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.guess import brought_about, marked
 from eppanalysis.methods.orbits.samples.continua import joined
+from eppanalysis.methods.orbits.samples.sampled import BORDER
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.period import analyse_period
 from eppanalysis.methods.simulation.rounding import is_rounding
@@ -182,15 +183,17 @@ class Round:
         return D
 
     @cached_property
-    def multipliers(self) -> NDArray[np.complex128]:
-        """Those of what repeats, one for each state of the controllers too."""
+    def multipliers(self) -> NDArray[np.complex128] | None:
+        """Those of what repeats, one for each state of the controllers too; None where a guard is only touched."""
+        if not np.all(np.isfinite(self.derivative)):
+            return None
         wanted = int(np.sum(self.start.compared)) + sum(len(np.asarray(c.x0)) for c in self.strobe.controllers)
         return multipliers(self.derivative, self.scale, wanted)
 
     @property
     def one_of_many(self) -> bool:
         """Whether it belongs to a continuum of orbits."""
-        return bool(np.any(np.abs(self.multipliers - 1.0) < _NEUTRAL))
+        return self.multipliers is not None and bool(np.any(np.abs(self.multipliers - 1.0) < _NEUTRAL))
 
     def moved(self, step: Array) -> HybridSystem:
         """The start after a step in what repeats."""
@@ -290,8 +293,11 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
     shape = analyse_period(marks, system.delays, start.time_scale, system.signals.names, sample)
     values, many = found.multipliers, found.one_of_many
     n, names = start.n_plant, system.signals.names
-    matrix = (found.derivative - np.eye(found.scale.size)) / found.scale[:, None] * found.scale
     noise = found.residual + np.finfo(float).eps * np.sqrt(last + 1.0)
+    error = float("nan")
+    if values is not None:
+        matrix = (found.derivative - np.eye(found.scale.size)) / found.scale[:, None] * found.scale
+        error = float(np.abs(np.linalg.pinv(matrix, rcond=1e-12)).sum(1).max(initial=0.0) * noise)
     return LimitCycle(
         method=EXACT_ORBIT,
         status=Status.CONVERGED,
@@ -299,11 +305,11 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
         mean=shape.mean,
         peak_to_peak=shape.peak_to_peak,
         harmonics=shape.harmonics,
-        stable=is_stable(values, many),
-        stability_criterion=describe(values, many),
+        stable=None if values is None else is_stable(values, many),
+        stability_criterion=BORDER if values is None else describe(values, many),
         multipliers=values,
         residual=found.residual,
-        error_estimate=float(np.abs(np.linalg.pinv(matrix, rcond=1e-12)).sum(1).max(initial=0.0) * noise),
+        error_estimate=error,
         events=named_events(start, run.time[: last + 1], run.guard[: last + 1], run.modes[: last + 1]),
         time=shape.time,
         waveform=shape.waveform,

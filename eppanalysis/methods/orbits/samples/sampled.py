@@ -186,7 +186,7 @@ def _limit_cycle(step: Step, orbit: _Found) -> LimitCycle:
         cycle,
         method=EXACT_ORBIT,
         stable=None if border[0] else is_stable(values, many),
-        stability_criterion=_BORDER if border[0] else describe(values, many),
+        stability_criterion=BORDER if border[0] else describe(values, many),
         multipliers=None if border[0] else values,
         residual=residual,
         error_estimate=float(np.abs(inverse).sum(1).max() * noise),
@@ -197,7 +197,7 @@ def _limit_cycle(step: Step, orbit: _Found) -> LimitCycle:
     )
 
 
-_BORDER = (
+BORDER = (
     "an element is where two of its pieces meet on a sample: a disturbance to either side has multipliers of its own"
 )
 
