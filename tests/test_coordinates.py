@@ -143,6 +143,15 @@ def test_runs_do_not_depend_on_coordinates(name):
         simulate_alike(case, wanted, rotated(system, seed))
 
 
+def test_the_cycle_of_a_run_has_the_least_period_in_all_coordinates():
+    """In turned states the rounding of the elbow's run is a millionth of its gap: two turns to fourteen came out."""
+    case = epp.case("fig8a_original")
+    system = case.to_system()
+    wanted = epp.simulate(system, case.input, case.t_end)
+    for seed in range(10, 22):
+        simulate_alike(case, wanted, rotated(system, seed))
+
+
 @pytest.mark.parametrize("name", QUICK)
 def test_searches_do_not_depend_on_coordinates_and_units(name):
     system = epp.case(name).to_system()

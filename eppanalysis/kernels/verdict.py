@@ -20,6 +20,10 @@ REST_TOLERANCE = 1e-6
 GONE = 1e-3
 #: Changes from period to period below this, relative to the cycle's size, may be rounding.
 STANDING = 1e-9
+#: Changes below the first may be rounding that a stiff motion enlarges, where over so many turns all together are no
+#: more than so often the largest, and neither half of them is so much the larger: even growth or decay, of any ratio,
+#: fails one or the other.
+_SMALL, _TURNS, _TO_AND_FRO, _EVEN = 1e-7, 16, 3.0, 10.0
 #: Changes that grow by more than this from period to period are not.
 GROWING = 1.5
 #: Changes that do not fall evenly are taken to fall no faster than this from period to period.
@@ -129,6 +133,9 @@ def _rest_change(d1, ev_t, ev_x, count, keep, p, local, size, compared, rounding
             noise = max(noise, rounding[i] / scale)
     if d1 <= min(noise, STANDING):
         return d1
+    wandering = _wandering(ev_t, ev_x, count, keep, p, local, size, compared)
+    if wandering > 0.0:
+        return wandering
     now, before = d1 / d2 if d2 > 0.0 else 0.0, d2 / d3 if d3 > 0.0 else 0.0
     if d3 > 0.0 and abs(now - before) > 0.1 * max(now, before):
         if d1 < STANDING and min(now, before) < GROWING:
@@ -137,6 +144,28 @@ def _rest_change(d1, ev_t, ev_x, count, keep, p, local, size, compared, rounding
         # turn (docs/theory/simulation.md, Verdict). Nor does a steep one: the last change may be all drift.
         now = max(now, before, STEEP) if before < 1.0 else np.sqrt(now * before) if before < 3.0 else 1.0
     return d1 * now / (1.0 - now) if now < 1.0 else 1e300
+
+
+@njit(**PART)
+def _wandering(ev_t, ev_x, count, keep, p, local, size, compared):
+    """Largest change of the last turns where they go to and fro about one place without a trend; 0 otherwise."""
+    if (_TURNS + 1) * p >= min(count, keep):
+        return 0.0
+    late = early = 0.0
+    for k in range(_TURNS):
+        change = _change(ev_t, ev_x, count, k * p, keep, p, local, size, compared)
+        if k < _TURNS // 2:
+            late = max(late, change)
+        else:
+            early = max(early, change)
+    most = max(late, early)
+    if most > _SMALL or most > _EVEN * min(late, early):
+        return 0.0
+    for k in range(2, _TURNS + 1):
+        # What creeps adds up.
+        if _change(ev_t, ev_x, count, 0, keep, k * p, local, size, compared) > _TO_AND_FRO * most:
+            return 0.0
+    return most
 
 
 @njit(**PART)
@@ -173,7 +202,8 @@ def _shortest(ev_t, ev_guard, ev_x, count, keep, p, local, size, compared):
         if p % part == 0 and repeats(ev_guard, count, keep, part):
             now = _change(ev_t, ev_x, count, 0, keep, part, local, size, compared)
             before = _change(ev_t, ev_x, count, p, keep, part, local, size, compared)
-            if now < 0.02 and (now < 0.5 * before or now <= STANDING):
+            rests = now <= STANDING or _wandering(ev_t, ev_x, count, keep, part, local, size, compared) > 0.0
+            if now < 0.02 and (now < 0.5 * before or rests):
                 return part
     return p
 

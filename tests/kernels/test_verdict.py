@@ -17,13 +17,14 @@ def verdict_of(ev_t, ev_guard, ev_x, ev_v, t_end, low, high, compared, found):
     return verdict(ev_t, ev_guard, ev_x, ev_v, ev_t.size, t_end, low, high, ev_v[-1], compared, False, found)
 
 
-def judged(drift: float, growth: float, decay: float, turns: int) -> tuple[int, np.ndarray]:
+def judged(drift: float, growth: float, decay: float, turns: int, noise: float = 0.0) -> tuple[int, np.ndarray]:
     """Verdict on a zigzag of period 1 that drifts beneath a transient.
 
     From turn to turn the drift grows, and the transient shrinks, by a factor.
     """
     k = np.arange(2 * turns + 1)
     slow = drift * np.cumsum(growth ** (k / 2.0)) + 2.0 * decay ** (k / 2.0)
+    slow += noise * np.random.default_rng(turns).uniform(-1.0, 1.0, k.size)
     states = (np.where(k % 2, 1.0, -1.0) + slow)[:, None]
     rates = np.where(k % 2, 4.0, -4.0)[:, None]
     found, compared = np.zeros(4), np.ones(1, dtype=bool)
@@ -54,6 +55,21 @@ def test_the_transient_alone_ends_on_the_cycle(decay: float) -> None:
     code, found = judged(0.0, 1.0, decay, 30)
     assert code == CYCLE
     assert found[1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("noise", [1e-12, 1e-9, 3e-9, 2e-8])
+def test_what_only_wanders_has_the_least_period(noise: float) -> None:
+    """A stiff motion enlarges its rounding: a few periods together then came back nearer than one, by chance."""
+    for turns in range(30, 70):
+        code, found = judged(0.0, 1.0, 0.1, turns, noise)
+        assert code == CYCLE and found[0] == 2 and found[3] < 5.0 * noise + 1e-9
+
+
+@pytest.mark.parametrize("growth", [1.0, 1.1, 1.5, 2.0])
+def test_a_small_creep_is_no_wandering(growth: float) -> None:
+    """What grows from rounding, or creeps on for ever, is on no cycle however little it has moved."""
+    for drift in (1e-7, 1e-8):
+        assert judged(drift * growth**-20.0, growth, 0.1, 30, 1e-13)[0] != CYCLE
 
 
 def test_ten_thousands_of_switches_that_pile_up_are_judged_at_once() -> None:
