@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 #: counts as a factor of two; a smaller one is raised to a floor for rounding, thresholds and starts from a neighbouring
 #: loop.
 _TIMES, _LEAST, _MOST = 2.0, 0.02, 1.0
+#: An estimate above this share bounds a cycle no more on that side on which it is larger or slower than predicted.
+_SHARE = 2.0 / 3.0
 #: How much farther an orbit may be where a balance in between agrees with it.
 _LOOSER = 5.0
 #: Even harmonics and mean, relative to the fundamental: below the first they are rounding of a balance, above the other
@@ -71,7 +73,10 @@ class Asked:
     def widened(self) -> Asked:
         """The same for orbits that are known: of a relaxation oscillation more than a factor of two may be promised."""
         estimate = self.cycle.error_estimate
-        return replace(self, tolerance=max(self.tolerance, estimate)) if np.isfinite(estimate) else self
+        if not np.isfinite(estimate):
+            return self
+        # An estimate is a share of the exact cycle, which may be 1/(1 - estimate) times as slow or large as predicted.
+        return replace(self, tolerance=max(self.tolerance, estimate, 1.0 / (1.0 - min(estimate, _SHARE)) - 1.0))
 
     def difference(self, orbit: Orbit) -> str:
         """What tells an orbit from the one that is asked for, in words; empty where nothing does."""
@@ -91,10 +96,11 @@ class Asked:
         if not _near(found.period, cycle.period, self.tolerance):
             return f"has {number(found.frequency)} Hz"
         names = [k for k, c in cycle.harmonics.items() if len(c) > 1 and abs(c[1]) * abs(found.harmonics[k][1]) > 0]
-        # The estimate holds for the loop's first signal; the breakpoint of an element may show more in another.
-        ratios = [abs(found.harmonics[k][1]) / abs(cycle.harmonics[k][1]) for k in names]
-        if ratios and not _near(float(np.median(ratios)), 1.0, self.tolerance):
-            return f"has {100.0 * float(np.median(ratios)):.3g} % of the size ({number(found.frequency)} Hz)"
+        # The estimate holds for the first signal that moves: what comes out of an element may be a difference of large
+        # parts, or the same at any size.
+        ratio = abs(found.harmonics[names[0]][1]) / abs(cycle.harmonics[names[0]][1]) if names else 1.0
+        if not _near(ratio, 1.0, self.tolerance):
+            return f"has {100.0 * ratio:.3g} % of the size ({number(found.frequency)} Hz)"
         shifts = [abs(found.mean[k] - cycle.mean[k]) / found.peak_to_peak[k] for k in names]
         if shifts and not floats and np.median(shifts) > self.tolerance:
             return f"has another mean ({number(found.frequency)} Hz)"

@@ -116,3 +116,18 @@ def test_a_prediction_is_answered_by_the_cycle_that_its_estimate_promises() -> N
     # DOP853 at 1e-12, between the rises of the potential through its middle.
     assert cycle.period == pytest.approx(47.6140274, rel=1e-8)
     assert 1.0 < predicted.omega / cycle.omega - 1.0 < predicted.error_estimate
+
+
+def test_the_size_that_an_estimate_promises_is_that_of_the_first_signal() -> None:
+    """McKean's nerve of three pieces (Adv. Math. 4, 1970): where the output of its element is a difference of large
+    parts, it is six times as large as predicted. The input, and the period, are within the estimate.
+    """
+    loop = epp.LureSystem.build(
+        [[0.0, -1.0], [0.1, -0.05]], [[1.0], [0.0]], [[1.0, 0.0]],
+        [epp.PiecewiseLinear([-1.0, 1.0], [-1.0, 1.0, -1.0], [-2.0, 0.0, 2.0])], constant_state=[0.15, 0.0],
+    )  # fmt: skip
+    found = epp.find_limit_cycles(loop)
+    assert found.status is epp.Status.CONVERGED
+    assert not found.unclosed
+    # DOP853 at 1e-12 in steps of 0.05, between the rises of the potential through zero.
+    assert [c.period for c in found] == [pytest.approx(33.367002, rel=1e-7)]
