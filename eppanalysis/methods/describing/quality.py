@@ -132,13 +132,15 @@ def stability(balance: Balance, p: Point) -> tuple[bool, str]:
     """Verdict and the sentence that says by which criteria."""
     rate = growth(balance, p)
     slow = slow_growth(balance, p)
-    stable = slow is None
+    # Beside an unstable pole a slow cycle may grow far faster than it turns, which no rate that is scanned shows.
+    fast = slow is None and rate > _RATES[-1] * p.omega
+    stable = slow is None and not fast
     way = "falls" if rate < 0 else "rises"
     text = f"Loeb's criterion: the growth rate {way} with amplitude ({rate:.3g} 1/s per unit of ln a)"
-    if slow is None:
-        text += " and no perturbation of amplitudes, phases and means together grows"
-    else:
+    if slow is not None:
         text += f" and a perturbation of amplitudes, phases and means together grows at {slow:.3g} 1/s"
+    elif not fast:
+        text += " and no perturbation of amplitudes, phases and means together grows"
     others = _other_poles(balance, p)
     if others is not None:
         unstable = others[others.real > 1e-5 * p.omega]

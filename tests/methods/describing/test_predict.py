@@ -651,3 +651,15 @@ def test_what_a_grid_over_several_elements_may_miss_is_said():
         assert "Cycles between the points of its grid may be missed." in str(prediction)
     of_one = LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), Relay())
     assert "grid" not in str(predict_limit_cycles(of_one))
+
+
+def test_a_slow_cycle_that_grows_faster_than_it_turns_is_unstable() -> None:
+    """A relay behind the unstable pole of 1/(2 s - 1) and a dead time of 0.5: where its gain N is one, a motion of
+    slowly changing amplitude obeys 2 s = 1 - N (1 - s/2) and grows at (1 - N)/(2 - N/2), for N falls with amplitude.
+    """
+    loop = epp.LureSystem.from_tf(([1.0], [2.0, -1.0]), epp.HysteresisRelay(-0.05, 0.05), delay=0.5)
+    (slowest,) = (c for c in epp.predict_limit_cycles(loop) if c.omega < 0.03)
+    assert not slowest.stable
+    for share, end in ((0.7, epp.Status.LIMIT_CYCLE), (1.1, epp.Status.DIVERGED)):
+        x0 = [share * slowest.amplitude("x") / loop.C[0, 0]]
+        assert epp.simulate(replace(loop, x0=np.array(x0)), t_end=60.0).status is end
