@@ -152,7 +152,7 @@ class Ends:
             return 40.0 * max(c.period for c in trusted or self.predicted)
         rates = np.abs(poles(self.system.A)) if self.system.A.size else np.ones(1)
         slow = rates[rates > 1e-9 * max(rates.max(), 1e-300)]
-        return 3.0 / float(slow.min()) if slow.size else 100.0
+        return 3.0 / float(slow.min()) if slow.size else 100.0 * self.hybrid.time_scale
 
     @cached_property
     def rays(self) -> list[Ray]:

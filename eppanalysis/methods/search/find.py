@@ -38,6 +38,7 @@ from eppanalysis.methods.search.ends import (
     Reached,
 )
 from eppanalysis.methods.search.locked import Enough, search_locked, search_near
+from eppanalysis.methods.search.reach import pace
 from eppanalysis.methods.search.rests import towards_rests
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.told import N_RANDOM, SCALES, Told
@@ -134,9 +135,10 @@ def _found(
         cycle.require_state(hybrid.n_plant)
     if (strobe := Strobe.of(hybrid)) is not None:
         return search_locked(system, hybrid, strobe, at, seeds, progress, enough)
-    if seeds and not np.any(poles(system.A)):
+    if not np.any(poles(system.A)):
         # Integrators alone have no time scale of their own: steps of a second would never end on a slow cycle.
-        hybrid = replace(hybrid, time_scale=min(c.period for c in seeds) / 20.0)
+        scale = min(c.period for c in seeds) / 20.0 if seeds else 1.0 / pace(system)
+        hybrid = replace(hybrid, time_scale=scale)
     search = _Search(system, hybrid, seeds, at, progress, by_balance=by_balance)
     search.run_all()
     cycles = [*(to_limit_cycle(system, o) for o in search.orbits), *(r.cycle for r in search.reached)]

@@ -52,7 +52,26 @@ def oscillations_at_reach(system: LureSystem) -> tuple[ComplexArray, Array]:
 def _middle_frequencies(system: LureSystem) -> Array:
     """Some frequencies from the slowest to the fastest of the linear part [rad/s], none of them just on a pole."""
     scales = frequency_scales(system)
-    return 1.2345 * (np.geomspace(scales.min(), scales.max(), 5) if scales.size else np.ones(1))
+    return 1.2345 * (np.geomspace(scales.min(), scales.max(), 5) if scales.size else np.array([pace(system)]))
+
+
+def pace(system: LureSystem) -> float:
+    """Highest frequency at which the gain of a loop of integrators passes one [rad/s], which have none of their own.
+
+    One where thresholds do not tell: of a relay without any, behind integrators alone, cycles have all frequencies.
+    """
+    omega = np.geomspace(1e-12, 1e12, 481)
+    L, gains = system.frequency_response(omega), [0.0]
+    for element, inputs, outputs in zip(system.elements, system.input_slices, system.output_slices, strict=True):
+        level = np.abs(np.atleast_1d(element.thresholds())).max(initial=0.0)
+        if level > 0:
+            try:
+                gain = describe(element, np.full(omega.size, 2.0 * level), np.zeros(omega.size), omega)[1]
+            except ModelError:
+                continue
+            loop = np.abs(np.einsum("kj,kj->k", gain, L[:, inputs.start, outputs]))
+            gains += omega[1:][(loop[:-1] > 1.0) & (loop[1:] <= 1.0)].tolist()
+    return max(gains) or 1.0
 
 
 def _reach(system: LureSystem, i: int, omega: float) -> float:

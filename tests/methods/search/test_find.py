@@ -207,6 +207,20 @@ def test_a_loop_of_integrators_alone_has_no_time_scale_of_its_own(slower):
     assert [c.stable for c in scaled] == [c.stable for c in own]
 
 
+@pytest.mark.parametrize("slower", [1.0, 1e3, 1e-3])
+def test_what_no_prediction_is_near_is_found_in_any_unit_of_time(slower):
+    """A spacecraft under thrusters with a Schmitt trigger and dead time, of which first order sees nothing: runs were
+    100 s long. The period is that of a run of relays and dead time alone, solved from switch to switch.
+    """
+    loop = epp.LureSystem.build(
+        [[0.0, 0.0], [1.0 / slower, 0.0]], [[1.0 / slower], [0.0]], [[-1.0, -0.5]],
+        [epp.HysteresisRelayDeadZone(0.1, 0.06, 0.4)], delays=[0.12 * slower],
+    )  # fmt: skip
+    found = epp.find_limit_cycles(loop)
+    assert found.status is Status.CONVERGED
+    assert [c.period / slower for c in found] == [pytest.approx(10.31566, rel=1e-6)]
+
+
 @pytest.mark.parametrize(("seed", "periods"), [(41032, [6.70328410720]), (41033, [5.26874840229, 5.28214585336])])
 def test_a_continuum_of_cycles_is_listed_once(seed, periods):
     # A preload that slides fixes no place for the motion; a play within its gap holds any value. Hundreds were listed.
