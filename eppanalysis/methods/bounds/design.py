@@ -443,7 +443,7 @@ def _elasticities(question: Question, found: ExactBound, allowed: Allowed | None
         return {}
     if found.kind is Turn.SIZE and allowed is not None:
         return size_elasticities(question, point, allowed)
-    return exact_elasticities(question, point) if found.kind is Turn.FOLD or point.arc is not None else {}
+    return {} if found.kind is Turn.CORNER and point.arc is None else exact_elasticities(question, point)
 
 
 def _from_harmonic(value: float, bound: HarmonicBound) -> BoundCell:

@@ -8,8 +8,9 @@ elasticity ``(q/p) dp/dq`` says by how many per cent the bound moves when the pa
 At an exact fold the equations of the orbit, r(u, p) = 0, are singular; with the row psi that annihilates their
 derivative by u, ``dp/dq = -(psi @ dr/dq) / (psi @ dr/dp)``, where both derivatives are taken along the exact arcs.
 
-Where the orbit reaches an allowed size S, ``dp/dq = -(dS/dq) / (dS/dp)``: the size S of orbits that are closed about
-the bound is a polynomial to rounding, too.
+Where cycles begin as the oscillation of the linear loop, a pole of it stays undamped, ``dp/dq = -(d Re s/dq)/(d Re
+s/dp)``; where the orbit reaches an allowed size S, ``dp/dq = -(dS/dq) / (dS/dp)``. Pole and size of orbits that are
+closed about the bound are polynomials to rounding, too.
 """
 
 from __future__ import annotations
@@ -26,8 +27,10 @@ from eppanalysis.methods.bounds.numbers import Plan, gather
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.continuation.branch import steady_case
 from eppanalysis.methods.continuation.families import slope_of
+from eppanalysis.methods.continuation.labels import linear_arc
 from eppanalysis.methods.continuation.steps import Point
-from eppanalysis.methods.orbits.orbit import CONVERGED, solve
+from eppanalysis.methods.orbits.arcs import Arcs
+from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, solve
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.polynomials import polynomial_at
@@ -141,7 +144,13 @@ def exact_slopes(question: Question, point: Point, sizes: Mapping[str, float]) -
     sizes : mapping of str to float
         The parameters, and what counts as a large change of each [SI].
     """
-    orbit = point.orbit
+    orbit, case, value = point.orbit, question.case_at(point.value), question.case.value
+    arc = None if point.arc is not None else linear_arc(orbit)
+    if arc is not None:
+        by_limit = _damping_slope(case, question.limit, point.value, orbit, arc)
+        return {
+            name: -_damping_slope(case, name, value(name), orbit, arc, size) / by_limit for name, size in sizes.items()
+        }
     A = orbit.A / orbit.row_scale[:, None] * orbit.column_scale
     # At a fold the derivative A by the unknowns is singular, and the row psi with psi
     # A = 0 leaves psi (r_limit dlimit + r_q dq) = 0. At a border collision one arc
@@ -150,11 +159,10 @@ def exact_slopes(question: Question, point: Point, sizes: Mapping[str, float]) -
         A = np.delete(A, orbit.arcs.free.size + point.arc, axis=1)
     psi = np.linalg.svd(A)[0][:, -1] / orbit.row_scale
     by_limit = float(psi @ point.slope)
-    case = question.case_at(point.value)
     out = {}
     for name, size in sizes.items():
         try:
-            slope = slope_of(_changed(case, name), orbit, question.case.value(name), size)
+            slope = slope_of(_changed(case, name), orbit, value(name), size)
         except EppError:
             out[name] = float("nan")
             continue
@@ -164,6 +172,18 @@ def exact_slopes(question: Question, point: Point, sizes: Mapping[str, float]) -
 
 def _changed(case: CaseLike, name: str) -> Callable[[float], HybridSystem]:
     return lambda value: steady_case(case.with_values({name: value}))
+
+
+def _damping_slope(case: CaseLike, name: str, value: float, orbit: Orbit, arc: int, size: float = 0.0) -> float:
+    """Derivative by a parameter of the damping of the pole whose oscillation an orbit is; nan where it has none."""
+    build, n, pole = _changed(case, name), orbit.hybrid.n_plant, 2j * np.pi / orbit.period
+
+    def damping(v: float) -> np.ndarray:
+        poles = np.linalg.eigvals(Arcs.build(build(v), orbit.arcs.event_sequence, orbit.arcs).F[arc, :n, :n])
+        return np.array([poles[np.argmin(np.abs(poles - pole))].real])
+
+    found = polynomial_at(damping, value, size)
+    return float("nan") if found is None else float(found.slope(value)[0])
 
 
 def size_elasticities(

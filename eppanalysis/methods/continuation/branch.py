@@ -22,7 +22,7 @@ from eppanalysis.methods.continuation.labels import (
     crossing,
     difference,
     in_words,
-    is_linear,
+    linear_arc,
     standstill,
 )
 from eppanalysis.methods.continuation.own_states import OwnStates
@@ -402,7 +402,7 @@ class Walk:
         note = difference(inside.orbit, None if new is None else new.orbit)
         if new is not None and _same_motion(points, new):
             new = None
-        ceased = Change.LINEAR if is_linear(inside.orbit) else Change.END
+        ceased = Change.END if linear_arc(inside.orbit) is None else Change.LINEAR
         kind = ceased if new is None else (Change.TURNING if back else Change.SEQUENCE)
         self._note(kind, inside, note, len(points))
         return new

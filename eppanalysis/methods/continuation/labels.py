@@ -81,15 +81,15 @@ def standstill(old: Point, new: Point) -> Change | None:
     return Change.INFINITE if longest > _LONGER and not alike else Change.CONTINUUM
 
 
-def is_linear(orbit: Orbit) -> bool:
-    """Whether an orbit is, but for moments, the free oscillation of one combination of modes."""
+def linear_arc(orbit: Orbit) -> int | None:
+    """The arc of whose modes an orbit is the free oscillation, but for moments; None where it is none."""
     modes, tau = orbit.arcs.event_sequence.modes, orbit.tau
     longest, n = int(np.argmax(tau)), orbit.hybrid.n_plant
     elsewhere = np.any(modes != modes[longest], axis=1)
     if orbit.arcs.smooth[longest] or not 0.0 <= tau[elsewhere].sum() < _BRIEF * orbit.period:
-        return False
+        return None
     pole, values = 2j * np.pi / orbit.period, np.linalg.eigvals(orbit.arcs.F[longest, :n, :n])
-    return bool(np.min(np.abs(values - pole)) < _AT_POLE * abs(pole))
+    return longest if np.min(np.abs(values - pole)) < _AT_POLE * abs(pole) else None
 
 
 def crossing(old: Point, new: Point) -> tuple[Change, Callable[[Point], float]]:

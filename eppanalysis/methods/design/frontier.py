@@ -48,8 +48,6 @@ _ALONG, _BENT = 0.02, 1e-2
 #: Change of a bound, relative to it, that slopes are believed; how often the way to a place is halved, and a distance
 #: too short for that.
 _MOST_FORETOLD, _DEEPEST, _NEAR = 0.3, 4, 0.02
-#: Rate of the parameter along a branch above which it is no fold: cycles are born with an infinite period there.
-FLAT = 1e-6
 #: Orbits of a branch at most, how many are made before it is asked whether it has turned back, and the longest step.
 _MOST, _AT_ONCE, _STEP = 120, 8, 0.05
 
@@ -180,8 +178,8 @@ class Frontier:
         """The bound at a place as its slopes at the nearest one foretell it."""
         value, point = near.bound.value, near.bound.point
         moves = {n: b - a for n, a, b in zip(self.widths, near.place, place, strict=True) if a != b}
-        # Slopes of the orbit's equations foretell folds and border collisions alone.
-        if point is None or (point.arc is None and abs(point.turn) > FLAT) or self.allowed is not None:
+        # A border whose arc is not known has no slopes.
+        if point is None or (near.bound.kind is Turn.CORNER and point.arc is None) or self.allowed is not None:
             return value
         slopes = self.slopes(near.place, point, {name: self.widths[name] for name in moves})
         change = sum(slopes[name] * move for name, move in moves.items())

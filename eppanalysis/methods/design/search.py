@@ -22,7 +22,7 @@ from eppanalysis.methods.bounds.exact import ExactBound
 from eppanalysis.methods.bounds.harmonic import Question, spread
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.design.climb import Slope, climb
-from eppanalysis.methods.design.frontier import FLAT, Frontier
+from eppanalysis.methods.design.frontier import Frontier
 from eppanalysis.methods.design.goal import Goal, Judged, Kept
 from eppanalysis.methods.design.programme import N_SCAN, Place
 from eppanalysis.polynomials import polynomial_at
@@ -37,8 +37,6 @@ _REACH_NEAR, _REACH, _CLOSE, _MOST = 0.02, 0.1, 2e-4, 40
 _CLOSE_PROPOSED, _MOST_PROPOSED = 1e-2, 25
 #: Halvings of an interval whose one end keeps all.
 _HALVINGS = 40
-#: Step to a neighbour, of the range, where cycles are born in no fold.
-_STEP_ASIDE = 1e-3
 #: Share of an interval by which it is asked whether the goal is higher inside it.
 _ASIDE = 0.02
 #: How often a corner of the tolerances is added, and how many parameters are flipped to find a worse one.
@@ -277,24 +275,14 @@ class Search:
         if pick.bound.kind is Turn.SIZE and frontier.allowed is not None:
             elastic = size_elasticities(here, point, frontier.allowed, names)
             found = {n: e * point.value / here.case.value(n) for n, e in elastic.items() if n in names}
-        elif point.arc is not None or (pick.bound.kind is Turn.FOLD and abs(point.turn) < FLAT):
+        elif pick.bound.kind is not Turn.CORNER or point.arc is not None:
             found = frontier.slopes(full, point, names)
         else:
-            found = {n: self._by_neighbour(pick, n) for n in names if n in frontier.widths}
+            found = {}
         corner, shares = pick.corner, self.shares
         # At the corner a parameter is (1 + tolerance) times its nominal value, by which the derivative is wanted.
         scale = self.nominal(1.0)
         return {n: scale * s * (1.0 + corner.get(n, 0.0) * shares.get(n, 0.0)) for n, s in found.items()}
-
-    def _by_neighbour(self, pick: Pick, name: str) -> float:
-        """Derivative of the bound by a parameter where cycles are born in no fold (of infinite period, say)."""
-        place, i = list(self.full(pick.place, pick.corner)), list(self.frontier.widths).index(name)
-        h = _STEP_ASIDE * self.frontier.widths[name]
-        if name in self.others and place[i] + h > self.others[name][1]:
-            h = -h
-        place[i] += h
-        beside = self.frontier.at(tuple(place))
-        return (beside.value - pick.bound.value) / h if beside.point is not None else float("nan")
 
     # The way to the best place
 

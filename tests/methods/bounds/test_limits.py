@@ -13,6 +13,7 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch
+from eppanalysis.methods.bounds.elasticity import exact_slopes
 from eppanalysis.methods.bounds.exact import correct, searched
 from eppanalysis.methods.bounds.fold import Cycle
 from eppanalysis.methods.bounds.harmonic import (
@@ -24,7 +25,9 @@ from eppanalysis.methods.bounds.harmonic import (
     look,
     steady_loop,
 )
+from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.verify import verify
+from eppanalysis.methods.design.frontier import first_turn
 from eppanalysis.methods.harmonic.loop import inputs_of
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
 from eppanalysis.methods.simulation.simulate import judge, run_hybrid
@@ -177,3 +180,22 @@ def test_a_field_that_is_left_out_may_be_bounded(case: epp.Case) -> None:
     """The filter of the sensor: none is given, and the answer knows no own value of it."""
     found = epp.design_bounds(case, BACKLASH, "sensor.filter", at=["0.1 deg"], within=("1 ms", "1.2 ms"), exact=False)
     assert found[0].finding == "none" and set(found.own) == {BACKLASH}
+
+
+def test_where_cycles_begin_at_the_linear_limit_the_bound_moves_as_the_undamped_pole_asks() -> None:
+    """Against the characteristic polynomial p(s) = (s + b) den(s) + b K num(s), zero at jw: K and w over b."""
+    case = epp.case("x15_flare")
+    unstable = next(cycle for cycle in epp.find_limit_cycles(case) if not cycle.stable)
+    question = Question(case, "Kp", 1.5, 3.0)
+    found = first_turn(question, 1.5, unstable, -1.0)
+    assert found is not None and found.kind is Turn.LINEAR and found.point is not None
+    num, den, b = np.poly1d([3.476, 3.1708072, 0.0896237936]), np.poly1d([1, 0.8608, 5.3159942, 0.108928, 0.0529]), 25.0
+    K, s = found.value, 2j * np.pi / found.period
+    by_s = den(s) + (s + b) * den.deriv()(s) + b * K * num.deriv()(s)
+    columns = np.array([b * num(s), 1j * by_s])
+    expected = np.linalg.solve(
+        [columns.real, columns.imag], [-(part(den(s) + K * num(s))) for part in (np.real, np.imag)]
+    )
+    slopes = exact_slopes(question, found.point, {"bandwidth": b, "rate": 0.3})
+    assert slopes["bandwidth"] == pytest.approx(expected[0], rel=1e-7)
+    assert abs(slopes["rate"]) < 1e-9
