@@ -22,7 +22,7 @@ def duration(seconds: float | None) -> str:
     """With a unit that suits."""
     if seconds is None or not math.isfinite(seconds):
         return "–"
-    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
         if seconds >= size:
             return f"{seconds / size:.3g} {unit}"
     return f"{seconds / 1e-9:.3g} ns"
@@ -30,7 +30,7 @@ def duration(seconds: float | None) -> str:
 
 def ratio(value: float | None) -> str:
     """Three digits."""
-    return "–" if value is None or not math.isfinite(value) else f"{value:.3g}"
+    return "–" if value is None or not math.isfinite(value) else f"{float(f'{value:.3g}'):.10g}"
 
 
 def small(value: float | None) -> str:

@@ -236,10 +236,10 @@ def label_time(panels: Sequence[Axes], text: str) -> None:
     root_figure(panels[0]).align_ylabels(panels)
 
 
-def label_up(ax: Axes, text: str) -> None:
-    """The label of the upright axis, in as many lines as the height of its panel asks for."""
+def label_up(ax: Axes, text: str, least: float = _LOW_PANEL) -> None:
+    """The label of the upright axis, in as many lines as the height of its panel, `least` [inch] or more, asks for."""
     height = ax.get_position().height * root_figure(ax).get_figheight()
-    letters = _LABEL_IN_AN_INCH * max(height, _LOW_PANEL)
+    letters = _LABEL_IN_AN_INCH * max(height, least)
     ax.set_ylabel(text if len(text) < letters else "\n".join(lines_of(text, letters)))
 
 

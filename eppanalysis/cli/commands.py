@@ -415,7 +415,7 @@ def _show_prediction(case: Case, prediction: Prediction) -> None:
 def _show_trajectory(case: Case, run: Trajectory) -> None:
     from eppanalysis.tables.console import cycles_table, rest_table
 
-    typer.echo(f"{run} {count(run.n_events, 'event')}.")
+    typer.echo(f"{run} {count(run.n_events, 'event').capitalize()}.")
     point = run.operating_point
     if point is not None and point.is_driven:
         typer.echo(f"{point}: the command response says what the loop does under it.")

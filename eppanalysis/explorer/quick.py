@@ -104,7 +104,7 @@ def _sentence(run: Trajectory, signal: str, unit: str, factor: float) -> str:
         size = f"{factor * cycle.peak_to_peak[signal]:.4g} {unit}".strip()
         return f"Oscillates at {cycle.frequency:.4g} Hz, {name} by {size} peak to peak."
     if run.status is Status.SETTLED:
-        return f"Settles: at rest from {run.settled_since:.3g} s on."
+        return "Settles at rest" + f", from {run.settled_since:.3g} s on" * (run.settled_since > 0.0) + "."
     return run.message
 
 

@@ -85,7 +85,7 @@ def _draw_panel(top: Axes, below: Axes, role: str, panel: Mapping[str, Any], abs
     below.axhline(0.0, color=GREY, linewidth=0.6)
     below.plot(x, factor * np.asarray(panel["residual"]), ".", **style)
     label_up(top, with_unit(role, unit))
-    label_up(below, with_unit("residual", unit))
+    label_up(below, with_unit("residual", unit), 0.0)
     below.set_xlabel(with_unit(abscissa, x_unit))
     top.tick_params(labelbottom=False)
     for ax in (top, below):
@@ -105,7 +105,13 @@ def _draw_intervals(ax: Axes, estimates: tuple[Estimate, ...]) -> None:
         interval = f"{estimate.text(estimate.low)} to {estimate.text(estimate.high)}{identified}"
         text = f"{words(estimate.name)} = {estimate.text(estimate.value)}\n{interval}"
         ax.annotate(
-            text, (0.02, i), (0, 6), xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=SMALL
+            text,
+            (0.02, i),
+            (0, 6),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            fontsize=SMALL,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
         )
     ax.axvline(0.0, color=GREY, linewidth=0.6)
     ax.set_ylim(len(estimates) - 0.5, -0.8)

@@ -153,8 +153,10 @@ else:
     display(branch.plot({signal}at=case.value("{name}")).figure)
     turning = [special for special in branch.special if special.kind != "change of sequence"]
     for special in turning:
-        print(special.kind, "at", case.text("{name}", special.value, 4) + ":", special.note + ".")
-    print("changes of the sequence of events:", len(branch.special) - len(turning), "(squares). " + branch.message)"""
+        print(special.kind.capitalize(), "at", case.text("{name}", special.value, 4) + ":", special.note + ".")
+    if others := len(branch.special) - len(turning):
+        print("Squares: changes of the sequence of events,", str(others) + ".")
+    print(branch.message)"""
 
 _MAP = """\
 try:

@@ -18,7 +18,7 @@ from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.readable import DIGITS, cut, in_print, quantity, words
-from eppanalysis.results import LimitCycle, Status, Trajectory
+from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
 from eppanalysis.shown import png
 
 #: Size of the picture [inch], and its dots per inch.
@@ -158,12 +158,13 @@ def _numbers(
     signal: str,
 ) -> Iterator[tuple[str, str, str]]:
     if largest is not None:
-        how = "event-exact simulation" if largest is run.limit_cycle else "exact orbit"
+        how = "event-exact simulation" if largest.method == SIMULATION else largest.method
         size = quantity(largest.peak_to_peak[signal], largest.units.get(signal, ""))
         yield f"{words(signal)}, peak to peak", size, how
         yield "frequency of the oscillation", f"{largest.frequency:.4g} Hz", how
     elif run.status is Status.SETTLED:
-        yield "at rest from", quantity(run.settled_since, "s"), "event-exact simulation"
+        if run.settled_since > 0.0:
+            yield "at rest from", quantity(run.settled_since, "s"), "event-exact simulation"
     elif run.t.size:
         late = run.signals[signal][run.t > 0.5 * run.t[-1]]
         moved = quantity(float(np.ptp(late)), run.units.get(signal, ""))

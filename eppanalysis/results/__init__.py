@@ -307,9 +307,9 @@ class Trajectory(Result):
 
     def __str__(self) -> str:
         """What the run does in the end, with a number."""
-        since = f"from {number(self.settled_since)} s on"
+        since = f", from {number(self.settled_since)} s on" * (self.settled_since > 0.0)
         if self.limit_cycle is not None:
-            return f"Oscillates: {self.limit_cycle.size}, {since}.{' ' * bool(self.note)}{self.note}"
+            return f"Oscillates: {self.limit_cycle.size}{since}.{' ' * bool(self.note)}{self.note}"
         if self.status is Status.SETTLED:
             where = next(((n, v) for n, v in self.settled_at.items()), None)
             at = (
@@ -317,7 +317,7 @@ class Trajectory(Result):
                 if where is None
                 else f": {words(where[0])} at {quantity(at_rest(where[1]), self.units.get(where[0], ''))}"
             )
-            return f"Settles at rest{at}, {since}."
+            return f"Settles at rest{at}{since}."
         end = f"after {number(self.end_time)} s" if self.t.size else "without samples"
         begin = f"Undecided {end}" if self.status is Status.UNDECIDED else end.capitalize()
         return f"{begin}: {self.message}"

@@ -76,7 +76,7 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
         show_constant(ax, factor * trajectory.signals[name])
         label_up(ax, label)
         mark_events(ax, times)
-        if np.isfinite(trajectory.settled_since) and trajectory.t.size:
+        if trajectory.settled_since > 0.0 and trajectory.t.size:
             steady: dict[str, Any] = {"color": SKY, "alpha": 0.18, "linewidth": 0}
             text = f"{_STEADY.get(trajectory.status, 'steady')} (from {number(trajectory.settled_since)} s on)"
             ax.axvspan(trajectory.settled_since, float(trajectory.t[-1]), **steady, label=text)

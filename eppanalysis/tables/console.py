@@ -398,6 +398,6 @@ def _span(cycle: LimitCycle, name: str) -> float:
 
 
 def _mean(cycle: LimitCycle, name: str, factor: float) -> str:
-    """A mean in readable units; what is left of a mean of zero after summation is not worth its digits."""
+    """A mean in readable units; what is left of a mean of zero in a sum, or in a run, is not worth its digits."""
     span, mean = cycle.peak_to_peak.get(name, math.nan), cycle.mean.get(name, math.nan)
-    return cell(mean * factor if abs(mean) > 1e-9 * span else 0.0)
+    return cell(mean * factor if abs(mean) > 1e-6 * span else 0.0)

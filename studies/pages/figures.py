@@ -198,7 +198,7 @@ def drawings() -> dict[str, Drawing]:
             1.6 * degree,
             5.0 * degree,
             omega=60.0,
-            names=("twist [rad]", "torque [N m]"),
+            names=("twist [rad]", "torque [N·m]"),
         ),
         "lock_pin": Drawing(
             {
@@ -208,7 +208,7 @@ def drawings() -> dict[str, Drawing]:
             1.6 * degree,
             5.0 * degree,
             omega=60.0,
-            names=("twist [rad]", "torque [N m]"),
+            names=("twist [rad]", "torque [N·m]"),
         ),
     }
 
@@ -261,7 +261,7 @@ def draw_element(drawing: Drawing) -> Figure:
     for (colour, width), (label, element) in zip(STYLES, drawing.elements.items(), strict=False):
         width = width if len(drawing.elements) > 1 else 1.3
         x, y = loop_of(element, drawing)
-        left.plot(x, y, color=colour, linewidth=width, label=label if len(drawing.elements) > 1 else None)
+        left.plot(x, y, color=colour, linewidth=width, label=label)
         _, gain = element.describing_function(amplitude, drawing.bias, drawing.omega)
         gain = gain[..., 0] if element.n_outputs > 1 else gain
         right.plot(amplitude, gain.real, color=colour, linewidth=width)
@@ -271,6 +271,7 @@ def draw_element(drawing: Drawing) -> Figure:
     left.set_ylabel(drawing.names[1])
     right.set_xlabel("amplitude a" + drawing.names[0][drawing.names[0].find(" [") :] * ("[" in drawing.names[0]))
     right.set_ylabel("describing function N")
+    right.locator_params(axis="x", nbins=5)
     _limit_poles(right)
     for ax in (left, right):
         ax.axhline(0.0, color=GREY, linewidth=0.5)

@@ -66,8 +66,8 @@ def paper_figure_2() -> Figure:
         ax.axvline(x, color=GREY, linewidth=0.8, linestyle=":", label=label)
     edges = [0.0, *thresholds, 5.0]
     for name, left, right in zip(BANDS, edges, edges[1:], strict=False):
-        inside = name == "parking"
-        ax.text((left + right) / 2, 21.0 if inside else 17.5, name, ha="center", fontsize=SMALL)
+        at = (left + right) / 2, 21.0 if name == "parking" else 17.5
+        ax.text(*at, name, ha="center", fontsize=SMALL, bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0})
     names = [r"$F_\mathrm{slack}$", r"$F_\mathrm{low}$", r"$F_\mathrm{high}$", r"$F_\mathrm{max}$"]
     for name, x, shift in zip(names, thresholds, (-0.23, -0.19, 0.18, 0.21), strict=True):
         ax.text(x + shift, -20.0, name, ha="center", fontsize=SMALL)

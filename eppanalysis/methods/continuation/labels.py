@@ -58,10 +58,10 @@ def in_words(ends: tuple[str, str]) -> str:
     Examples
     --------
     >>> in_words(("begins at the end of the range", "leaves the range"))
-    'It begins at the end of the range and leaves the range.'
+    'The branch begins at the end of the range and leaves the range.'
     """
     one, other = ends
-    return f"It {one} and {other}." if one.startswith("begins") else f"One end {one}; the other {other}."
+    return f"The branch {one} and {other}." if one.startswith("begins") else f"One end {one}; the other {other}."
 
 
 def standstill(old: Point, new: Point) -> Change | None:

@@ -28,7 +28,7 @@ from eppanalysis.plotting import (
     put_legend,
     show_constant,
 )
-from eppanalysis.readable import with_unit, words
+from eppanalysis.readable import readable, with_unit, words
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,8 @@ def plot_branch(
     """
     name = chosen(dict.fromkeys(branch.signals), None if signal is None else [signal])[0]
     x_unit, x_factor = branch.shown_in
-    label, factor = label_of(name, branch.units)
+    unit, factor = readable(branch.units.get(name, ""))
+    label = with_unit(f"{words(name)}\npeak to peak", unit)
     figure, panels = places_of(given, 2, height=2.0)
     for ax, key, scale in zip(panels, (name, "frequency"), (factor, 1.0), strict=False):
         y = scale * branch.points[key]
@@ -81,7 +82,7 @@ def plot_branch(
             ax.set_ylim(0.0, top)
         if at is not None:
             ax.axvline(x_factor * at, color=GREY, linestyle=":")
-        ax.set_ylabel("frequency [Hz]" if key == "frequency" else label + "\npeak to peak")
+        ax.set_ylabel("frequency [Hz]" if key == "frequency" else label)
         ax.set_xlabel(with_unit(words(branch.parameter), x_unit))
     put_legend(panels[0])
     return figure

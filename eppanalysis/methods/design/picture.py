@@ -39,6 +39,7 @@ def plot_design(design: Design, ax: Axes | None = None) -> Figure:
     (x_unit, x), (y_unit, y) = design.readable[other], design.readable[design.limit]
     known, best = design.optimum.evaluated, design.optimum
     figure, ax = _axes(design, ax, with_unit(words(other), x_unit), with_unit(words(design.limit), y_unit))
+    ax.update_datalim([(x * end, y * best.at[design.limit]) for end in design.tune[other]])
     ax.plot(x * known[:, 0], y * known[:, 1], ".-", color=BLUE, linewidth=1.4, label="exact bound")
     rule = "on the safe side of it (tested at the optimum)"
     edge = y * _safe_end(design)

@@ -206,7 +206,7 @@ class Design(Result):
         rule = "no limit cycle" if self.allowed is None else f"no stable limit cycle above {self.allowed}"
         if not best.feasible:
             return f"No design within these ranges has {rule}: {best.message}"
-        others = ", ".join(f"{n} {self.text(n, v)}" for n, v in best.at.items() if n != self.objective)
+        others = ", ".join(f"{words(n)} {self.text(n, v)}" for n, v in best.at.items() if n != self.objective)
         where = f", at {others}" if others else ""
         kept = "".join(f" and a {k} {k.side}" for k in self.kept)
         value = self.text(self.objective, self.value_of(best))

@@ -46,7 +46,7 @@ def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None)
     response : FrequencyResponse
     """
     figure, (upper, *below) = places_of(ax, 2, height=2.6)
-    label, factor = label_of(response.output, response.units)
+    shown, factor = readable(response.units.get(response.output, ""))
     unit, across = ("Hz", 1.0) if response.over is Over.FREQUENCY else readable(response.units.get(response.input, ""))
     for branch in response.first_order:
         x = across * getattr(branch, response.over)
@@ -61,9 +61,9 @@ def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None)
         for lower in below:
             _draw(lower, branch, x, _phase(branch))
             _mark(lower, branch, x, _phase(branch))
-    upper.set_ylabel(label + "\nhalf peak to peak")
+    upper.set_ylabel(with_unit(f"{words(response.output)}\nhalf peak to peak", shown))
     for lower in below:
-        lower.set_ylabel("phase [deg]\nof the component")
+        lower.set_ylabel("phase of the\ncomponent [deg]")
     for panel in (upper, *below):
         panel.set_xlabel(with_unit(f"{response.over} of {words(response.input)}", unit))
         panel.margins(x=0.02)

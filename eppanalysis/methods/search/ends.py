@@ -79,14 +79,14 @@ FOR_ONE = 0.1
 class End(StrEnum):
     """Where a run of a search ends, in words that follow their number."""
 
-    REST = "rest"
-    CYCLE = "cycle"
+    REST = "at rest"
+    CYCLE = "on a cycle"
     #: Of a loop with sampled controllers, not locked to the samples.
-    OF_RUNS = "cycle as runs have it"
+    OF_RUNS = "on a cycle as runs have it"
     UNCLOSED = "on a cycle that could not be closed"
     #: Its elements change less in a period than rounding does.
     BENEATH_ROUNDING = "beneath rounding"
-    DIVERGENCE = "divergence"
+    DIVERGENCE = "without bound"
     UNDECIDED = "undecided"
     #: Of a loop with sampled controllers.
     OUT_OF_EVENTS = "out of events"

@@ -82,6 +82,7 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
         panels[0].plot(time / cycle.period, factor * wave, label=text, **style)
         for right in panels[1:]:
             right.plot(factor * wave[1:-1], factor * np.gradient(wave, time)[1:-1], **style)
+    panels[0].set_xlim(0.0, 1.0)
     panels[0].set_xlabel("time over period")
     panels[0].set_ylabel(with_unit(words(name), unit))
     for right in panels[1:]:
@@ -160,14 +161,15 @@ def plot_basin(basin: Basin, ax: Axes | None = None) -> Figure:
 
 
 def _turned(cycle: LimitCycle, name: str) -> tuple[Array, Array]:
-    """Times and waveform of one period and a bit, from the rise of the fundamental through zero on."""
+    """Times and waveform from the rise of the fundamental through zero on: one period, and a few samples around it."""
     begin = (-np.pi / 2 - np.angle(cycle.harmonics[name][1])) / (2 * np.pi) * cycle.period
     time = (cycle.time - begin) % cycle.period
     order = np.argsort(time)
     time, wave = time[order], cycle.waveform[name][order]
     new = np.append(True, np.diff(time) > 1e-9 * cycle.period)
     time, wave = time[new], wave[new]
-    return np.append(time, time[:3] + cycle.period), np.append(wave, wave[:3])
+    before = [time[-1:] - cycle.period, time, time[:3] + cycle.period]
+    return np.concatenate(before), np.concatenate([wave[-1:], wave, wave[:3]])
 
 
 def _chosen(cycle: LimitCycle, signal: str | None) -> str:

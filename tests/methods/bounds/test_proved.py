@@ -12,7 +12,7 @@ import eppanalysis as epp
 from eppanalysis.cli import app
 
 pytest.importorskip("flint")
-GAIN, THRESHOLD = "loop.gain", "relaydeadzone.threshold"
+GAIN, THRESHOLD = "loop.gain", "relay_dead_zone.threshold"
 
 
 @pytest.fixture(scope="module")

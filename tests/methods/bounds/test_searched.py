@@ -166,7 +166,7 @@ def test_a_loop_in_discrete_time_is_bounded_by_the_search() -> None:
     """x+ = a x - (1 - a) relay(x) changes its sign at each sample as long as (1 - a)/(1 + a) is above the dead zone."""
     loop = epp.LureSystem.from_tf(epp.StateSpace([[0.5]], [[0.5]], [[1.0]], [[0.0]], 0.1), epp.RelayDeadZone(0.2))
     case = epp.Case.from_system(replace(loop, x0=np.array([0.3])), name="discrete")
-    found = epp.design_bounds(case, "relaydeadzone.level", "relaydeadzone.threshold", at=[1.0], within=(0.2, 0.6))
+    found = epp.design_bounds(case, "relay_dead_zone.level", "relay_dead_zone.threshold", at=[1.0], within=(0.2, 0.6))
     (cell,) = found
     assert cell.other_value <= 1.0 / 3.0 <= cell.searched and cell.sign == -1.0 and cell.verified
     assert found.not_covered in str(found)

@@ -111,7 +111,7 @@ def test_a_branch_goes_on_where_its_old_sequence_turns_back() -> None:
     name, friction = "fig6a_original_pulley", "pulley.friction"
     case = epp.case(name)
     branch = epp.continue_branch(case.with_values({friction: 0.0255}), friction, start=0.0255, stop=0.0245, n_others=0)
-    assert branch.message.endswith("It begins at the end of the range and leaves the range.")
+    assert branch.message.endswith("The branch begins at the end of the range and leaves the range.")
     assert branch.points["stable"].all()
     (change,) = [s for s in branch.special if "disappears: bands falls through 3" in s.note]
     assert change.value == pytest.approx(0.0252124506, rel=1e-7)

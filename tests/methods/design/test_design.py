@@ -207,7 +207,7 @@ def test_options_are_read() -> None:
 def test_a_free_end_is_the_optimum_though_cycles_exist_at_the_other() -> None:
     """A relay with a dead zone oscillates while its threshold is below 1.59 (5/2 times 2/pi), not above."""
     loop = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(threshold=1.0))
-    name = "relaydeadzone.threshold"
+    name = "relay_dead_zone.threshold"
     found = epp.design(loop, {name: (1.0, 4.0)}, maximise=name, verify=False)
     assert found.optimum.at == {name: 4.0} and found.optimum.kind == "end"
 

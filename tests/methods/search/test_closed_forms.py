@@ -42,4 +42,4 @@ def test_a_satellite_with_schmitt_triggered_thrusters() -> None:
     assert cycle.stable and cycle.period == pytest.approx(2 * (coasts + pulse), rel=1e-10)
     # Behind its switch theta + K theta' goes on rising until the rate is K times the thrust.
     over = (rate - lead * thrust) ** 2 / (2 * thrust)
-    assert cycle.peak_to_peak["hysteresisrelaydeadzone_input"] == pytest.approx(2 * (on + over), rel=1e-10)
+    assert cycle.peak_to_peak["hysteresis_relay_dead_zone_input"] == pytest.approx(2 * (on + over), rel=1e-10)

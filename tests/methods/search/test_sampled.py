@@ -96,7 +96,7 @@ def test_the_search_of_the_azimuth_servo_comes_to_all_three_cycles() -> None:
     search = SampledSearch(system, hybrid, strobe, ())
     starts = search.starts()
     for k in (0, 1, 10):
-        assert search.end_of(starts[k]) == "cycle as runs have it"
+        assert search.end_of(starts[k]) == "on a cycle as runs have it"
     assert sorted(c.period for c in search.others) == pytest.approx([12.63, 19.76, 26.89465], rel=1e-3)
     assert all(c.note.startswith("not locked to the samples") for c in search.others)
 
@@ -130,7 +130,7 @@ def test_what_comes_round_to_a_known_cycle_is_not_analysed_again(monkeypatch) ->
     hybrid = steady_hybrid(servo)
     search = SampledSearch(servo, hybrid, Strobe.of(hybrid), epp.predict_limit_cycles(servo).cycles)
     ends = [search.end_of(start) for start in search.starts()[9:13]]
-    assert ends.count("cycle as runs have it") >= 3
+    assert ends.count("on a cycle as runs have it") >= 3
     assert len(analysed) == len(search.others) == 1
 
 

@@ -289,7 +289,7 @@ def hook() -> epp.AutomatonElement:
 def test_an_element_of_ones_own_is_predicted_found_and_simulated() -> None:
     loop = epp.LureSystem.from_tf(([5.5], [1.0, 3.0, 2.0, 0.0]), hook(), x0=[0.0, 0.0, 30.0])
     assert loop.elements[0].slope_bounds() == (0.0, np.inf)
-    assert np.isnan(epp.margins(loop).gain_margin) and "through automatonelement" in epp.margins(loop).message
+    assert np.isnan(epp.margins(loop).gain_margin) and "through automaton" in epp.margins(loop).message
     predicted = list(epp.predict_limit_cycles(loop))
     assert predicted
     for cycle in predicted:
@@ -361,7 +361,7 @@ def test_a_lag_in_the_element_is_a_lag_in_the_plant(shipped: epp.Nonlinearity) -
     time, plant = 0.5, ([1.0], [1.0, 3.0, 2.0])
     inside = epp.LureSystem.from_tf(plant, lag_behind(shipped, time), x0=[0.3, 0.2])
     outside = epp.LureSystem.from_blocks([shipped, ([1.0], [time, 1.0]), plant], x0=[0.0, 0.3, 0.2])
-    assert inside.A.shape == (3, 3) and inside.state_names[-1] == "automatonelement_0"
+    assert inside.A.shape == (3, 3) and inside.state_names[-1] == "automaton_0"
     omega = np.geomspace(0.1, 30.0, 40)
     np.testing.assert_allclose(
         inside.frequency_response(omega), outside.frequency_response(omega), rtol=1e-12, atol=1e-14

@@ -110,7 +110,7 @@ def test_places_go_with_the_states_that_elements_bring() -> None:
     loop = epp.LureSystem.build(A, b, c, [element], cuts=cuts)
     assert len(loop.A) == 4 and loop.places.names[:3] == ("before", "behind", "inside")
     ring = opened(outside, "saturation.out", np.eye(1))
-    for name in ("before", "behind", "automatonelement.out"):
+    for name in ("before", "behind", "automaton.out"):
         np.testing.assert_allclose(opened(loop, name, np.eye(1)), ring, rtol=1e-11)
     # At the first state of the plant, s x = -3 u - 2 u/s + v, where v is what the element adds.
     s = 1j * OMEGA

@@ -158,8 +158,8 @@ def test_automatic_signals_are_the_elements_inputs_with_their_constants():
         constant_input=[1.0], D_input=[[0.5]], input_names=["change"], x0=[0.5],
     )  # fmt: skip
     (cycle,) = epp.find_limit_cycles(loop)
-    assert cycle.mean["hysteresisrelay_input"] == pytest.approx(0.0, abs=1e-9)
-    assert np.abs(cycle.waveform["hysteresisrelay_input"]).max() == pytest.approx(0.1, rel=1e-9)
+    assert cycle.mean["hysteresis_relay_input"] == pytest.approx(0.0, abs=1e-9)
+    assert np.abs(cycle.waveform["hysteresis_relay_input"]).max() == pytest.approx(0.1, rel=1e-9)
     np.testing.assert_array_equal(loop.signals.D_input[:, 0], [0.5, 0.0])
 
 

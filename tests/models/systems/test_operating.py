@@ -67,7 +67,7 @@ def test_what_comes_after_the_run_changes_nothing(late: float, when: float) -> N
     (cycle,) = epp.find_limit_cycles(case).stable
     (still,) = epp.find_limit_cycles(case.to_system(), {"hand": 0.2}).stable
     assert cycle.period == still.period
-    name = "relaydeadzone.threshold"
+    name = "relay_dead_zone.threshold"
     branch = epp.continue_branch(case, name, 1.0, 0.99, cycle=cycle, n_points=2)
     assert branch.points["period"][0] == pytest.approx(cycle.period, rel=1e-9)
     assert branch.operating_point == cycle.operating_point == epp.predict_limit_cycles(case).operating_point
@@ -87,7 +87,7 @@ def test_an_elbow_that_is_pushed_on_after_its_run() -> None:
 
 def test_all_analyses_refuse_a_sine_with_one_reason() -> None:
     case = epp.Case.from_system(_pushed(), name="pushed", input=Sine(0.1, 1.0), t_end=T_END)
-    name = "relaydeadzone.threshold"
+    name = "relay_dead_zone.threshold"
     cycle = epp.predict_limit_cycles(case, {"hand": 0.0})[-1]
     analyses = {
         "predict": lambda: epp.predict_limit_cycles(case),
@@ -96,7 +96,7 @@ def test_all_analyses_refuse_a_sine_with_one_reason() -> None:
         "cycles": lambda: epp.find_limit_cycles(case),
         "trigger": lambda: epp.trigger(case),
         "branch": lambda: epp.continue_branch(case, name, 1.0, 0.9),
-        "bounds": lambda: epp.design_bounds(case, "relaydeadzone.level", name, at=[1.0], within=(0.9, 1.1)),
+        "bounds": lambda: epp.design_bounds(case, "relay_dead_zone.level", name, at=[1.0], within=(0.9, 1.1)),
         "nyquist": lambda: epp.frozen_nyquist(case, cycle),
     }
     said = set()
