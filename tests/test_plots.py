@@ -179,7 +179,7 @@ def test_angles_are_in_degrees_in_the_ladder():
         search=None,
     )
     figure = plot_ladder(replace(ladder, prediction=prediction()))
-    assert labels(figure)[:2] == ["theta [deg]", "voltage [V]"]
+    assert labels(figure)[:2] == ["theta\n[deg]", "voltage\n[V]"]
     assert max(figure.axes[0].lines[0].get_ydata()) == pytest.approx(np.degrees(0.85), rel=1e-6)
     # The stable cycle predicted is a band: 3.0012 rad either way of the mean.
     assert len(figure.axes[2].patches) == 1

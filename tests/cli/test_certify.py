@@ -21,7 +21,7 @@ def test_roots_are_written_and_checked(tmp_path: Path) -> None:
     code, text = run("backlash_servo", "--statement", "roots", "-o", file)
     assert code == 0 and "exactly 2 roots" in text and "1.05569530823" in text
     code, text = run("--check", file)
-    assert code == 0 and text.startswith("Proved: first order has exactly 2 roots for backlash_servo;")
+    assert code == 0 and text.startswith("Proved: first order has exactly 2 roots for backlash servo;")
 
 
 def test_absence_is_written_and_checked_and_a_changed_gain_refused(tmp_path: Path) -> None:
@@ -37,10 +37,10 @@ def test_absence_with_play_is_written_checked_and_drawn(tmp_path: Path) -> None:
     file, picture = tmp_path / "absence.json", tmp_path / "level.png"
     for output in (file, picture):
         code, text = run("backlash_servo", "--set", "loop.gain=0.5", "--statement", "absence", "-o", str(output))
-        assert code == 0 and "backlash_servo has no periodic motion but rest, for any gap" in text.replace("\n", " ")
+        assert code == 0 and "backlash servo has no periodic motion but rest, for any gap" in text.replace("\n", " ")
     assert picture.stat().st_size > 1000
     code, text = run("--check", str(file))
-    assert code == 0 and text.startswith("Proved: backlash_servo has no periodic motion but rest, for any gap")
+    assert code == 0 and text.startswith("Proved: backlash servo has no periodic motion but rest, for any gap")
     file.write_text(file.read_text().replace('"5/2"', '"5"'))
     code, text = run("--check", str(file))
     assert code == 1 and "refused: a file that was changed" in text

@@ -188,4 +188,4 @@ def test_lock_pin_is_thrown_across_its_gap(model: str) -> None:
     system = static([pin], np.zeros((2, 1)), [[1.0], [0.0]], [None])
     path = np.array([0.3, -0.4, 0.05, -0.15, 0.5])
     run = epp.simulate(system, Steps(np.arange(5), path), 5.0, np.arange(5) + 0.5)
-    np.testing.assert_allclose(run.signals["lockpin_output"], [pin.output((v, 0.0))[0] for v in path], atol=1e-12)
+    np.testing.assert_allclose(run.signals["lock_pin_output"], [pin.output((v, 0.0))[0] for v in path], atol=1e-12)

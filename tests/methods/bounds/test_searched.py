@@ -155,7 +155,7 @@ def test_a_controller_that_holds_its_integrator_is_bounded_by_the_search() -> No
     """(kp + ki/s)/(s + 1)^3 is unstable from ``(8 - kp)(1 + kp) = 9 ki`` on, by Routh; a limit makes cycles of it."""
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 3.0, 1.0]), epp.ClampedPID(kp=4.0, ki=0.8), x0=[1.0, 0.0, 0.0])
     case = epp.Case.from_system(loop, name="clamped", t_end=100.0)
-    found = epp.design_bounds(case, "clampedpid.ki", "clampedpid.kp", at=[0.8], within=(4.0, 15.0), margin=0.02)
+    found = epp.design_bounds(case, "clamped_pid.ki", "clamped_pid.kp", at=[0.8], within=(4.0, 15.0), margin=0.02)
     (cell,) = found
     unstable = 3.5 + np.sqrt(3.5**2 + 8.0 - 9.0 * 0.8)
     assert cell.searched <= unstable <= cell.other_value <= 1.02 * cell.searched and cell.verified

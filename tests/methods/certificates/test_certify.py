@@ -82,7 +82,7 @@ def test_a_fresh_process_accepts_what_was_written(all_files: dict[str, Path], na
 
 def test_the_check_says_what_is_proved(files: dict[str, Path]) -> None:
     roots, absence, with_play, orbit, elbow = (epp.check_certificate(files[name]) for name in files)
-    assert roots.accepted and "first order has exactly 2 roots for relay_deadzone" in str(roots)
+    assert roots.accepted and "first order has exactly 2 roots for relay deadzone" in str(roots)
     assert absence.accepted and "limited has no periodic motion but rest" in str(absence)
     assert with_play.accepted and "for any gap (a function that falls, quadratic in 8 sectors)" in str(with_play)
     assert orbit.accepted and "relay has a limit cycle of 2.197 s" in str(orbit)

@@ -144,7 +144,7 @@ def test_the_error_covers_a_play_that_a_relay_pushes_straight(gap):
     pushed = epp.LureSystem.from_blocks([epp.HysteresisRelay(-0.1, 0.1), epp.Play(gap), plant])
     lower = epp.LureSystem.from_tf(plant, epp.HysteresisRelay(-0.1, 0.1, -level, level))
     (predicted,), (exact,) = epp.predict_limit_cycles(pushed), epp.find_limit_cycles(lower)
-    size = predicted.peak_to_peak["hysteresisrelay_input"] / exact.peak_to_peak["x"] - 1.0
+    size = predicted.peak_to_peak["hysteresis_relay_input"] / exact.peak_to_peak["x"] - 1.0
     assert abs(size) > 0.1
     assert abs(size) < predicted.error_estimate < 1.6 * abs(size)
 

@@ -28,7 +28,7 @@ def test_a_thermostat_with_dead_time() -> None:
     end, fall = gain * power, np.exp(-delay / tau)
     top, bottom = end - (end - target - band) * fall, (target - band) * fall
     assert cycle.period == pytest.approx(tau * np.log((end - bottom) / (end - top) * top / bottom), rel=1e-9)
-    assert cycle.peak_to_peak["hysteresisrelay_input"] == pytest.approx(top - bottom, rel=1e-9)
+    assert cycle.peak_to_peak["hysteresis_relay_input"] == pytest.approx(top - bottom, rel=1e-9)
 
 
 def test_a_satellite_with_schmitt_triggered_thrusters() -> None:

@@ -96,7 +96,7 @@ def test_dead_time_of_whole_samples_and_inputs():
     run = epp.simulate(system, Step(0.5, time=0.5), 2.0)
     k = np.round(run.t / 0.1)
     np.testing.assert_allclose(run.signals["saturation_output"], np.where(k >= 5, 0.5, 0.0), atol=1e-15)
-    np.testing.assert_allclose(run.signals["deadzone_output"], np.where(k >= 8, 0.4, 0.0), atol=1e-15)
+    np.testing.assert_allclose(run.signals["dead_zone_output"], np.where(k >= 8, 0.4, 0.0), atol=1e-15)
 
 
 def test_growth_beyond_numbers_is_called_so():
@@ -118,7 +118,7 @@ def test_cascades_are_evaluated_in_order_and_circles_refused():
     run = epp.simulate(cascade, t_end=1.0)
     # Dead zone of 1.7 is 0.7, doubled and limited to 1.
     assert run.signals["saturation_output"][0] == pytest.approx(1.0)
-    assert run.signals["deadzone_output"][0] == pytest.approx(0.7)
+    assert run.signals["dead_zone_output"][0] == pytest.approx(0.7)
     circle = epp.LureSystem.build(
         [[0.0]], [[1.0, 0.0]], [[0.0], [1.0]], [epp.Saturation(), epp.DeadZone()], D=[[0, 1], [1, 0]], time_step=1.0
     )

@@ -746,5 +746,5 @@ def test_a_dead_time_hands_on_what_was_put_out_before_a_step_at_once(element, me
     )  # fmt: skip
     times = np.array([0.0, 0.2, 0.5])
     run = epp.simulate(stepped, {"r": epp.inputs.Step(-3.0)}, t_end=0.5, t_eval=times)
-    seen = run.signals[f"{type(element).__name__.lower()}_input"]
+    seen = run.signals[f"{element.kind}_input"]
     np.testing.assert_allclose(seen, 0.1 * handed_on * np.expm1(-times), rtol=1e-12, atol=1e-15)

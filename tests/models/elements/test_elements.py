@@ -344,7 +344,7 @@ def test_an_element_that_the_package_does_not_know_gets_margins() -> None:
 )
 def test_margins_say_which_gain_stands_for_an_element(element: epp.Nonlinearity, said: str) -> None:
     found = epp.margins(epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), element))
-    assert found.rule == (f"{type(element).__name__.lower()}: {said}",)
+    assert found.rule == (f"{element.kind}: {said}",)
     assert (found.gain_margin == pytest.approx(6.0)) == said.startswith("1")
     assert found.status.ok == said.startswith("1")
 

@@ -98,7 +98,7 @@ def test_a_jump_at_the_start_is_taken_from_what_was_reached() -> None:
     )
     for value in (1.0, 1.3, 0.9, 0.4, -0.5):
         run = epp.simulate(system, Step(value), 1.0, [0.5])
-        assert run.signals["jumpandfollow_output"][0] == pytest.approx(element.output(value, system.memory[0])[0])
+        assert run.signals["jump_and_follow_output"][0] == pytest.approx(element.output(value, system.memory[0])[0])
 
 
 def test_what_is_remembered_begins_anew() -> None:

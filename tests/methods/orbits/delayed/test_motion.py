@@ -32,7 +32,7 @@ def push(y: np.ndarray) -> np.ndarray:
 def by_steps(cycle: LimitCycle, larger: float, periods: int) -> np.ndarray:
     """States after each period, shape (periods + 1, 2), of a run from the cycle's past made so much larger."""
     time = np.append(cycle.time, cycle.period)
-    wave = cycle.waveform["deadzone_input"]
+    wave = cycle.waveform["dead_zone_input"]
     periodic = CubicSpline(time, np.append(wave, wave[0]), bc_type="periodic")
     state = (1.0 + larger) * cycle.state
     wanted = cycle.period * np.arange(1, periods + 1)

@@ -82,7 +82,7 @@ def test_a_section_with_freeplay_against_another_integrator() -> None:
         lambda t, v: [v[1], 0.3 * v[1] - float(spring.output(v[0])[0])], (0, 6), [1.0, 0.0], t_eval=times,
         method="DOP853", rtol=1e-11, atol=1e-13, max_step=1e-3,
     )  # fmt: skip
-    np.testing.assert_allclose(run.signals["bilinearspring_input"], other.y[0], atol=1e-8)
+    np.testing.assert_allclose(run.signals["bilinear_spring_input"], other.y[0], atol=1e-8)
 
 
 @pytest.mark.parametrize(

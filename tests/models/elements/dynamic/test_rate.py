@@ -283,7 +283,7 @@ def test_it_begins_at_its_memory_and_comes_back_from_a_file() -> None:
     loop = epp.LureSystem.from_blocks(
         [epp.RateLimitedServo(20.0, 0.3), ([4.0], [1, 3, 2, 0])], x0=[0.1, 0.2, 0.3], memory=[0.2], name="servo"
     )
-    assert loop.x0.tolist() == [0.1, 0.2, 0.3, 0.2] and loop.state_names[-1] == "ratelimitedservo_0"
+    assert loop.x0.tolist() == [0.1, 0.2, 0.3, 0.2] and loop.state_names[-1] == "rate_limited_servo_0"
     run = epp.simulate(loop, t_end=1.0)
     assert run.signals["y"][0] == 0.2
     again = epp.case_from_text(epp.Case.from_system(loop, name="servo").to_toml()).to_system()

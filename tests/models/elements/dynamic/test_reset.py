@@ -221,7 +221,7 @@ def test_margins_are_those_without_resets_and_say_so() -> None:
     plant = ([2.0], [1.0, 3.0, 2.0])
     found = epp.margins(epp.LureSystem.from_tf(plant, epp.FirstOrderReset(0.5, 0.5)))
     plain = epp.margins(epp.LureSystem.from_blocks([epp.PiecewiseLinear([], [1.0], [0.0]), ([0.5], [1.0, 0.5]), plant]))
-    assert found.rule == ("firstorderreset: 1 (without its resets).",)
+    assert found.rule == ("first_order_reset: 1 (without its resets).",)
     assert found.gain_margin == pytest.approx(plain.gain_margin, rel=1e-9)
 
 
