@@ -20,6 +20,7 @@ from eppanalysis.methods.continuation.labels import (
     STANDS,
     Change,
     crossing,
+    departure,
     difference,
     in_words,
     linear_arc,
@@ -324,7 +325,7 @@ class Walk:
                 ds *= 0.3
                 continue
             if new is None or lost or not admissible(new):
-                new, why = self._lost(points, points[-1]) if lost else self._change(points, ds)
+                new, why = self._lost(points, points[-1], points[-1]) if lost else self._change(points, ds)
                 if new is None or standstill(points[-1], new):
                     return self._ended(points, new, why)
                 points.append(new)
@@ -369,15 +370,14 @@ class Walk:
             points.append(end)
         return points, "leaves the range"
 
-    def _lost(self, points: list[Point], last: Point) -> tuple[Point | None, str]:
-        """Go on where Newton does not with the old sequence."""
+    def _lost(self, points: list[Point], last: Point, outside: Point) -> tuple[Point | None, str]:
+        """Go on where Newton does not with the old sequence, or where that is not true outside."""
         way = float(np.sign(last.tangent[-1])) or 1.0
         for border in borders(last):
             new, back = across(border, way)
             if new is not None:
-                return self._crossed(points, border, new, back), ""
-        new = self._crossed(points, last, *beyond(last))
-        return new, self._why()
+                return self._crossed(points, border, new, back)
+        return self._crossed(points, last, *beyond(last), outside)
 
     def _change(self, points: list[Point], ds: float) -> tuple[Point | None, str]:
         """Cross a change of the sequence of events."""
@@ -387,25 +387,26 @@ class Walk:
             return None, "joins the branch of half its period"
         new, back = other_sequence(inside, outside)
         if new is None:  # the old sequence, no longer true, may lead back to where it came from
-            return self._lost(points, inside)
+            return self._lost(points, inside, outside)
         if back:
             inside = border_collision(inside, new)
-        return self._crossed(points, inside, new, back), self._why()
+        return self._crossed(points, inside, new, back)
 
-    def _why(self) -> str:
-        """How the branch ends where the last special point has no orbit beyond it."""
-        if self.special and self.special[-1][0] is Change.LINEAR:
-            return "ends where the cycle is the oscillation of the linear loop, at the limit of its stability"
-        return "ends where no orbit continues it"
-
-    def _crossed(self, points: list[Point], inside: Point, new: Point | None, back: bool) -> Point | None:
-        note = difference(inside.orbit, None if new is None else new.orbit)
-        if new is not None and _same_motion(points, new):
-            new = None
-        ceased = Change.END if linear_arc(inside.orbit) is None else Change.LINEAR
-        kind = ceased if new is None else (Change.TURNING if back else Change.SEQUENCE)
-        self._note(kind, inside, note, len(points))
-        return new
+    def _crossed(
+        self, points: list[Point], inside: Point, new: Point | None, back: bool, outside: Point | None = None
+    ) -> tuple[Point | None, str]:
+        """The point beyond a border, noted; or how the branch ends there."""
+        if new is not None and not _same_motion(points, new):
+            kind = Change.TURNING if back else Change.SEQUENCE
+            self._note(kind, inside, difference(inside.orbit, new.orbit), len(points))
+            return new, ""
+        if linear_arc(inside.orbit) is not None:
+            kind, why = Change.LINEAR, "the cycle is the oscillation of the linear loop, at the limit of its stability"
+        else:
+            what = departure(inside.orbit, (outside or inside).orbit)
+            kind, why = Change.END, f"no orbit continues it: {what}"
+        self._note(kind, inside, why, len(points))
+        return None, f"ends where {why}"
 
     def _watch(self, old: Point, new: Point, index: int) -> bool:
         """Folds and changes of stability between two points of one sequence; whether the branch ends there."""

@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 
 from eppanalysis.methods.continuation.steps import Point
 from eppanalysis.methods.orbits.orbit import Orbit
+from eppanalysis.methods.orbits.shooting import run_from
 from eppanalysis.methods.simulation.stability import is_stable
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.readable import listed
 
 #: Rate of the parameter along the branch, relative to its range, that is rounding. Points beside a fold have more.
 _STANDS = 1e-9
@@ -18,6 +21,8 @@ _STANDS = 1e-9
 _LONGER, _BRIEF = 1e-4, 1e-3
 #: Relative distance of a pole from the frequency of a cycle within which the cycle is the oscillation of that pole.
 _AT_POLE = 1e-6
+#: Speed across a guard, relative to the movement in a period, with which it is only just reached.
+_TOUCHED = 1e-5
 
 
 class Change(StrEnum):
@@ -117,16 +122,31 @@ def _nearest(values: NDArray[np.complex128], leading: complex) -> float:
     return float(np.abs(values[np.argmin(np.abs(values - leading))]))
 
 
-def difference(old: Orbit, new: Orbit | None) -> str:
+def _name(hybrid: HybridSystem, guard: int) -> str:
+    return f"{hybrid.element_names[int(hybrid.model.guard_element[guard])]} {hybrid.guard_name(guard)}"
+
+
+def departure(inside: Orbit, outside: Orbit) -> str:
+    """What keeps an orbit from going on: the first event in which the engine leaves it just beyond where it ends."""
+    wanted, kind = inside.arcs.event_sequence.guards, inside.arcs.event_sequence.at_once
+    touched = [_name(inside.hybrid, int(g)) for g in wanted[inside.grazes(_TOUCHED) & (wanted >= 0) & (kind == 0)]]
+    if touched:
+        return f"{listed(list(dict.fromkeys(touched)))} only just"
+    run = run_from(outside, outside.period, 2 * wanted.size + 40, outside.y)
+    met = run.guard[run.order][: wanted.size]
+    (differ,) = np.nonzero(met != wanted[: met.size])
+    if outside.arcs.n_timers or not differ.size or wanted[differ[0]] < 0:
+        return "the sequence of events changes"
+    return " before ".join(_name(outside.hybrid, int(guards[differ[0]])) for guards in (met, wanted))
+
+
+def difference(old: Orbit, new: Orbit) -> str:
     """Which events come and go at a change of the sequence."""
-    if new is None:
-        return "the sequence of events changes and no orbit continues it"
 
     def names(orbit: Orbit) -> list[str]:
-        model, it = orbit.hybrid.model, orbit.arcs.event_sequence
+        it = orbit.arcs.event_sequence
         return [
-            f"{orbit.hybrid.element_names[int(model.guard_element[g])]} {orbit.hybrid.guard_name(int(g))}"
-            + (" at once" if at_once == 1 else "")
+            _name(orbit.hybrid, int(g)) + (" at once" if at_once == 1 else "")
             for g, at_once in zip(it.guards, it.at_once, strict=True)
             if g >= 0
         ]

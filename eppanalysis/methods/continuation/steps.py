@@ -16,6 +16,7 @@ from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.guess import Guess
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, solve
 from eppanalysis.methods.orbits.shooting import close_orbit, is_met, next_guess
+from eppanalysis.models.systems.hybrid import HybridSystem
 
 Array = NDArray[np.float64]
 
@@ -33,6 +34,9 @@ _MOST_LONGER = 10.0
 #: Share of the largest singular value of the equations over start, dwell times and parameter below which the smallest
 #: one is rounding; multipliers that are farther from 1 than this leave none so small.
 _FREE, _NEUTRAL = 1e-10, 1e-4
+#: Largest difference of orbits that could be neighbours, relative to their size, and steps in which one beyond a border
+#: is followed back to it, relative to what is left of the way.
+_NEAR, _NEARER = 0.1, 0.25
 #: A step along a branch is not made shorter than this; one that turns the direction by more than this is lost, or leads
 #: so many times as far as along the direction in which it began.
 LEAST_STEP, _MOST_BEND, _MOST_LENGTH = 1e-6, 0.4, 2.0
@@ -42,10 +46,8 @@ def evaluate_at(
     family: Family, event_sequence: EventSequence, value: float, y: Array, tau: Array, like: Arcs | None = None
 ) -> Orbit:
     """Residual and derivative at a value; what the system itself sets in y (its inputs) is taken from it."""
-    hybrid = family.at(value)
-    y = y.copy()
-    y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
-    return evaluate(hybrid, Arcs.build(hybrid, event_sequence, like), y, tau)
+    hybrid, guess = _at(family, value, Guess(event_sequence, y, tau))
+    return evaluate(hybrid, Arcs.build(hybrid, event_sequence, like), guess.y, tau)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,9 +229,7 @@ def point_at(old: Point, new: Point, value: float) -> Point | None:
     u = old.unknowns + share * (new.unknowns - old.unknowns)
     y = old.orbit.y.copy()
     y[like.free] = u[:m]
-    hybrid = family.at(value)
-    y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
-    orbit = solve(hybrid, Guess(like.event_sequence, y, u[m:-1]))
+    orbit = solve(*_at(family, value, Guess(like.event_sequence, y, u[m:-1])))
     if not orbit.residual < CONVERGED:
         return None
     found = make_point(family, value, orbit, old.tangent)
@@ -384,7 +384,7 @@ def _others(inside: Point, outside: Point) -> Iterator[tuple[Point, bool]]:
         for turns_back in (False, True):
             value = 2.0 * inside.value - virtual.value if turns_back else virtual.value
             found = _close_at(family, value, guess)
-            if found is None or not near(found, inside.orbit) or _same_sequence(found, inside.orbit):
+            if found is None or _same_sequence(found, inside.orbit) or not joins(found, value, inside):
                 continue
             if turns_back and found.arcs.event_sequence.guards.size == inside.orbit.arcs.event_sequence.guards.size:
                 continue
@@ -402,7 +402,7 @@ def beyond(point: Point) -> tuple[Point | None, bool]:
         for share in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3):
             value = point.value + way * share * width
             found = _close_at(family, value, point.orbit.guess)
-            if found is None or _same_sequence(found, point.orbit) or not near(found, point.orbit):
+            if found is None or _same_sequence(found, point.orbit) or not joins(found, value, point):
                 continue
             return make_point(family, value, found, None, way), turns_back
     return None, False
@@ -410,32 +410,64 @@ def beyond(point: Point) -> tuple[Point | None, bool]:
 
 def _close_at(family: Family, value: float, guess: Guess) -> Orbit | None:
     try:
-        hybrid = family.at(value)
+        return close_orbit(*_at(family, value, guess))
     except EppError:
         return None
-    y = guess.y.copy()
+
+
+def _at(family: Family, value: float, guess: Guess) -> tuple[HybridSystem, Guess]:
+    """The system at a value, and a guess with what the system itself sets in y (its inputs)."""
+    hybrid, y = family.at(value), guess.y.copy()
     y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
-    return close_orbit(hybrid, replace(guess, y=y))
+    return hybrid, replace(guess, y=y)
 
 
 def _same_sequence(one: Orbit, other: Orbit) -> bool:
     return one.arcs.event_sequence.cyclic_key == other.arcs.event_sequence.cyclic_key
 
 
-def near(one: Orbit, other: Orbit) -> bool:
-    """Whether two orbits could be neighbours on a branch."""
-    if abs(one.period / other.period - 1.0) > 0.05:
+def joins(orbit: Orbit, value: float, border: Point) -> bool:
+    """Whether an orbit of another sequence at a value is the branch's own beyond a border, and no other one near by.
+
+    The branch is continuous: the nearer the border the more alike the orbits. Beside a grazing contact it bends like a
+    root of the distance, and nowhere more.
+    """
+    way = abs(value - border.value) / border.family.width
+    while way > LEAST_STEP:
+        value = border.value + _NEARER * (value - border.value)
+        nearer = solve(*_at(border.family, value, orbit.guess))
+        if not nearer.residual < CONVERGED:
+            break
+        orbit, way = nearer, _NEARER * way
+    return near(orbit, border.orbit, min(max(way, LEAST_STEP) ** 0.5, _NEAR))
+
+
+def near(one: Orbit, other: Orbit, most: float = _NEAR) -> bool:
+    """Whether two orbits could be neighbours on a branch: periods and ranges of the states are alike."""
+    if abs(one.period / other.period - 1.0) > 0.5 * most:
         return False
-    (low, high), (other_low, other_high) = signal_ranges(one), signal_ranges(other)
+    # What elements put out may jump at a border, by a level of a quantiser.
+    (low, high), (other_low, other_high) = (_ranges_of_states(orbit) for orbit in (one, other))
     span = np.where(other_high > other_low, other_high - other_low, np.inf)
-    return bool(max(np.max(np.abs(low - other_low) / span), np.max(np.abs(high - other_high) / span)) < 0.1)
+    return bool(max(np.max(np.abs(low - other_low) / span), np.max(np.abs(high - other_high) / span)) < most)
+
+
+def _ranges_of_states(orbit: Orbit) -> tuple[Array, Array]:
+    """Smallest and largest value of every state that must repeat."""
+    arcs = orbit.arcs
+    rows = np.eye(arcs.size)[: orbit.hybrid.n_plant][orbit.hybrid.compared[: orbit.hybrid.n_plant]]
+    Y = np.broadcast_to(rows, (arcs.n_arcs, *rows.shape)).copy()
+    return _ranges(orbit, Y, np.zeros((*Y.shape[:2], arcs.Ys.shape[2])))
 
 
 def signal_ranges(orbit: Orbit) -> tuple[Array, Array]:
     """Smallest and largest value of every signal, exactly."""
+    return _ranges(orbit, orbit.arcs.Y, orbit.arcs.Ys)
+
+
+def _ranges(orbit: Orbit, Y: Array, Ys: Array) -> tuple[Array, Array]:
     from eppanalysis.kernels.orbits.signals import extents
 
-    arcs = orbit.arcs
-    low, high = np.empty(arcs.Y.shape[1]), np.empty(arcs.Y.shape[1])
-    extents(arcs.channels, arcs.F, arcs.S, arcs.smooth, arcs.Y, arcs.Ys, orbit.starts, orbit.tau, low, high)
+    arcs, low, high = orbit.arcs, np.empty(Y.shape[1]), np.empty(Y.shape[1])
+    extents(arcs.channels, arcs.F, arcs.S, arcs.smooth, Y, Ys, orbit.starts, orbit.tau, low, high)
     return low, high

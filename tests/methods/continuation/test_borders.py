@@ -118,3 +118,18 @@ def test_a_branch_goes_on_where_its_old_sequence_turns_back() -> None:
     run = epp.simulate(case.with_values({friction: 0.0245}).to_system(), case.input, t_end=12.0)
     assert run.limit_cycle is not None
     assert branch.points["period"][-1] == pytest.approx(run.limit_cycle.period, rel=1e-9)
+
+
+def test_a_branch_does_not_go_on_with_another_cycle_where_its_own_ends() -> None:
+    """Where the level only just reaches a step of the gauge, the jump of the command moves the linkage, all at once.
+
+    The cycle found beyond is 1.6 % shorter: the branch went on with it as if it were its own.
+    """
+    branch = epp.continue_branch(epp.case("level_valve"), "linkage.gap", "4 mm", "2 mm", n_others=0)
+    value, period = np.log(branch.points["value"]), np.log(branch.points["period"])
+    assert np.all(np.abs(np.diff(period)) < 2.0 * np.abs(np.diff(value)) + 1e-6)
+    end = branch.special[-1]
+    assert end.kind == "end" and end.value == pytest.approx(3.3638627e-3, rel=1e-6)
+    assert "gauge falls through 33" in branch.ends[1] and branch.points["multiplier"][-1] > 100.0
+    (gap,) = branch.missing
+    assert gap.low == 2e-3 and gap.high == end.value and branch.ends[1] in gap.why
