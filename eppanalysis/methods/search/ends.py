@@ -182,21 +182,28 @@ class Ends:
         self.orbits.append(orbit)
         return len(self.orbits) - 1
 
-    def outcome(self, x: Array, H: Array) -> End | int:
-        """Where a run from (x, H) ends; of a run that ends on a cycle, the number of that."""
+    def outcome(self, x: Array, H: Array, rests_by: float = 0.0) -> End | int:
+        """Where a run from (x, H) ends; of a run that ends on a cycle, the number of that.
+
+        Rest that it comes to within `rests_by` [s] is looked for there: a rest from which rounding leads away again is
+        one all the same.
+        """
         try:
-            found = self._outcome(x, H)
+            found = self._outcome(x, H, rests_by)
         except Spent:
             self.n_ended += 1
             found = End.NOT_RUN
         self.outcomes[found if isinstance(found, End) else End.CYCLE] += 1
         return found
 
-    def _outcome(self, x: Array, H: Array) -> End | int:
+    def _outcome(self, x: Array, H: Array, rests_by: float = 0.0) -> End | int:
         self._tell()
+        start = replace(self.hybrid, x0=x, H0=H)
         try:
             with allotted(FOR_ONE * self.work.most):
-                return self._beside(x, H, self._end_of(replace(self.hybrid, x0=x, H0=H)))
+                if rests_by and judge(start, run := self._run(start, rests_by), rests_by)[0] is Status.SETTLED:
+                    return self._rested(start, run)
+                return self._beside(x, H, self._end_of(start))
         except EppError:  # a dead time with more switches than its history holds
             return End.UNDECIDED
         except Spent:

@@ -214,9 +214,9 @@ class _Search(Told):
                 self._scan(ray)
             for start in self._random():
                 self.outcome(*start)
-            for start in towards_rests(self.hybrid, self.met) if End.REST not in self.outcomes else ():
+            for x, H, rests_by in towards_rests(self.hybrid, self.met) if End.REST not in self.outcomes else ():
                 self.n_towards += 1
-                self.outcome(*start)
+                self.outcome(x, H, rests_by)
             for orbit in list(self.orbits):
                 self._scan(self._ray_to(orbit))
             self._add_symmetric()

@@ -32,6 +32,9 @@ _ROUNDING = 1e-9
 _NEUTRAL = 1e-6
 #: How far from the state of rest a run begins, relative to the way to the next guard.
 _SHARE = 0.5
+#: What is left of the way by when it is judged whether a run has come to rest: more than rounding, which may lead it on
+#: over a guard that the state of rest lies on.
+_LEFT = 1e-9
 
 
 def note_modes(met: Met, start: HybridSystem, run: Run) -> None:
@@ -46,8 +49,10 @@ def note_modes(met: Met, start: HybridSystem, run: Run) -> None:
         met.setdefault(tuple(run.modes[i].tolist()), (run.state[i].copy(), run.memory_values[i].copy()))
 
 
-def towards_rests(hybrid: HybridSystem, met: Met) -> Iterator[tuple[Array, Array]]:
-    """States and memory values from which the slowest motion of a combination goes to its state of rest."""
+def towards_rests(hybrid: HybridSystem, met: Met) -> Iterator[tuple[Array, Array, float]]:
+    """States and memory values from which the slowest motion of a combination goes to its state of rest, and by when
+    it is there [s].
+    """
     model = hybrid.model
     late = np.flatnonzero(model.smooth_kind == DELAY_LINE)
     if late.size < model.smooth_kind.size:  # with smooth elements no combination is affine
@@ -60,7 +65,7 @@ def towards_rests(hybrid: HybridSystem, met: Met) -> Iterator[tuple[Array, Array
         delayed = arcs.W[0, model.smooth_w[late], arcs.memory.stop - 1]
         with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all range is no start
             towards = [*_towards(arcs.F[0], arcs.g, hybrid.compared, np.concatenate([x, H, delayed]))]
-        yield from ((start, H) for start in towards if np.all(np.isfinite(start)))
+        yield from ((start, H, time) for start, time in towards if np.all(np.isfinite(start)))
 
 
 def _arcs(hybrid: HybridSystem, modes: IntArray) -> Arcs | None:
@@ -77,8 +82,10 @@ def _arcs(hybrid: HybridSystem, modes: IntArray) -> Arcs | None:
         return None
 
 
-def _towards(F: Array, g: Array, moves: NDArray[np.bool_], y: Array) -> Iterator[Array]:
-    """Starts beside the state of rest of ``x' = F y`` that is next to y, if all motions of F come to rest."""
+def _towards(F: Array, g: Array, moves: NDArray[np.bool_], y: Array) -> Iterator[tuple[Array, float]]:
+    """Starts beside the state of rest of ``x' = F y`` that is next to y, if all motions of F come to rest, and by when
+    they do.
+    """
     n, x = moves.size, y[: moves.size]
     A = F[np.ix_(moves, np.flatnonzero(moves))]
     values, vectors = np.linalg.eig(A)
@@ -112,4 +119,4 @@ def _towards(F: Array, g: Array, moves: NDArray[np.bool_], y: Array) -> Iterator
             far = float(np.min(np.where(nears > 0.0, -way / nears, np.inf), initial=np.inf))
         far = float(np.abs(x - y[:n]).max()) if np.isinf(far) else far
         if far > 0.0:
-            yield y[:n] + _SHARE * side * far * slow.real
+            yield y[:n] + _SHARE * side * far * slow.real, float(np.log(_LEFT) / values[k].real)

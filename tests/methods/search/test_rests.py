@@ -111,3 +111,16 @@ def test_a_phase_locked_loop_rests_within_its_hold_range_alone(detuning: float, 
     assert (found.status is epp.Status.CONVERGED) is rests
     if rests:
         assert np.sin(found.rest_state[0]) == pytest.approx(detuning, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", [None, 0, 1, 3])
+def test_rest_on_the_edge_of_a_gap_is_named_in_all_coordinates(seed):
+    """In contact all motions of (6s + 2)/(s(s - 0.2)(s + 4)) decay, the slowest without a swing: from one side the play
+    keeps its contact up to rest. Beyond that rounding opens the gap, in which motions grow.
+    """
+    plant = np.polymul([1.0, -0.2, 0.0], [1.0, 4.0])
+    rates = np.roots(np.polyadd(plant, [6.0, 2.0]))
+    assert np.all(rates.real < 0.0) and rates[np.argmax(rates.real)].imag == 0.0
+    loop = LureSystem.from_tf(([6.0, 2.0], plant), epp.Play(0.6))
+    found = epp.find_limit_cycles(loop if seed is None else turned(loop, np.random.default_rng(seed)))
+    assert found.settles and found.status is epp.Status.CONVERGED and len(found.stable) == len(found) == 1
