@@ -19,6 +19,8 @@ ComplexArray = NDArray[np.complex128]
 VANISHED = 1e-13
 #: A multiplier this near to 1 belongs to the direction of a continuum of cycles, where there is one.
 _NEUTRAL = 1e-5
+#: A singular value of a scaled return map less one below this share of the largest is rounding.
+_STANDS = 1e-9
 
 
 def return_map(A: Array, n_free: int) -> Array:
@@ -77,14 +79,28 @@ def multipliers(P: Array, scale: Array, n_wanted: int) -> ComplexArray:
     return found
 
 
+def drifts(P: Array, scale: Array) -> bool:
+    """Whether a disturbance grows from turn to turn by as much each time, as along a chain of integrators.
+
+    A multiplier 1 that counts twice has one way to neighbouring cycles alone then (docs/theory/sampled.md): the other
+    disturbance moves the motion along that way for ever.
+    """
+    Q = P * scale / scale[:, None]
+    ones = int(np.sum(np.abs(np.linalg.eigvals(Q) - 1.0) < _NEUTRAL))
+    gains = np.linalg.svd(Q - np.eye(len(Q)), compute_uv=False)
+    return ones > int(np.sum(gains <= _STANDS * np.maximum(1.0, gains.max(initial=0.0))))
+
+
 def is_stable(values: ComplexArray, one_of_many: bool = False) -> bool:
     """Whether all multipliers lie inside the unit circle; the 1 of a continuum of cycles is let pass."""
     others = values[np.abs(values - 1.0) > _NEUTRAL] if one_of_many else values
     return bool(np.all(np.abs(others) < 1.0))
 
 
-def describe(values: ComplexArray, one_of_many: bool = False) -> str:
+def describe(values: ComplexArray, one_of_many: bool = False, drifting: bool = False) -> str:
     """The sentence that goes with a verdict of stability."""
+    if drifting:
+        return f"{describe(values)}; a disturbance moves it by as much each turn along a continuum of cycles"
     if one_of_many:
         return f"{describe(values)}; one of a continuum of cycles, between which a disturbance may move it"
     if values.size == 0:

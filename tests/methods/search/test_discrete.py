@@ -75,6 +75,27 @@ def test_a_modulator_has_one_continuum_of_cycles(level: float, samples: int) -> 
     assert "continuum" in str(found)
 
 
+def test_no_cycle_of_two_integrators_in_a_chain_is_stable() -> None:
+    """Of a modulator of second order a disturbance of the first integrator moves the second as far in each turn."""
+    loop = epp.LureSystem.build(
+        [[1.0, 0.0], [1.0, 1.0]], [[-1.0], [-2.0]], [[0.0, 1.0]], [epp.Relay()], constant_state=[0.0, 0.0],
+        x0=[0.1, 0.2], time_step=1.0,
+    )  # fmt: skip
+    found = epp.find_limit_cycles(loop)
+    assert found.n_continua and not found.stable and not found.status.ok
+    (cycle,) = (c for c in found if c.period == 4.0)
+
+    def turns(x: np.ndarray, most: int) -> np.ndarray:
+        for _ in range(4 * most):
+            v = 1.0 if x[1] >= 0.0 else -1.0
+            x = np.array([x[0] - v, x[1] + x[0] - 2.0 * v])
+        return x
+
+    aside = cycle.state + [1e-6, 0.0]
+    np.testing.assert_allclose(turns(cycle.state, 100), cycle.state, atol=1e-12)
+    np.testing.assert_allclose(turns(aside, 100) - turns(aside, 50), [0.0, 4.0 * 50.0 * 1e-6], atol=1e-12)
+
+
 def test_each_cycle_of_a_digital_filter_is_listed() -> None:
     """Cycles that differ in size by whole steps of rounding are no continuum."""
     loop = epp.LureSystem.build(

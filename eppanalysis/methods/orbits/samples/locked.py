@@ -25,7 +25,7 @@ from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.period import analyse_period
 from eppanalysis.methods.simulation.rounding import is_rounding
 from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
-from eppanalysis.methods.simulation.stability import describe, is_stable, multipliers
+from eppanalysis.methods.simulation.stability import describe, drifts, is_stable, multipliers
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import Strobe
@@ -292,6 +292,7 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
 
     shape = analyse_period(marks, system.delays, start.time_scale, system.signals.names, sample)
     values, many = found.multipliers, found.one_of_many
+    drifting = many and drifts(found.derivative, found.scale)
     n, names = start.n_plant, system.signals.names
     noise = found.residual + np.finfo(float).eps * np.sqrt(last + 1.0)
     error = float("nan")
@@ -305,8 +306,8 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
         mean=shape.mean,
         peak_to_peak=shape.peak_to_peak,
         harmonics=shape.harmonics,
-        stable=None if values is None else is_stable(values, many),
-        stability_criterion=BORDER if values is None else describe(values, many),
+        stable=None if values is None else is_stable(values, many) and not drifting,
+        stability_criterion=BORDER if values is None else describe(values, many, drifting),
         multipliers=values,
         residual=found.residual,
         error_estimate=error,

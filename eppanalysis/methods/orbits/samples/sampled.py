@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.samples.sample_step import Step
 from eppanalysis.methods.simulation.iterate import cycle_of_samples
-from eppanalysis.methods.simulation.stability import describe, is_stable, multipliers
+from eppanalysis.methods.simulation.stability import describe, drifts, is_stable, multipliers
 from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
@@ -177,6 +177,7 @@ def _limit_cycle(step: Step, orbit: _Found) -> LimitCycle:
     inverse = np.linalg.pinv((J[0] - np.eye(step.size)) / scale[:, None] * scale, rcond=1e-12)
     values = multipliers(J[0], scale, step.size)
     many = bool(np.any(np.abs(values - 1.0) < _NEUTRAL))
+    drifting = many and drifts(J[0], scale)
     made_by = Provenance(EXACT_ORBIT, {"system": system.name, "samples": orbit.n, "time_step": system.time_step})
     cycle = cycle_of_samples(
         dict(zip(s.names, Y.T.copy(), strict=True)), orbit.n, float(system.time_step or 1.0), residual, made_by
@@ -185,8 +186,8 @@ def _limit_cycle(step: Step, orbit: _Found) -> LimitCycle:
     return replace(
         cycle,
         method=EXACT_ORBIT,
-        stable=None if border[0] else is_stable(values, many),
-        stability_criterion=BORDER if border[0] else describe(values, many),
+        stable=None if border[0] else is_stable(values, many) and not drifting,
+        stability_criterion=BORDER if border[0] else describe(values, many, drifting),
         multipliers=None if border[0] else values,
         residual=residual,
         error_estimate=float(np.abs(inverse).sum(1).max() * noise),
