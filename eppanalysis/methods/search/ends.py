@@ -240,13 +240,17 @@ class Ends:
                     known = self._quiet_cycle(run, t)
             if known is not End.UNDECIDED:
                 return known
-            # Each turn is three times as long; where many switches have told nothing by the fourth, and motions do not
-            # become smaller, as they do for long beside a fold, no longer run is made.
-            undecided = turn >= 3 and run.count > _ENOUGH_EVENTS and status is not Status.LIMIT_CYCLE
-            if undecided and not _dwindles(start, run)[0]:
+            # Each turn is three times as long.
+            if turn >= 3 and status is not Status.LIMIT_CYCLE and self._says_no_more(start, run, t):
                 break
             t *= 3.0
         return End.DIVERGENCE if self._has_gone(start, run, t) else End.UNDECIDED
+
+    def _says_no_more(self, start: HybridSystem, run: Run, t: float) -> bool:
+        """Whether a longer run would tell nothing: after many switches that do not become smaller, as they do for long
+        beside a fold, or far out, where elements switch by rounding alone, and without number.
+        """
+        return self._has_gone(start, run, t) or (run.count > _ENOUGH_EVENTS and not _dwindles(start, run)[0])
 
     def _ended(self, status: Status, start: HybridSystem, run: Run) -> End | None:
         """Where a run ends that goes on no longer; None for one that does."""

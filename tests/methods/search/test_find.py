@@ -207,6 +207,21 @@ def test_a_loop_of_integrators_alone_has_no_time_scale_of_its_own(slower):
     assert [c.stable for c in scaled] == [c.stable for c in own]
 
 
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_run_that_has_gone_is_not_made_longer(seed):
+    """Beyond an unstable cycle of three integrators under a valve with overlap states grow to 1e23, and what turned
+    states leave of the valve's input is rounding: it switched without number, until no work was left.
+    """
+    lead, lag = np.polymul([1.0, 1.5], [1.0, 1.5]), np.polymul([0.04, 1.0], [0.02, 1.0])
+    valve = epp.DeadZoneSaturation(0.2, 1.0, 1.5)
+    loop = epp.LureSystem.from_tf((60.0 * lead, np.append(lag, [0.0, 0.0, 0.0])), valve)
+    found = epp.find_limit_cycles(turned(loop, np.random.default_rng(seed)))
+    assert found.status is Status.CONVERGED
+    assert found.diverges and found.settles
+    # A machine of pieces and matrix exponentials that knows no orbits ends on the first, and is parted by the other.
+    assert [(round(c.period, 6), c.stable) for c in found] == [(7.605703, True), (4.066934, False)]
+
+
 @pytest.mark.parametrize("slower", [1.0, 1e3, 1e-3])
 def test_what_no_prediction_is_near_is_found_in_any_unit_of_time(slower):
     """A spacecraft under thrusters with a Schmitt trigger and dead time, of which first order sees nothing: runs were
