@@ -1,7 +1,8 @@
 """Coverage of the intervals on synthetic benches with known truth: ``python -m tests.benches``.
 
-Runs weight-tray tests, backlash cycling and step responses, 200 of each unless asked otherwise, and prints for every
-parameter how often its 95 % interval holds the truth, how often the data identified it, and how wide the interval was.
+Runs weight-tray tests, backlash cycling, step responses and steps of a servo, 200 of each unless asked otherwise, and
+prints for every parameter how often its 95 % interval holds the truth, how often the data identified it, and how wide
+the interval was.
 With ``--log FILE`` every bench is written down once it is done, and a run that was interrupted goes on from there.
 """
 
@@ -24,8 +25,22 @@ import numpy as np
 
 import eppanalysis as epp
 from tests.reference.benches import Bench, backlash_cycling, step_response, weight_tray
+from tests.reference.make_measured import servo_step
 
-MAKERS: dict[str, Callable[[int], Bench]] = {"tray": weight_tray, "backlash": backlash_cycling, "step": step_response}
+
+def servo(seed: int) -> Bench:
+    """A servo behind its sampled encoder, inertia, gap and gain off at random: the package's own run, with noise."""
+    off = np.exp(np.random.default_rng(seed).normal(size=3) * (0.2, 0.25, 0.05))
+    nominal = {name: epp.case("azimuth_servo").value(name) for name in ("J_load", "gap", "Kp")}
+    return servo_step(seed + 10_000, {name: value * r for (name, value), r in zip(nominal.items(), off, strict=True)})
+
+
+MAKERS: dict[str, Callable[[int], Bench]] = {
+    "tray": weight_tray,
+    "backlash": backlash_cycling,
+    "step": step_response,
+    "servo": servo,
+}
 #: How well the case knows what the step response takes as known.
 TOLERANCE = "2 %"
 
@@ -60,6 +75,8 @@ class BenchRun:
 
 def base_case(bench: Bench, test: str) -> epp.Case:
     """What is known before the test."""
+    if test == "servo":
+        return epp.case("azimuth_servo")
     known: dict[str, object] = {k: v for k, v in bench.setting.items() if "." in k}
     if test == "step":
         known = {k: {"value": v, "tolerance": TOLERANCE, "mark": "measured"} for k, v in known.items()}
@@ -73,6 +90,8 @@ def run_bench(test: str, seed: int) -> BenchRun:
     with tempfile.TemporaryDirectory() as folder:
         path = bench.write(Path(folder) / f"{test}.csv")
         options = {test: path, "press": bench.setting.get("press", 0.0)}
+        if test == "servo":
+            options = {"step": path, "fit": ("J_load", "gap")}
         try:
             fit = epp.identify(base_case(bench, test), **options).fits[0]
         except epp.EppError as error:

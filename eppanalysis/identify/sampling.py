@@ -1,10 +1,9 @@
 """Which parameters a sum of squares leaves possible, where it is too rough for a straight line.
 
-Sticking and slipping may make the motion, and with it the sum of squares, so rough on the scale of the intervals that
-no quadratic surface describes it (see :mod:`eppanalysis.identify.surface`, which comes first and needs a tenth of the
-runs). Then places are drawn, wide at first, weighted by how well they fit, and drawn again where the weight is
-(population Monte Carlo; Cappé, Guillin, Marin and Robert, J Comput Graph Stat 13, 2004, with the mixture weights of
-Owen and Zhou, J Am Stat Assoc 95, 2000).
+Sticking and slipping, or an encoder whose edges fall into one sample or the next, make the motion, and with it the sum
+of squares, a stair on the scale of the intervals: no quadratic surface describes it (see
+:mod:`eppanalysis.identify.surface`, which comes first and needs a tenth of the runs), and draws from one miss most of
+what is possible. Then a population of chains walks over the sum of squares itself (ter Braak, Stat Comput 16, 2006).
 """
 
 from __future__ import annotations
@@ -17,13 +16,22 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Draws of a round, rounds, degrees of freedom of the draws' distribution.
-DRAWS, ROUNDS, FREEDOM = 120, 7, 6.0
+#: Chains of a population, its turns that are forgotten, and those that count.
+CHAINS, BEFORE, TURNS = 30, 30, 60
+#: Cost beyond a bound.
+FORBIDDEN = 1e300
+#: Distance of the first places from the centre, in standard deviations, and of how many each chain begins at one: wide,
+#: for a population shrinks fast, and grows slowly.
+_SPREAD, _OF = 4.0, 3
+#: Every other stride is shorter: few full ones stay on a step of the stair.
+_SHORT = 0.3
+#: How far, in standard deviations, and by which factor in spread the two halves of the turns may differ.
+_APART, _WIDER = 1.0, 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Weighted draws in a few numbers.
+    """Draws in a few numbers.
 
     Attributes
     ----------
@@ -33,22 +41,19 @@ class Cloud:
     matrix : array, shape (p, p)
         Covariance.
     effective : float
-        How many independent draws the weights are worth.
-    temper : float
-        Power of the likelihood that the weights have: 1, or less where too few draws would be left, which makes
-        intervals wider than they need be.
+        How many independent draws they are worth.
+    settled : bool
+        Whether more of them would say the same.
     """
 
     best: Array
     mean: Array
     matrix: Array
     effective: float
-    temper: float
+    settled: bool = True
 
 
-def draw_cloud(
-    cost: Callable[[Array], float], start: Array, matrix: Array, low: Array, high: Array, seed: int
-) -> Cloud:
+def walk(cost: Callable[[Array], float], start: Array, matrix: Array, bounds: tuple[Array, Array], seed: int) -> Cloud:
     """Draw places by their cost, twice the negative logarithm of a likelihood.
 
     Parameters
@@ -59,85 +64,80 @@ def draw_cloud(
         A good place.
     matrix : array, shape (p, p)
         Covariance to begin with.
-    low, high : array, shape (p,)
-        Bounds.
+    bounds : (array, array), shapes (p,)
     seed : int
 
     Examples
     --------
-    >>> cloud = draw_cloud(lambda q: float(((q / [1.0, 0.1]) ** 2).sum()), np.zeros(2), np.eye(2) * 0.2,
-    ...                    np.full(2, -9.0), np.full(2, 9.0), seed=1)
+    >>> cloud = walk(lambda q: float(((q / [1.0, 0.1]) ** 2).sum()), np.zeros(2), np.eye(2) * 0.2,
+    ...              (np.full(2, -9.0), np.full(2, 9.0)), seed=1)
     >>> bool(abs(cloud.matrix[0, 0] - 1.0) < 0.3), bool(abs(cloud.matrix[1, 1] - 0.01) < 0.003)
     (True, True)
     """
     rng = np.random.default_rng(seed)
-    p = start.size
-    centre, spread = start, 4.0 * matrix
+    root = root_of(matrix)
+
+    def costs(u: Array) -> Array:
+        places = start + u @ root.T
+        inside = np.all((places >= bounds[0]) & (places <= bounds[1]), axis=1)
+        return np.array([cost(q) if is_in else FORBIDDEN for q, is_in in zip(places, inside, strict=True)])
+
+    u = _SPREAD * rng.normal(size=(_OF * CHAINS, start.size))
+    found = costs(u)
+    first = np.argsort(found)[:CHAINS]
+    u, found = u[first], found[first]
+    kept = np.empty((TURNS, *u.shape))
     best, least = start, cost(start)
-    places, costs = np.empty((0, p)), np.empty(0)
-    proposals: list[tuple[Array, Array]] = []
-    cloud = Cloud(best, centre, matrix, 0.0, 0.0)
-    for _ in range(ROUNDS):
-        proposals.append((centre, spread))
-        fresh = _draw(rng, centre, spread, low, high)
-        found = np.array([cost(q) for q in fresh])
-        places, costs = np.vstack([places, fresh]), np.append(costs, found)
-        i = int(np.argmin(costs))
-        if costs[i] < least:
-            best, least = places[i], float(costs[i])
-        weights, effective, temper = _weights(places, costs, least, proposals)
-        centre = weights @ places
-        away = places - centre
-        spread = (away * weights[:, None]).T @ away
-        # Draws that follow their own covariance lose a share p/N of it from round to round.
-        spread = spread * (effective / max(effective - p, 0.5 * effective))
-        cloud = Cloud(best, centre, spread, effective, temper)
-        # What few draws say of a covariance is uncertain; a floor keeps it from collapsing.
-        spread = 1.5 * spread + np.diag(1e-3 * np.diag(matrix) + 1e-14)
-    return cloud
+    for turn in range(BEFORE + TURNS):
+        step_chains(costs, u, found, rng, turn, 1.0 if turn % 2 else _SHORT)
+        if found.min() < least:
+            best, least = start + root @ u[np.argmin(found)], found.min()
+        if turn >= BEFORE:
+            kept[turn - BEFORE] = u
+    mean, spread = kept.mean(axis=(0, 1)), np.cov(kept.reshape(-1, start.size).T).reshape(start.size, start.size)
+    # Chains are independent but for their steps: the mean of their means is as uncertain as these scatter.
+    scatter = kept.mean(axis=0).var(axis=0, ddof=1)
+    effective = CHAINS * float(np.min(np.diag(spread) / np.maximum(scatter, 1e-300)))
+    return Cloud(best, start + root @ mean, root @ spread @ root.T, effective, _settled(kept))
 
 
-def _draw(rng: np.random.Generator, centre: Array, spread: Array, low: Array, high: Array) -> Array:
-    """Draws of Student's t about a centre; those beyond a bound are drawn again, in the end put onto it."""
-    root = _root(spread)
-    out = np.empty((DRAWS, centre.size))
-    for i in range(DRAWS):
-        for _ in range(50):
-            scale = np.sqrt(FREEDOM / rng.chisquare(FREEDOM))
-            q = centre + scale * (root @ rng.normal(size=centre.size))
-            if np.all((q >= low) & (q <= high)):
-                break
-        out[i] = np.clip(q, low, high)
-    return out
+def _settled(kept: Array) -> bool:
+    """Whether the two halves of the turns say the same."""
+    one, other = (half.reshape(-1, kept.shape[-1]) for half in np.array_split(kept, 2))
+    a, b = one.std(axis=0), other.std(axis=0)
+    near = np.abs(one.mean(axis=0) - other.mean(axis=0)) < _APART * np.minimum(a, b)
+    return bool(np.all(near & (np.maximum(a, b) < _WIDER * np.minimum(a, b))))
 
 
-def _root(spread: Array) -> Array:
-    values, vectors = np.linalg.eigh(spread)
-    return vectors * np.sqrt(np.maximum(values, 1e-18))
+def root_of(matrix: Array) -> Array:
+    """Axes of a covariance, as long as its standard deviations."""
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 1e-16 * values.max())))
 
 
-def _weights(
-    places: Array, costs: Array, least: float, proposals: list[tuple[Array, Array]]
-) -> tuple[Array, float, float]:
-    """Weights of all draws against the mixture that they come from, what they are worth, and their temper."""
-    p = places.shape[1]
-    # Against the mixture of all rounds: a draw that its own round hardly expected gets no boundless weight.
-    density = np.zeros(len(places))
-    for centre, spread in proposals:
-        root = _root(spread)
-        size = np.linalg.norm(root, axis=0)
-        z = (places - centre) @ (root / size**2)
-        density += np.exp(-0.5 * (FREEDOM + p) * np.log1p(np.sum(z**2, axis=1) / FREEDOM) - np.sum(np.log(size)))
-    base = -np.log(np.maximum(density, 1e-300))
-    wanted = min(3.0 * p, 0.3 * len(places))
-    temper = 1.0
-    # Where few draws carry all the weight, costs count less until enough of them
-    # do: the intervals are then wider than the data ask for, which the fit says.
-    while True:
-        logs = base - 0.5 * temper * (costs - least)
-        weights = np.exp(logs - logs.max())
-        weights /= weights.sum()
-        effective = 1.0 / float(np.sum(weights**2))
-        if effective >= wanted or temper < 1e-3:
-            return weights, effective, temper
-        temper *= 0.8
+def step_chains(
+    costs: Callable[[Array], Array], u: Array, found: Array, rng: np.random.Generator, turn: int, share: float = 1.0
+) -> None:
+    """One step of every chain, in place: a Markov chain by differential evolution.
+
+    Parameters
+    ----------
+    costs : callable
+        Of places `u`, shape (m, p).
+    u, found : array, shapes (n, p), (n,)
+        Where the chains are, and the costs there.
+    rng : Generator
+    turn : int
+    share : float
+        Of the stride that is best on a smooth surface.
+    """
+    half, p = len(u) // 2, u.shape[1]
+    # Each half steps along differences of the other; a stride of one now and then leads from one ridge to another.
+    for move, other in ((slice(0, half), half), (slice(half, None), 0)):
+        pair = other + rng.integers(0, half, (2, half))
+        stride = 1.0 if turn % 10 == 0 else share * 2.38 / np.sqrt(2.0 * p)
+        tried = u[move] + stride * (u[pair[0]] - u[pair[1]]) + 1e-3 * rng.normal(size=(half, p))
+        there = costs(tried)
+        taken = np.log(rng.random(half)) < -0.5 * (there - found[move])
+        u[move] = np.where(taken[:, None], tried, u[move])
+        found[move] = np.where(taken, there, found[move])

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
-from eppanalysis.identify.intervals import Weighted, weighted
 from eppanalysis.identify.plausible import LEAST_SHARE, explained, refuse_what_is_no_response
 from eppanalysis.identify.reading import Recording
 from eppanalysis.identify.response import Response, Unknown
-from eppanalysis.identify.sampling import Cloud, draw_cloud
-from eppanalysis.identify.surface import explore
+from eppanalysis.identify.sampling import Cloud, walk
+from eppanalysis.identify.surface import DRAWS, ENOUGH, explore
+from eppanalysis.identify.whitening import WIDEST_START, bounds_of, local, suspects
 from eppanalysis.progress import Progress
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
@@ -40,12 +40,10 @@ STARTS, KEPT_STARTS, ROUNDS = 120, (8, 4, 3, 2, 1), 3
 _WINDOWS = (0.08, 0.2, 0.4, 0.7, 1.0)
 #: A parameter counts as identified when half its interval is smaller than this share of it.
 IDENTIFIED = 0.6
-#: Standard deviation on the fitted scale where the data identify nothing at all; least lag, in units of the case's.
-_WIDEST_START, _LEAST_LAG = 0.7, 0.02
-#: Fewer draws than this are too few to say how wide an interval is; then more are drawn without a surface.
-_FEW_DRAWS = 15.0
 #: Residuals larger than this in units of the noise mean that the model does not describe the record.
 _WORST_FIT, _GOOD_FIT = 3.0, 1.7
+#: Standard deviations beyond which residuals are said to ask for another value of what is not fitted.
+_ASKED = 5.0
 
 
 def fit_step(
@@ -119,17 +117,6 @@ def _default(case: Case) -> tuple[str, ...]:
     )
 
 
-def _bounds(unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
-    low = np.array(
-        [u.to_scale(u.start) - math.log(50.0) if u.logarithmic else _LEAST_LAG * (not u.vanishes) for u in unknowns]
-    )
-    high = np.array([u.to_scale(u.start) + math.log(50.0) if u.logarithmic else 50.0 for u in unknowns])
-    for i, u in enumerate(unknowns):
-        if u.name == "pulley.kinetic_ratio":
-            high[i] = 1.0 / u.scale
-    return low, high
-
-
 def _starts(unknowns: Sequence[Unknown], seed: int) -> Array:
     """The case itself, then an even spread over a third to three times its values (known ones stay near)."""
     from scipy.stats import qmc
@@ -145,7 +132,7 @@ def _starts(unknowns: Sequence[Unknown], seed: int) -> Array:
         else:
             rows.append(3.0 * spread[:, j] * (centre or 1.0))
     first = [u.to_scale(u.start) for u in unknowns]
-    low, high = _bounds(unknowns)
+    low, high = bounds_of(unknowns)
     return np.clip(np.vstack([first, np.column_stack(rows)]), low, high)
 
 
@@ -208,7 +195,7 @@ def _fit(response: Response, start: Array, until: float, robust: bool) -> tuple[
     def residual(q: Array) -> Array:
         return response.residual(q, until)
 
-    low, high = _bounds(response.unknowns)
+    low, high = bounds_of(response.unknowns)
     fit = least_squares(
         residual,
         np.clip(start, low + 1e-9, high - 1e-9),
@@ -255,21 +242,25 @@ class _Solution:
 
     @property
     def converged(self) -> bool:
-        """Whether the draws carry the whole likelihood, or nearly."""
-        return self.cloud.temper > 0.3
+        """Whether more draws would say the same."""
+        return self.cloud.settled
 
 
 def _settle(response: Response, q: Array, names: Sequence[str], seed: int) -> _Solution:
     """What the data leave possible; one parameter after the other is held until the data identify the rest."""
-    low, high = _bounds(response.unknowns)
+    low, high = bounds_of(response.unknowns)
+    cloud = Cloud(q, q, np.zeros((q.size, q.size)), math.inf)
     # Noise is read off what the best place leaves, and where that is hangs on the noise: once more from there.
     for _ in range(2):
-        whitener, matrix = _local(response, q)
-        spread = np.minimum(np.sqrt(np.diag(matrix)), _WIDEST_START)
+        whitener, matrix = local(response, q)
+        spread = np.minimum(np.sqrt(np.diag(matrix)), WIDEST_START)
         scale = spread / np.sqrt(np.diag(matrix))
-        cloud = explore(whitener.residual, q, matrix * np.outer(scale, scale), low, high, seed)
-        if cloud.effective < _FEW_DRAWS:
-            cloud = draw_cloud(whitener.cost, cloud.best, cloud.matrix, low, high, seed)
+        matrix = matrix * np.outer(scale, scale)
+        if cloud.effective > ENOUGH * DRAWS:
+            cloud = explore(whitener.residual, q, matrix, low, high, seed)
+        q = cloud.best
+    if cloud.effective <= ENOUGH * DRAWS:
+        cloud = walk(whitener.cost, q, matrix, (low, high), seed)
         q = cloud.best
     student = _student(cloud.effective)
     spread = student * np.sqrt(np.diag(cloud.matrix))
@@ -303,7 +294,7 @@ def _hold(response: Response, q: Array, matrix: Array, name: str) -> Array:
     target = unknown.to_scale(unknown.start)
     follow = matrix[:, place] / matrix[place, place]
     start = q[place]
-    low, high = _bounds(response.unknowns)
+    low, high = bounds_of(response.unknowns)
     # In short steps, or the fit leaves the ridge along which the others stand in for this parameter.
     for share in np.linspace(0.0, 1.0, max(2, math.ceil(abs(target - start) / 0.3) + 1))[1:]:
         at = start + share * (target - start)
@@ -347,75 +338,6 @@ def _partner(response: Response, matrix: Array, name: str) -> str:
     correlation[i] = 0.0
     j = int(np.argmax(correlation))
     return all_names[j] if correlation[j] > 0.8 else ""
-
-
-@dataclass(frozen=True, eq=False)
-class _Whitener:
-    """Cost of a candidate with the noise of every channel as the residuals of the best one show it."""
-
-    response: Response
-    noises: tuple[Weighted, ...]
-    bases: tuple[Array, ...]
-
-    def left(self, i: int, model: Array) -> Array:
-        """Residual of channel `i` in units of its noise, without zero and drift."""
-        channel = self.response.channels[i]
-        r = self.noises[i].whiten(((model - channel.data) / channel.noise)[channel.live])
-        return r - self.bases[i] @ (self.bases[i].T @ r)
-
-    def residual(self, q: Array) -> Array:
-        """All channels and what the case knows; all large where a candidate has no solution."""
-        try:
-            found = self.response.signals(q)
-            parts = [self.left(i, found[c.role]) for i, c in enumerate(self.response.channels)]
-        except (EppError, ArithmeticError, ValueError):
-            parts = [np.full(int(c.live.sum()), 1e3) for c in self.response.channels]
-        return np.concatenate([*parts, self.response.beliefs(q)])
-
-    def cost(self, q: Array) -> float:
-        """Sum of squares of the residual."""
-        return float(np.sum(self.residual(q) ** 2))
-
-
-def _local(response: Response, q: Array) -> tuple[_Whitener, Array]:
-    """Noise of every channel at a place, and a covariance from derivatives there to begin with."""
-    jacobians, now = _jacobians(response, q, np.full(q.size, 3e-3)), response.signals(q)
-    noises, bases, normal = [], [], np.diag([0.0 if u.prior is None else u.prior**-2 for u in response.unknowns])
-    for channel in response.channels:
-        r = ((now[channel.role] - channel.data) / channel.noise)[channel.live]
-        columns = np.column_stack([jacobians[channel.role] / channel.noise, channel.nuisance])[channel.live]
-        moving = columns[:, np.linalg.norm(columns, axis=0) > 0]
-        step = np.linalg.lstsq(moving, -r, rcond=1e-10)[0]
-        noises.append(weighted(_independent(moving), r + moving @ step, 1e-3))
-        whitened = noises[-1].whiten(columns)
-        bases.append(np.linalg.qr(whitened[:, q.size :])[0])
-        # Zero and drift are fitted along: what they can explain is taken out of the derivatives.
-        J = whitened[:, : q.size] - bases[-1] @ (bases[-1].T @ whitened[:, : q.size])
-        normal = normal + J.T @ J
-    # Directions without information reach as far as the starts do.
-    matrix = np.linalg.inv(normal + np.diag(np.full(q.size, _WIDEST_START**-2)))
-    return _Whitener(response, tuple(noises), tuple(bases)), matrix
-
-
-def _independent(columns: Array) -> Array:
-    """Columns that span the same without the dependent ones."""
-    basis, triangle = np.linalg.qr(columns / np.linalg.norm(columns, axis=0))
-    kept = np.abs(np.diag(triangle)) > 1e-9
-    return basis[:, kept]
-
-
-def _jacobians(response: Response, q: Array, steps: Array) -> dict[str, Array]:
-    """Central differences of the signals, one-sided at a bound; shape (n, p) for each channel."""
-    low, high = _bounds(response.unknowns)
-    columns: dict[str, list[Array]] = {c.role: [] for c in response.channels}
-    for j in range(q.size):
-        up, down = q.copy(), q.copy()
-        up[j] = min(q[j] + steps[j], high[j])
-        down[j] = max(q[j] - steps[j], low[j])
-        above, below = response.signals(up), response.signals(down)
-        for role, found in columns.items():
-            found.append((above[role] - below[role]) / (up[j] - down[j]))
-    return {role: np.column_stack(found) for role, found in columns.items()}
 
 
 def _remedy(response: Response) -> str:
@@ -474,8 +396,18 @@ def _result(recording: Recording, solution: _Solution, names: Sequence[str], see
         raise EppError(f"{recording.source}: the best fit explains {left_over}; expected the response of such a case.")
     notes = recording.sentences()
     notes.append(f"{response.runs} simulated candidates from {STARTS} starts.")
-    if solution.cloud.temper < 1.0:
-        notes.append("The sum of squares is so rough that the intervals were drawn wider than the data ask for.")
+    if not solution.converged:
+        notes.append("The sum of squares is so rough that its draws have not settled: take the intervals as a guess.")
+    apart = (*_APART, *(u.name for u in response.unknowns))
+    asked = suspects(local(response, solution.q)[0], solution.q, apart)
+    name = max(asked, key=lambda n: asked[n][1], default="")
+    doubted = bool(name) and asked[name][1] > _ASKED
+    if doubted:
+        change, deviations = asked[name]
+        notes.append(
+            f"The residuals are no noise: they ask for {name} by {100 * change:+.2g} % ({deviations:.2g} standard "
+            "deviations), which is not fitted; the intervals hold for the value that it has in the case."
+        )
     if worst > _WORST_FIT:
         notes.append(
             f"The residuals are {worst:.3g} times the noise of the record: the model does not describe this motion; "
@@ -486,7 +418,7 @@ def _result(recording: Recording, solution: _Solution, names: Sequence[str], see
         for role, share in shares.items()
         if share < LEAST_SHARE
     ]
-    identified = solution.converged and worst <= _WORST_FIT and min(shares.values()) >= LEAST_SHARE
+    identified = solution.converged and not doubted and worst <= _WORST_FIT and min(shares.values()) >= LEAST_SHARE
     status = Status.CONVERGED if identified else Status.NOT_CONVERGED
     settings = {"seed": seed, "starts": STARTS, "fit": list(names), "rows": recording.n_rows}
     return BenchFit(

@@ -10,13 +10,13 @@ of some draws weights them. Where weights are uneven, the surface is fitted agai
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.identify.sampling import Cloud
+from eppanalysis.identify.sampling import FORBIDDEN, Cloud, root_of, step_chains
 
 Array = NDArray[np.float64]
 
@@ -60,10 +60,10 @@ def explore(
     (True, True)
     """
     rng = np.random.default_rng(seed)
-    centre, root = start, _root(matrix)
+    centre, root = start, root_of(matrix)
     places = np.clip(start + _design(start.size) @ root.T, low, high)
     values = np.array([residual(q) for q in places])
-    found = Cloud(start, start, matrix, 0.0, 1.0)
+    found = Cloud(start, start, matrix, 0.0)
     for _ in range(ROUNDS):
         surface = _Surface.of(places, values, centre, root)
         draws = surface.draw(rng, low, high)
@@ -80,16 +80,11 @@ def explore(
         # A weighted spread about its own mean is too small by what its few draws are worth.
         spread = (draws - mean).T @ ((draws - mean) * weights[:, None]) * effective / max(effective - 1.0, 0.5)
         if effective > found.effective:
-            found = Cloud(best, mean, spread, effective, 1.0)
+            found = Cloud(best, mean, spread, effective)
         if effective > ENOUGH * DRAWS:
             break
         centre, root = _next(places, costs, draws, best)
-    return Cloud(best, found.mean, found.matrix, found.effective, 1.0)
-
-
-def _root(matrix: Array) -> Array:
-    values, vectors = np.linalg.eigh(matrix)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 1e-16 * values.max())))
+    return replace(found, best=best)
 
 
 def _design(p: int) -> Array:
@@ -106,7 +101,7 @@ def _next(places: Array, costs: Array, draws: Array, best: Array) -> tuple[Array
     """Where the next surface is centred, and its axes: as the draws lie, as far as the cost is not hopeless there."""
     near = np.argsort(costs)[: max(len(draws) // 2, 3 * best.size)]
     spread = np.cov(places[near].T) + 1e-3 * np.cov(draws.T)
-    return best, _root(np.atleast_2d(spread))
+    return best, root_of(np.atleast_2d(spread))
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,22 +141,15 @@ class _Surface:
 
     def draw(self, rng: np.random.Generator, low: Array, high: Array) -> Array:
         """Draws from the surface, shape (DRAWS, p), by chains that step along the differences of others."""
-        p = self.centre.size
-        u = 0.3 * rng.normal(size=(_CHAINS, p))
-        cost, half = self._at(u), _CHAINS // 2
+
+        def costs(u: Array) -> Array:
+            places = self.centre + u @ self.root.T
+            return np.where(np.all((places >= low) & (places <= high), axis=1), self._at(u), FORBIDDEN)
+
+        u = 0.3 * rng.normal(size=(_CHAINS, self.centre.size))
+        cost = self._at(u)
         for turn in range(_TURNS):
-            # A Markov chain by differential evolution (ter Braak, Statistics and Computing 16, 2006): each half steps
-            # along differences of the other; a stride of one now and then leads from one ridge to another.
-            for move, other in ((slice(0, half), half), (slice(half, None), 0)):
-                pair = other + rng.integers(0, half, (2, half))
-                stride = 1.0 if turn % 10 == 0 else 2.38 / np.sqrt(2.0 * p)
-                tried = u[move] + stride * (u[pair[0]] - u[pair[1]]) + 1e-3 * rng.normal(size=(half, p))
-                there = self.centre + tried @ self.root.T
-                found = self._at(tried)
-                inside = np.all((there >= low) & (there <= high), axis=1)
-                taken = inside & (np.log(rng.random(half)) < -0.5 * (found - cost[move]))
-                u[move] = np.where(taken[:, None], tried, u[move])
-                cost[move] = np.where(taken, found, cost[move])
+            step_chains(costs, u, cost, rng, turn)
         chosen = u[rng.permutation(_CHAINS)[:DRAWS]]
         return np.asarray(np.clip(self.centre + chosen @ self.root.T, low, high))
 

@@ -134,7 +134,17 @@ def few_draws(monkeypatch):
     """Enough to see what happens, not to rely on intervals."""
     monkeypatch.setattr(step, "STARTS", 30)
     monkeypatch.setattr(step, "ROUNDS", 1)
-    monkeypatch.setattr(sampling, "DRAWS", 40)
+    monkeypatch.setattr(sampling, "TURNS", 20)
+
+
+def test_a_model_that_is_wrong_elsewhere_is_said_and_what_would_mend_it(tmp_path, few_draws):
+    """The motor is damped threefold in the case: its fit leaves little more than noise, but is no fit."""
+    text = DRIVE.replace('damping = "0.01 N*m*s/rad"', 'damping = "0.03 N*m*s/rad"')
+    case = epp.case_from_text(text).with_values({name: TRUTH[name] for name in ("coulomb", "k")})
+    path = record(tmp_path, "time [s],motor_angle [deg],current [A]", noisy(), CURRENT)
+    fit = epp.identify(case, step=path, fit=("J_load",)).fits[0]
+    assert fit.status is Status.NOT_CONVERGED
+    assert any("ask for motor.damping by -" in note for note in fit.notes)
 
 
 def test_what_acts_as_a_sum_alone_is_named(tmp_path, few_draws):

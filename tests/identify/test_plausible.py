@@ -27,7 +27,7 @@ def bench() -> Bench:
 def few_draws(monkeypatch):
     monkeypatch.setattr(step, "STARTS", 30)
     monkeypatch.setattr(step, "ROUNDS", 1)
-    monkeypatch.setattr(sampling, "DRAWS", 40)
+    monkeypatch.setattr(sampling, "TURNS", 20)
 
 
 def refusal(bench: Bench, folder, *, header: tuple[str, ...] | None = None, **columns) -> str:

@@ -71,7 +71,7 @@ def few_draws(monkeypatch):
     """Enough to see what happens, not to rely on intervals."""
     monkeypatch.setattr(step, "STARTS", 30)
     monkeypatch.setattr(step, "ROUNDS", 1)
-    monkeypatch.setattr(sampling, "DRAWS", 40)
+    monkeypatch.setattr(sampling, "TURNS", 20)
 
 
 def test_what_a_coarse_record_cannot_identify_is_named(tmp_path, few_draws):

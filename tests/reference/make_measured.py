@@ -29,16 +29,16 @@ STEP = {
 SERVO = {"J_load": 0.062, "gap": np.radians(0.14)}
 
 
-def servo_step() -> Bench:
+def servo_step(seed: int, truth: dict[str, float]) -> Bench:
     """The azimuth servo's command and load angle while it is stepped twice: of the package's own run, with noise."""
     t = np.arange(0.0, 1.2005, 0.002)
     setpoint = np.where(t < 0.1, 0.0, np.where(t < 0.6, 0.05, 0.01))
-    servo = epp.case("azimuth_servo").with_values(SERVO)
+    servo = epp.case("azimuth_servo").with_values(truth)
     run = epp.simulate(servo, epp.inputs.Recorded(t, setpoint), t_end=t[-1], t_eval=t)
-    load = np.degrees(run.signals["load"]) + 0.004 * np.random.default_rng(2005).normal(size=t.size)
-    speed = run.signals["motor_speed"] + 0.005 * np.random.default_rng(2006).normal(size=t.size)
+    load = np.degrees(run.signals["load"]) + 0.004 * np.random.default_rng(seed).normal(size=t.size)
+    speed = run.signals["motor_speed"] + 0.005 * np.random.default_rng(seed + 1).normal(size=t.size)
     rows = np.column_stack([t, np.degrees(setpoint), load, speed])
-    return Bench(("time [s]", "setpoint [deg]", "load [deg]", "motor_speed [rad/s]"), rows, SERVO)
+    return Bench(("time [s]", "setpoint [deg]", "load [deg]", "motor_speed [rad/s]"), rows, truth)
 
 
 def main() -> None:
@@ -47,7 +47,7 @@ def main() -> None:
     weight_tray(2005, continuous=False, known=TRAY).write(FOLDER / "weight_tray.csv", 4)
     cycling = backlash_cycling(2005, torque=True, known=CYCLING)
     step_response(2005, known=STEP).write(FOLDER / "step_response.csv", 4)
-    servo_step().write(FOLDER / "servo_step.csv", 4)
+    servo_step(2005, SERVO).write(FOLDER / "servo_step.csv", 4)
     replace(cycling, rows=cycling.rows[::3]).write(FOLDER / "backlash_cycling.csv", 4)
 
 
