@@ -126,12 +126,12 @@ class Balance:
 
     def linear(self, omega: Array) -> ComplexArray:
         """Response from all outputs to the first inputs, shape (nb, m, nw)."""
-        return np.take(self.system.frequency_response(omega), self.rows, axis=1)
+        return self.system.frequency_response(omega).take(self.rows, axis=1)
 
     def linear_and_slope(self, omega: Array) -> tuple[ComplexArray, ComplexArray]:
         """:meth:`linear` and its derivative by ln omega."""
         L, dL = self.system.frequency_response_and_slope(omega)
-        return np.take(L, self.rows, axis=1), np.take(dL, self.rows, axis=1) * omega[:, None, None]
+        return L.take(self.rows, axis=1), dL.take(self.rows, axis=1) * omega[:, None, None]
 
     def evaluate(self, a: Array, b: Array, omega: Array) -> tuple[Array, ComplexArray]:
         """Mean outputs and gains of all elements, shapes (..., nw)."""
@@ -163,9 +163,9 @@ class Balance:
                 continue
             means, gains = _described(e, a[i, used], b[i, used], omega[used])
             mean[:, out], gain[:, out] = means[0], gains[0]
-            by = np.arange(4)[used][1:] - 1
-            by_mean[by, :, out] = (means[1:] - means[0]) / steps[by][..., out]
-            by_gain[by, :, out] = (gains[1:] - gains[0]) / steps[by][..., out]
+            by = slice(1, 3, 2) if used.step else slice(used.stop - 1)
+            by_mean[by, :, out] = (means[1:] - means[0]) / steps[by, :, out]
+            by_gain[by, :, out] = (gains[1:] - gains[0]) / steps[by, :, out]
         return Slopes(Z, omega[0], mean, gain, by_mean, by_gain)
 
     def _shifts(self, element: int, free_pivot: bool) -> slice:

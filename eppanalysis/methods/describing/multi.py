@@ -16,6 +16,7 @@ from eppanalysis.methods.describing.balance import (
     Array,
     Balance,
     ComplexArray,
+    describe,
     moved,
     newton,
     solved_in_part,
@@ -393,12 +394,17 @@ def start_points(balance: Balance, grid: Array, L: ComplexArray, bias: Array, le
     omega = np.exp(grid[:, 1])
     # With the pivot's input given the others are driven: linear equations for fixed gains, and gains anew at what these
     # give.
-    starts, single = [s.start for s in balance.system.output_slices], balance.owner.size == m
-    for _ in range(6 if len(o) else 0):
-        N = balance.evaluate(a, b, omega)[1]
-        G = L * N[:, None, :] if single else np.asarray(np.add.reduceat(L * N[:, None, :], starts, axis=-1), complex)
-        matrix = np.eye(len(o)) - G[:, o[:, None], o[None, :]]
-        right = G[:, o, p] * a[:, [p]]
+    elements, starts = balance.system.elements, [s.start for s in balance.system.output_slices]
+    gains = [describe(e, a[:, i], b[:, i], omega)[1] for i, e in enumerate(elements)]
+    driven = L[:, o]
+    for turn in range(6 if len(o) else 0):
+        for i in o if turn else ():
+            gains[i] = describe(elements[i], a[:, i], b[:, i], omega)[1]
+        G: ComplexArray = driven * np.concatenate(gains, -1)[:, None, :]
+        if balance.owner.size > m:
+            G = np.add.reduceat(G, starts, axis=-1)
+        matrix = np.eye(len(o)) - G[:, :, o]
+        right = G[:, :, p] * a[:, [p]]
         Z[:, o] = _complex_solve(matrix, right)
         a[:, o] = np.maximum(np.abs(Z[:, o]), 1e-300)
     if np.isinf(level):

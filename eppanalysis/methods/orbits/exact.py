@@ -180,7 +180,7 @@ def orbits_of(
     asked = Asked.of(system, hybrid, start)
     met: list[Orbit] = []
     done = False
-    for orbit in _new(_directly(hybrid, asked), met):
+    for orbit in _new(_directly(hybrid, asked, met), met):
         found = _compared(asked, orbit, start.stable)
         yield found
         done |= not found.difference and found.as_stable
@@ -202,7 +202,7 @@ def _compared(asked: Asked, orbit: Orbit, stable: bool | None) -> Found:
     return Found(orbit, asked.difference(orbit), stable in (None, is_stable(orbit.multipliers)))
 
 
-def _directly(hybrid: HybridSystem, asked: Asked) -> Iterator[Orbit]:
+def _directly(hybrid: HybridSystem, asked: Asked, met: Sequence[Orbit]) -> Iterator[Orbit]:
     """Orbits from runs that begin on an approximate cycle."""
     cycle = asked.cycle
     # From an unstable cycle a run departs at once: the half of a symmetric one, and the basin boundary, come before it
@@ -214,7 +214,7 @@ def _directly(hybrid: HybridSystem, asked: Asked) -> Iterator[Orbit]:
         centre = x.copy()
         centre[: hybrid.n_plant] = cycle.mean_state
         yield from islice(orbits_on_boundary(hybrid, x, centre, memory, cycle.period), 1)
-    yield from islice(orbits_near(hybrid, x, memory, cycle.period), 2)
+    yield from islice(orbits_near(hybrid, x, memory, cycle.period, met), 2)
 
 
 def _by_balance(asked: Asked, hybrid: HybridSystem, met: list[Orbit], at: OperatingPoint) -> Iterator[Found]:
@@ -229,7 +229,7 @@ def _by_balance(asked: Asked, hybrid: HybridSystem, met: list[Orbit], at: Operat
         for balance in _balances(asked, at):
             wanted = Asked.of(asked.system, hybrid, balance)
             before = tuple(met)
-            for orbit in chain(before, _new(_of_balance(hybrid, wanted, at), met)):
+            for orbit in chain(before, _new(_of_balance(hybrid, wanted, at, met), met)):
                 found = _compared(wanted, orbit, stable)
                 if not found.difference:
                     found = _compared(loosely, orbit, stable)
@@ -251,9 +251,9 @@ def _balances(asked: Asked, at: OperatingPoint) -> Iterator[LimitCycle]:
         yield straight
 
 
-def _of_balance(hybrid: HybridSystem, wanted: Asked, at: OperatingPoint) -> Iterator[Orbit]:
+def _of_balance(hybrid: HybridSystem, wanted: Asked, at: OperatingPoint, met: Sequence[Orbit]) -> Iterator[Orbit]:
     """Orbits from runs that begin on a balance, and the one from its own switches where that can be trusted."""
-    yield from _directly(hybrid, wanted)
+    yield from _directly(hybrid, wanted, met)
     if wanted.cycle.error_estimate < _TRUSTED:
         own = orbit_of_balance(hybrid, Loop.of(wanted.system, at.vector(wanted.system)), wanted.cycle)
         if own is not None:

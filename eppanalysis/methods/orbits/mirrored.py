@@ -8,7 +8,7 @@ nearly on it, the whole period's return map has a multiplier near 1, but the hal
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -85,10 +85,12 @@ def mirrored_orbits(hybrid: HybridSystem, image: Array, x: Array, memory: Array,
     period : float
         Of the whole orbit, roughly [s].
     """
+    known: list[Orbit] = []
     run = _run(replace(hybrid, x0=x, H0=memory), 1.2 * period)
     for first, last in _half_returns(hybrid, image, run, period):
-        orbit = _closed(hybrid, image, run, first, last)
+        orbit = _closed(hybrid, image, run, first, last, known)
         if orbit is not None:
+            known.append(orbit)
             yield orbit
 
 
@@ -114,7 +116,9 @@ def _half_returns(hybrid: HybridSystem, image: Array, run: Run, period: float) -
     return [(int(free[i[k]]), int(free[j[k]])) for k in np.argsort(away, kind="stable")[:_MOST_HALVES]]
 
 
-def _closed(hybrid: HybridSystem, image: Array, run: Run, first: int, last: int) -> Orbit | None:
+def _closed(
+    hybrid: HybridSystem, image: Array, run: Run, first: int, last: int, known: Sequence[Orbit]
+) -> Orbit | None:
     """The whole orbit from half a turn of a run; the engine's own turn says which events it has."""
     for _ in range(_MOST_HALVES):
         made = make_half(hybrid, image, run, first, last)
@@ -128,7 +132,7 @@ def _closed(hybrid: HybridSystem, image: Array, run: Run, first: int, last: int)
         start = restarted(hybrid, half.arcs, middle(half, k), half.arcs.event_sequence.modes[k])
         run = _run(start, 1.1 * period)
         turn = one_turn(hybrid, run, start.modes0, period)
-        orbit = None if turn is None else close_orbit(hybrid, turn)
+        orbit = None if turn is None else close_orbit(hybrid, turn, known)
         if orbit is not None and is_mirrored(orbit, image):
             return orbit
         # The half has other events than the engine meets on it.

@@ -6,7 +6,7 @@ from the orbit, and where it meets other events these are taken and the iteratio
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +31,8 @@ _MOST_SEQUENCES = 10
 _MORE_ARCS = 40
 #: Span of a state, relative to its size, that is rounding.
 _NO_MOTION = 1e-9
+#: Distance between a guess and an orbit, relative to its size, from which Newton's method leads to no other one.
+_ALONG = 1e-7
 #: Speed at which a guard is crossed, relative to how far the orbit moves across it in a period, that is rounding.
 _TOUCHES = 1e-10
 #: Roundings that the value of a guard may be off, and the share of what a period changes that it must be beneath.
@@ -38,7 +40,7 @@ _ROUNDINGS, _TOLD = 4.0 * 2.0**-52, 1e-3
 _NO_SAMPLES = np.zeros(0)
 
 
-def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
+def close_orbit(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ()) -> Orbit | None:
     """The exact orbit near a guess, with its true sequence of events; None when there is none to be found.
 
     Parameters
@@ -46,6 +48,8 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
     hybrid : HybridSystem
         Without external inputs that change.
     guess : Guess
+    known : sequence of Orbit, optional
+        Orbits of this system that have been closed: one of them, where the guess is a turn along it.
 
     Returns
     -------
@@ -53,6 +57,8 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
         Begun where its longest arc begins (with dead time: of those on which nothing is on its way); its residual is
         near rounding.
     """
+    if (passed := _passed(guess, known)) is not None:
+        return passed
     seen: set[bytes] = set()
     most = 2 * guess.tau.size + _MORE_ARCS
     for _ in range(_MOST_SEQUENCES):
@@ -81,6 +87,23 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
         seen.add(found.event_sequence.key)
         guess = found
     return None
+
+
+def _passed(guess: Guess, known: Sequence[Orbit]) -> Orbit | None:
+    """The orbit along which a guess is a turn, None for none of them."""
+    return next((orbit for orbit in known if _goes_along(guess, orbit)), None)
+
+
+def _goes_along(guess: Guess, orbit: Orbit) -> bool:
+    """Whether a guess is a turn along an orbit: the same events at the same times, from a state on it."""
+    p, size = guess.tau.size, _ALONG * orbit.scale
+    if orbit.tau.size != p or orbit.y.size != guess.y.size or orbit.arcs.n_timers:
+        return False
+    events, late = guess.event_sequence, _ALONG * orbit.period
+    for k in np.flatnonzero(np.all(np.abs(orbit.starts[:-1] - guess.y) <= size, axis=1)):
+        if np.all(np.abs(np.roll(orbit.tau, -k) - guess.tau) <= late):
+            return events.key == orbit.arcs.event_sequence.rotated(int(k)).key
+    return False
 
 
 def _close_delayed(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
@@ -348,7 +371,9 @@ def orbit_of(hybrid: HybridSystem, run: Run, period: float | None = None) -> Orb
     return None
 
 
-def orbits_near(hybrid: HybridSystem, x: Array, memory: Array, period: float) -> Iterator[Orbit]:
+def orbits_near(
+    hybrid: HybridSystem, x: Array, memory: Array, period: float, known: Sequence[Orbit] = ()
+) -> Iterator[Orbit]:
     """Exact orbits near a state that should lie on one, best guess first.
 
     Parameters
@@ -357,6 +382,8 @@ def orbits_near(hybrid: HybridSystem, x: Array, memory: Array, period: float) ->
         State and memory values; the engine finds the modes.
     period : float
         Of the orbit, roughly [s].
+    known : sequence of Orbit, optional
+        As of :func:`close_orbit`.
     """
     start = replace(hybrid, x0=x, H0=memory)
     seen: set[bytes] = set()
@@ -367,7 +394,7 @@ def orbits_near(hybrid: HybridSystem, x: Array, memory: Array, period: float) ->
             if guess.event_sequence.key in seen:
                 continue
             seen.add(guess.event_sequence.key)
-            orbit = close_orbit(hybrid, guess)
+            orbit = close_orbit(hybrid, guess, known)
             if orbit is not None:
                 yield orbit
 

@@ -299,7 +299,7 @@ class _Search(Told):
         try:
             with allotted(_FOR_PREDICTIONS * _MOST_WORK):
                 for guess in self.pulses.guesses():
-                    orbit = close_orbit(self.hybrid, guess)
+                    orbit = close_orbit(self.hybrid, guess, self.orbits)
                     if orbit is not None:
                         self.add(orbit)
         except Spent:
@@ -331,7 +331,7 @@ class _Search(Told):
             x, memory = y[:n], y[orbit.arcs.memory]
         try:
             with allotted(FOR_ONE * _MOST_WORK):
-                for found in orbits_near(self.hybrid, x, memory, orbit.period):
+                for found in orbits_near(self.hybrid, x, memory, orbit.period, self.orbits):
                     self.add(found)
                     return
         except Spent:
@@ -404,7 +404,7 @@ class _Search(Told):
         start = replace(self.hybrid, x0=x, H0=H)
         run = run_hybrid(start, self.horizon, NO_SAMPLES, 2.0 * self.hybrid.time_scale, MOST_EVENTS, 400)
         for guess in recurrences(self.hybrid, run, None, 3, 400):
-            orbit = close_orbit(self.hybrid, guess)
+            orbit = close_orbit(self.hybrid, guess, self.orbits)
             if orbit is not None and not is_stable(orbit.multipliers, orbit.one_of_many):
                 self.add(orbit)
                 return True

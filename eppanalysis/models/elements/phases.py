@@ -104,7 +104,7 @@ def broadcast_with_frequency(amplitude: ArrayLike, bias: ArrayLike, omega: Array
         If an amplitude or a frequency is negative.
     """
     a, b, w = broadcast(amplitude, bias, omega)
-    if np.any(w < 0):
+    if (w < 0).any():
         raise ModelError("The frequency of a describing function", float(np.nanmin(w)), ">= 0")
     return a, b, w
 
