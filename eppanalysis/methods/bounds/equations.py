@@ -99,6 +99,26 @@ class Expressions:
     by_numbers: Any
     used: NDArray[np.bool_]
 
+    def scales(self, X: Array) -> Array:
+        """Sizes of the unknowns, shape (n,): amplitudes of the series, the frequency, one turn."""
+        layout = self.layout
+        series = X[: layout.omega].reshape(-1, layout.width)
+        amplitude = np.abs(series[:, 1:]).max(1, initial=0.0)
+        size = np.where(amplitude > 0, amplitude, np.abs(series[:, 0]))
+        size = np.where(size > 0, size, size.max(initial=1e-300))
+        out = np.ones(layout.size)
+        out[: layout.omega] = np.repeat(size, layout.width)
+        out[layout.omega] = X[layout.omega]
+        for e, s in enumerate(layout.holds):
+            out[s] = max(size[e], 1e-300)
+        return out
+
+    def sizes(self, X: Array, theta: Array, scales: Array) -> Array:
+        """Sizes of the equations: the largest change that a scaled unknown makes."""
+        # IPOPT has one tolerance for all equations, whose units differ; divided by these sizes each counts alike.
+        size = (np.abs(np.array(self.slope(X, theta))) * scales).max(1)
+        return np.where(size > 0, size, 1.0)
+
 
 def write(
     plan: Plan, shape: LoopNumbers, used: NDArray[np.bool_], kinds: tuple[tuple[str, ...], ...], pivot: int

@@ -35,8 +35,8 @@ _SHORTEST, _SHORTEST_KNOWN = 1e-3, 0.1
 _BEYOND = (1e-4, 1e-3, 5e-3)
 #: Switches of one element this close in phase may be about to merge.
 _CLOSE = 1e-2
-#: Most steps of Newton's method from IPOPT's solution to that of the equations, and the last one's size.
-_MOST_STEPS, _ARRIVED = 4, 1e-11
+#: Most steps of Newton's method to an extremum, its longest one from a neighbour's, and the size of the last one.
+_MOST_STEPS, _NEAR, _ARRIVED = 8, 1.0, 1e-11
 _OPTIONS: dict[str, Any] = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
@@ -194,8 +194,9 @@ def extreme(
     path = _Path(start.cycle if isinstance(start, Fold) else start, reach, shortest)
     for _ in range(_MOST_PROGRAMMES):
         step = _Step.of(numbers, programmes, path.here, sign, path.width, known)
+        beside = None if step is None or known is None else step.followed(known)
         known = None
-        found = None if step is None else step.solve()
+        found = beside or (None if step is None else step.solve())
         if found is None or step is None:
             path.back()
         elif step.genuine(found) < _GENUINE:
@@ -204,7 +205,7 @@ def extreme(
             smooth = not found.merging and step.same_switches(found)
             beyond = found.cycle if step.at_rim(found) else None if smooth else step.beyond(found)
             if beyond is None:
-                return path.counted(step.polished(found))
+                return path.counted(beside or step.polished(found))
             path.arrive(found, beyond)
         else:
             path.hop(found, step.settled(found))
@@ -293,8 +294,8 @@ class _Step:
             expressions = programmes.expressions(plan, loop, dependence, pivot)
         except (Unsettled, EppError):
             return None
-        scales = _scales(loop, expressions, start, Z)
-        sizes = _sizes(expressions, dependence.at(here.value)[expressions.used], start, scales)
+        scales = expressions.scales(start)
+        sizes = expressions.sizes(start, dependence.at(here.value)[expressions.used], scales)
         low, high = dependence.low, dependence.high
         window = max(low, here.value - width * abs(here.value)), min(high, here.value + width * abs(here.value))
         solver = programmes.solver(expressions, dependence, pivot)
@@ -381,28 +382,50 @@ class _Step:
         """
         if found.at_end or found.merging or self.at_rim(found):
             return found
+        polished = self._by_newton(found, _GENUINE)
+        return found if polished is None or polished.merging else polished
+
+    def followed(self, known: Fold) -> Fold | None:
+        """The fold of these numbers beside one of others, by Newton's method alone; None where that leads to none.
+
+        From a neighbour it takes a few steps, and IPOPT, which forgets the multipliers, dozens.
+        """
+        if known.at_end or known.merging:
+            return None
+        found = self._by_newton(replace(known, iterations=0), _NEAR)
+        if found is None or found.at_end or found.merging:
+            return None
+        return found if self.window[0] < found.cycle.value < self.window[1] else None
+
+    def _by_newton(self, near: Fold, reach: float) -> Fold | None:
+        """The extremum that Newton's method comes to without a step beyond `reach`; None where there is none."""
         d, n, p = self.dependence, self.sizes.size, self._parameters()
         slope, curvature = (self.solver.get_function(name) for name in ("nlp_jac_g", "nlp_hess_l"))
-        v = np.append(found.unknowns / self.scales, self._scaled(found.cycle.value))
+        v = np.append(near.unknowns / self.scales, self._scaled(near.cycle.value))
         weights = np.zeros(n + sum(self.expressions.layout.switches))
-        weights[:n] = found.multipliers * self.sizes / (0.5 * (d.high - d.low) * self.sign)
+        weights[:n] = near.multipliers * self.sizes / (0.5 * (d.high - d.low) * self.sign)
+        across = np.cos(np.arange(v.size + n))
+        across[v.size :] = 0.0
         for _ in range(_MOST_STEPS):
             g, J = slope(v, p)
             J, H = J.sparse()[:n], curvature(v, p, 1.0, weights).sparse()
             H = H + H.T - diags(H.diagonal())  # only its upper half is there
             off = J.T @ weights[:n]
             off[-1] += self.sign
+            right = -np.append(off, np.array(g).ravel()[:n])
             try:
-                step = splu(bmat([[H, J.T], [J, None]], "csc")).solve(-np.append(off, np.array(g).ravel()[:n]))
+                step, along = splu(bmat([[H, J.T], [J, None]], "csc")).solve(np.column_stack([right, across])).T
             except RuntimeError:  # singular: no fold of this kind
-                return found
+                return None
             v, weights[:n], far = v + step[: v.size], weights[:n] + step[v.size :], np.abs(step[: v.size]).max()
-            if not far < _GENUINE:  # another one
-                return found
+            if not far < reach:
+                return None
             if far < _ARRIVED:
-                polished = self._fold(v, np.array(slope(v, p)[0]).ravel(), weights, found.iterations)
-                return found if polished.merging else polished
-        return found
+                # The second solution is the tangent t of the cycles times (across t) / (t H t): of an extremum of the
+                # other kind their product is negative.
+                is_least = float(across @ along) > 0.0
+                return self._fold(v, np.array(slope(v, p)[0]).ravel(), weights, near.iterations) if is_least else None
+        return None
 
     def _pivot_sine(self) -> int:
         series = self.start[: self.expressions.layout.omega].reshape(-1, self.expressions.layout.width)
@@ -467,26 +490,3 @@ def unknowns_of(
     series = np.concatenate([Z, x])
     rows = np.concatenate([series.real, series.imag[:, 1:]], 1)
     return np.concatenate([rows.ravel(), [omega], *phases, *(h.ravel() for h in memory)])
-
-
-def _scales(loop: Loop, expressions: Expressions, start: Array, Z: ComplexArray) -> Array:
-    layout = expressions.layout
-    series = start[: layout.omega].reshape(-1, layout.width)
-    amplitude = np.abs(series[:, 1:]).max(1, initial=0.0)
-    size = np.where(amplitude > 0, amplitude, np.abs(series[:, 0]))
-    size = np.where(size > 0, size, size.max(initial=1e-300))
-    out = np.ones(layout.size)
-    out[: layout.omega] = np.repeat(size, layout.width)
-    out[layout.omega] = start[layout.omega]
-    for e, s in enumerate(layout.holds):
-        out[s] = max(size[e], 1e-300)
-    return out
-
-
-def _sizes(expressions: Expressions, theta: Array, start: Array, scales: Array) -> Array:
-    """Sizes of the equations: the largest change that a scaled unknown makes."""
-    # IPOPT has one tolerance for all equations, whose units differ; divided by these sizes each counts alike.
-    jacobian = expressions.slope(start, theta)
-    J = np.abs(np.array(jacobian)) * scales
-    size = J.max(1)
-    return np.where(size > 0, size, 1.0)
