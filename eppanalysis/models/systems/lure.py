@@ -204,7 +204,8 @@ class LureSystem(Responses):
             margins_at=tuple(margins_at),
         )
         made = with_own_states(made) if any(e.own_states is not None for e in elements) else made
-        require_places(name, made.margins_at, made.places)
+        if made.margins_at or made.cuts is not None:
+            require_places(name, made.margins_at, made.places)
         return made
 
     @classmethod

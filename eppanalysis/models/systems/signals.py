@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -65,7 +66,7 @@ def require_names(name: str, labels: tuple[str, ...], count: int) -> None:
 def checked_array(name: str, label: str, values: ArrayLike | None, shape: tuple[int, ...]) -> Array:
     """An array of a shape, zeros by default; a single row or column may be given as a list of numbers."""
     out = np.zeros(shape) if values is None else np.array(values, float)
-    if out.size == int(np.prod(shape)) and (out.ndim < len(shape) and 1 in shape or not out.size):
+    if out.size == math.prod(shape) and (out.ndim < len(shape) and 1 in shape or not out.size):
         out = out.reshape(shape)
     if out.shape != shape:
         raise ModelError(f"{name}: {label} has shape {out.shape}", expected=f"shape {shape}", field=label)
