@@ -72,7 +72,8 @@ def _legend(made: Any) -> None:
     legend.orientation, legend.ncols = "horizontal", 3
     legend.label_text_font_size = "11px"
     legend.border_line_color = None
-    legend.padding = legend.spacing = legend.margin = 2
+    legend.padding = legend.margin = 2
+    legend.spacing = 10
 
 
 def _name_what_is_there(item: Any, attr: str, old: Any, data: Any) -> None:

@@ -288,7 +288,7 @@ def test_a_threshold_just_above_the_peak_is_not_met_and_one_just_below_is(cleara
     found = certified(solve(hybrid, Guess(orbit.arcs.event_sequence, orbit.y, orbit.tau)))
     assert found.status is (Proof.PROVED if clearance > 0.0 else Proof.VIOLATED)
     if clearance < 0.0:
-        assert "deadzone" in found.message
+        assert "dead_zone" in found.message
 
 
 def test_a_wrong_period_is_not_proved() -> None:
