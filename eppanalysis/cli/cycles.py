@@ -105,7 +105,7 @@ def _trigger_text(case: Case, hit: Trigger) -> str:
     system = case.to_system()
     units = dict(zip(system.signals.names, system.signals.units, strict=False))
     unit, factor = readable(case.input_unit if hit.name in system.input_names else units.get(hit.name, ""))
-    tail = f" {unit}".rstrip()
+    tail = f" {unit}" if unit else " (SI unit)"
     if math.isnan(hit.size):
         return f"{hit.name} by up to {number(hit.tried * factor)}{tail} starts no cycle."
     for digits in range(DIGITS, 18):

@@ -202,7 +202,7 @@ def triggers_table(triggers: Sequence[Trigger]) -> Table:
         unit, factor = readable(trigger.unit)
         none = math.isnan(trigger.size)
         size = "nothing tried starts one" if none else cell(trigger.size * factor)
-        table.add_row(with_unit(trigger.name, unit), size, cell(trigger.tried * factor))
+        table.add_row(with_unit(trigger.name, unit or "SI unit"), size, cell(trigger.tried * factor))
     return table
 
 

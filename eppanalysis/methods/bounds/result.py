@@ -394,7 +394,7 @@ class DesignBounds(Listing[BoundCell]):
     def __str__(self) -> str:
         """The bounds from the smallest to the largest, how many were verified, and what is missing."""
         found = [c for c in self.cells if c.finding is Finding.BOUND]
-        at = f"{words(self.over)} {self._span(self.over, [c.value for c in self.cells])}"
+        at = f"{words(self.over)} {self._span(self.over, [c.value for c in found or self.cells])}"
         if not found:
             own = words(self.over)
             places = (f"{own} {self._span(self.over, [c.value])}" for c in self.cells)
