@@ -265,8 +265,8 @@ class Ends:
         if run.n_kept and run.time[run.order[-1]] > 0.5 * t:
             return End.UNDECIDED
         observed = steady_hybrid(self.system, self.at, observed=True)
-        memory = run.memory_values[run.order[-1]] if run.n_kept else self.hybrid.H0
-        start = replace(observed, x0=run.x_end.copy(), H0=memory.copy(), time_scale=self.hybrid.time_scale)
+        x, memory = _end_of_run(self.hybrid, run)
+        start = replace(observed, x0=x.copy(), H0=memory.copy(), time_scale=self.hybrid.time_scale)
         again = self._run(start, _SEEN * t)
         status, facts = judge(start, again, _SEEN * t)
         orbit = orbit_of(start, again, float(facts[1])) if status is Status.LIMIT_CYCLE else None
@@ -292,19 +292,18 @@ class Ends:
         if (ended := self._ended(status, start, run)) is not None:
             return ended
         known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
-        if known is not End.UNDECIDED:
-            return known
-        return self._quiet_cycle(run, t) if self._swings(start, run, t) else self._rested(start, run)
+        if known is End.UNDECIDED:
+            return self._quiet_cycle(run, t) if self._swings(start, run, t) else self._rested(start, run)
+        return known
 
     def _swings(self, start: HybridSystem, run: Run, t: float) -> bool:
         """Whether states swing as far at the end of a long run as in its first t seconds: without damping no rest."""
         swing = []
         for x, H in ((start.x0, start.H0), _end_of_run(start, run)):
             part = self._run(replace(start, x0=x, H0=H), t)
-            # What drifts evenly goes as far as it moves.
-            swing.append((part.high - part.low - np.abs(part.x_end - x))[start.compared])
-        size = np.maximum(self._sizes(), np.abs(start.x0))[start.compared]
-        return bool(np.any(swing[1] > np.maximum(_AS_LARGE * swing[0], _ASIDE * size)))
+            swing.append(part.high - part.low - np.abs(part.x_end - x))  # what drifts evenly goes as far as it moves
+        least = np.maximum(_AS_LARGE * swing[0], _ASIDE * np.maximum(self._sizes(), np.abs(start.x0)))
+        return bool(np.any((swing[1] > least)[start.compared]))
 
     def _rested(self, start: HybridSystem, run: Run) -> End:
         """Keep the state of rest of the first run that settles."""
@@ -406,8 +405,8 @@ class Ends:
     def _tell(self) -> None:
         """How far the search is."""
         if self.progress is not None:
-            found = f"{self.n_boundaries} basin boundaries, {len(self.orbits)} cycles"
-            self.progress(self.n_runs, None, f"{self.system.name}: {self.n_runs} runs, {found}")
+            found = f"{self.n_runs} runs, {self.n_boundaries} basin boundaries, {len(self.orbits)} cycles"
+            self.progress(self.n_runs, None, f"{self.system.name}: {found}")
 
 
 def _end_of_run(start: HybridSystem, run: Run) -> tuple[Array, Array]:

@@ -157,8 +157,7 @@ class LureSystem(Responses):
             sample time is negative, a place for margins is not known, or an element with states of its own has a dead
             time or stands in discrete time.
         """
-        elements = on_common_ticks([as_element(e) for e in elements])
-        A = np.atleast_2d(np.asarray(A, float))
+        elements, A = on_common_ticks([as_element(e) for e in elements]), np.atleast_2d(np.asarray(A, float))
         if A.size and (A.ndim != 2 or A.shape[0] != A.shape[1]):
             raise ModelError(f"{name}: A has shape {A.shape}", expected="a square matrix", field="A")
         n = A.shape[0] if A.size else 0
