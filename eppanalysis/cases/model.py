@@ -7,6 +7,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +76,14 @@ class Case:
     _raw: RawCase = field(repr=False)
     _system: LureSystem = field(repr=False)
     _elbow: ElbowParameters | None = field(repr=False, default=None)
-    _file: Any = field(repr=False, default=None)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_validated"}
+
+    @cached_property
+    def _validated(self) -> Any:
+        """The model of its file; in another process its classes are others, so there it is made once more."""
+        return _model_of(self._raw)
 
     @classmethod
     @checked
@@ -360,7 +368,7 @@ class Case:
             put(data, path, plain, source, name)
             # Its sections too, for what the change makes missing; fields that stay keep their own entries.
             origins.update({".".join(map(str, path[:i])): source for i in range(1, len(path) + 1)})
-        made = load(replace(self._raw, data=data, origins=origins), (self._raw.data, self._file))
+        made = load(replace(self._raw, data=data, origins=origins), (self._raw.data, self._validated))
         for name, value in values.items():
             old, new = (case.parameters.get(name) for case in (self, made))
             # A plain number is in SI units; what a field with a unit of its own refuses has been refused before.
@@ -427,6 +435,10 @@ class Case:
         return KINDS[self.kind].path(name, self._raw.data)
 
 
+def _model_of(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> Any:
+    return validate(raw, {name: kind.file for name, kind in KINDS.items()}, before)
+
+
 def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> Case:
     """The case of a file that has been read and merged; `before` as for :func:`eppanalysis.cases.schema.validate`.
 
@@ -435,7 +447,7 @@ def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> C
     CaseError
         If anything in it is not valid.
     """
-    file = validate(raw, {name: kind.file for name, kind in KINDS.items()}, before)
+    file = _model_of(raw, before)
     parts = KINDS[file.kind].parts(file, raw)
     expected = make_expected(file.expected)
     if expected.signal is not None and expected.signal not in parts.system.signals.names:
@@ -443,20 +455,8 @@ def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> C
     system = parts.system
     if expected.signal is not None and expected.signal != system.signals.names[0]:
         system = replace(system, signals=system.signals.led_by(expected.signal))
-    return Case(
-        raw.name,
-        file.title,
-        file.kind,
-        raw.source,
-        parts.parameters,
-        parts.input,
-        float(file.run.t_end.value),
-        expected,
-        raw,
-        system,
-        parts.elbow,
-        file,
-    )
+    told = raw.name, file.title, file.kind, raw.source, parts.parameters, parts.input, float(file.run.t_end.value)
+    return Case(*told, expected, raw, system, parts.elbow)
 
 
 def json_schema(kind: str) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from eppanalysis.results import LimitCycle
 
 #: Factors on the predicted oscillation (or on the start's distance from rest) at which runs are started.
 SCALES = (0.03, 0.1, 0.25, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0, 3.0, 6.0)
-N_RANDOM = 24
+N_RANDOM = 48
 
 
 @dataclass
@@ -74,7 +74,7 @@ class Told(Ends):
             f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts{rests} "
             f"({ends}); "
             f"{count(self.n_boundaries, 'basin boundary')} bisected for unstable cycles{self._tried()}. "
-            "Unstable cycles that no prediction is near and no boundary leads to may be missed."
+            "Cycles that no prediction is near, and neither a run nor a boundary leads to, may be missed."
             f"{self._pasts()}{self._continua()}{self._unclosed()}{self._left()}"
         )
 
