@@ -183,11 +183,7 @@ class Ends:
         return len(self.orbits) - 1
 
     def outcome(self, x: Array, H: Array, rests_by: float = 0.0) -> End | int:
-        """Where a run from (x, H) ends; of a run that ends on a cycle, the number of that.
-
-        Rest that it comes to within `rests_by` [s] is looked for there: a rest from which rounding leads away again is
-        one all the same.
-        """
+        """Where a run from (x, H) ends, a cycle by its number; rest by `rests_by` [s] counts though it be left."""
         try:
             found = self._outcome(x, H, rests_by)
         except Spent:
@@ -283,18 +279,21 @@ class Ends:
             way = np.maximum(self._sizes(), np.abs(run.x_end - start.x0))
             stands = np.abs(run.rate_end)[start.compared] * t <= _DRIFT * way[start.compared]
             return End.REST if np.all(stands) or np.all(smooth == DELAY_LINE) else End.UNDECIDED
-        # An even drift reaches the next slip in this time; where that is too long the run is not made.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            way = (self._sizes() / np.abs(run.rate_end))[start.compared]
-        late = max(_LATE * t, 4.0 * float(np.max(way, where=way < 0.25 * _LATEST * t, initial=0.0)))
-        run = self._run(start, late)
-        status, facts = judge(start, run, late)
-        if (ended := self._ended(status, start, run)) is not None:
-            return ended
-        known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
-        if known is End.UNDECIDED:
-            return self._quiet_cycle(run, t) if self._swings(start, run, t) else self._rested(start, run)
-        return known
+        # What decays is at rest soon. An even drift reaches its next slip in the time `way`, not too long for a run.
+        late, reached = _LATE * t, 0.0
+        while late > reached:
+            reached = late
+            run = self._run(start, late)
+            status, facts = judge(start, run, late)
+            if (ended := self._ended(status, start, run)) is not None:
+                return ended
+            known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
+            if known is not End.UNDECIDED:
+                return known
+            with np.errstate(divide="ignore", invalid="ignore"):
+                way = (self._sizes() / np.abs(run.rate_end))[start.compared]
+            late = 4.0 * float(np.max(way, where=way < 0.25 * _LATEST * t, initial=0.0))
+        return self._quiet_cycle(run, t) if self._swings(start, run, t) else self._rested(start, run)
 
     def _swings(self, start: HybridSystem, run: Run, t: float) -> bool:
         """Whether states swing as far at the end of a long run as in its first t seconds: without damping no rest."""

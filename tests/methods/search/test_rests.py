@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.models.systems.linear import transfer_function
 from eppanalysis.models.systems.lure import LureSystem
 from tests.stress.families import problem, turned
 
@@ -124,3 +125,10 @@ def test_rest_on_the_edge_of_a_gap_is_named_in_all_coordinates(seed):
     loop = LureSystem.from_tf(([6.0, 2.0], plant), epp.Play(0.6))
     found = epp.find_limit_cycles(loop if seed is None else turned(loop, np.random.default_rng(seed)))
     assert found.settles and found.status is epp.Status.CONVERGED and len(found.stable) == len(found) == 1
+
+
+def test_a_decay_to_the_edge_of_a_gap_takes_no_more_than_its_time():
+    """Where a run that has nearly decayed ends on a gap's edge its rate foretold a slip after a million seconds."""
+    first, second = transfer_function([2.0, 1.0], [1.0, 1.0, 0.0]), transfer_function([1.0], [0.2, 1.0])
+    found = epp.find_limit_cycles(LureSystem.from_blocks([epp.Saturation(-1.0, 1.0), first, epp.Play(0.5), second]))
+    assert found.status is epp.Status.CONVERGED and found.settles and not found
