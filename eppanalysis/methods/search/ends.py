@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.delayed.smooth import closed_behind_delay, is_smooth_delayed
 from eppanalysis.methods.orbits.exact import centre_of, start_of, steady_hybrid
+from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.orbit import Orbit
-from eppanalysis.methods.orbits.shooting import orbit_of, same_orbit
+from eppanalysis.methods.orbits.shooting import close_orbit, orbit_of, same_orbit
 from eppanalysis.methods.search.reach import reach_of_elements
 from eppanalysis.methods.search.rests import Met, note_modes
 from eppanalysis.methods.simulation.effort import Spent, Work, allotted, left
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, repeats_undecided, run_hybrid
+from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
@@ -42,6 +44,8 @@ _ENOUGH_EVENTS = 600
 #: Largest change of a state over a period, relative to its amplitude on a cycle, that counts as rest, and as slow
 #: drift.
 _STILL, _DRIFT = 1e-6, 1e-2
+#: Relative difference of the return of a run from the period of a cycle that it may be on the way to.
+_NEARS = 1e-2
 #: A run is tested for a cycle without switches after this many extensions, on a run this many times as long.
 _QUIET_TURN, _SEEN = 2, 3.0
 #: A state this many times beyond all cycles and its own start that still moves has diverged. The threshold is relative,
@@ -237,16 +241,27 @@ class Ends:
             if known is not End.UNDECIDED:
                 return known
             # Each turn is three times as long.
-            if turn >= 3 and status is not Status.LIMIT_CYCLE and self._says_no_more(start, run, t):
-                break
+            if turn >= 3 and status is not Status.LIMIT_CYCLE and (last := self._at_last(start, run, t)) is not None:
+                return last
             t *= 3.0
         return End.DIVERGENCE if self._has_gone(start, run, t) else End.UNDECIDED
 
-    def _says_no_more(self, start: HybridSystem, run: Run, t: float) -> bool:
-        """Whether a longer run would tell nothing: after many switches that do not become smaller, as they do for long
-        beside a fold, or far out, where elements switch by rounding alone, and without number.
+    def _at_last(self, start: HybridSystem, run: Run, t: float) -> End | int | None:
+        """The outcome of a long run where a longer one would tell nothing: far out, where elements switch by rounding
+        alone, or after many switches that do not become smaller, as they do for long beside a fold. None where it may.
         """
-        return self._has_gone(start, run, t) or (run.count > _ENOUGH_EVENTS and not _dwindles(start, run)[0])
+        if self._has_gone(start, run, t):
+            return End.DIVERGENCE
+        if run.count <= _ENOUGH_EVENTS or _dwindles(start, run)[0]:
+            return None
+        # A motion that is slow beside its switches, as a drive under a switched current, nears its cycle for long.
+        for guess in recurrences(self.hybrid, run, None, 3, _ENOUGH_EVENTS):
+            period, closed = float(guess.tau.sum()), close_orbit(self.hybrid, guess)
+            if closed is not None and is_stable(closed.multipliers, closed.one_of_many):
+                self.add(closed)
+            if any(is_stable(o.multipliers) and abs(period / o.period - 1.0) < _NEARS for o in self.orbits):
+                return None
+        return End.UNDECIDED
 
     def _ended(self, status: Status, start: HybridSystem, run: Run) -> End | None:
         """Where a run ends that goes on no longer; None for one that does."""
