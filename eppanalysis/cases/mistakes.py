@@ -156,7 +156,7 @@ class _Reading:
             part, _, name = error.field.rpartition(".")
             return any(_meant(at.rpartition(".")[2], name) for at in self.gone if at.rpartition(".")[0] == part)
         of_gone = error.field == "run.input" and any(at.startswith("inputs.") for at in self.gone)
-        of_gone |= error.field == "expected.signal" and error.value in self.gone
+        of_gone |= error.field == "expected.signal" and str(error.value) in self.gone
         return of_gone or error.field in self.gone | self.absent
 
     def _as_written(self, error: CaseError) -> CaseError:
@@ -266,7 +266,7 @@ class _Reading:
             written = self._as_written(CaseError("", ".".join(path), "", "")).field
             self.cut.setdefault(path[0], []).append(int(written.partition(".")[2]))
             taken = data[path[0]].pop(int(path[1]))
-            self.fed |= set(NAME.findall(taken)) if path[0] == "connect" else set()
+            self.fed |= set(NAME.findall(str(taken))) if path[0] == "connect" else set()
             return True
         here: Any = data
         for i, key in enumerate(path):

@@ -167,3 +167,19 @@ def test_every_element_of_a_list_is_read_though_one_lacks_fields(tmp_path: Path)
     )
     of_elements = {"0.stiffness", "0.damping", "0.gap", "1.colomb", "1.static"}
     assert {e.field for e in mistakes_in(file).found} == {"loop.C", *(f"loop.elements.{at}" for at in of_elements)}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "field"),
+    [
+        ('"demnd - sensr -> ctrl.inn, ctrl"', "7", "connect.0"),
+        ('run = { t_end = "1 s" }', "expected = { signal = [1] }", "expected.signal"),
+    ],
+)
+def test_another_type_where_a_name_stands_is_one_mistake_of_many(
+    tmp_path: Path, old: str, new: str, field: str
+) -> None:
+    file = tmp_path / "wrong.toml"
+    file.write_text(_SEVERAL.replace(old, new))
+    found = mistakes_in(file).found
+    assert field in {error.field for error in found} and len(found) > 20
