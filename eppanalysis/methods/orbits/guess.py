@@ -55,20 +55,25 @@ class Guess:
             return replace(self.origin[1], event_sequence=self.event_sequence)
         return Arcs.build(hybrid, self.event_sequence)
 
+    def own_arcs(self, hybrid: HybridSystem, unmarked: EventSequence) -> Arcs | None:
+        """The arcs from which it has been marked, where they are those of a sequence in a system."""
+        of, arcs = self.origin or (None, None)
+        return arcs if arcs and of is hybrid.model and arcs.event_sequence.key == unmarked.key else None
+
     @property
     def period(self) -> float:
         """Sum of the dwell times [s]."""
         return float(self.tau.sum())
 
 
-def first_return(hybrid: HybridSystem, run: Run, y: Array, modes: IntArray, guard: int, period: float) -> Guess | None:
-    """From a run that began at y behind an event: the stretch to that event's best return after about a period."""
-    order = run.order
+def first_return(hybrid: HybridSystem, run: Run, y: Array, guess: Guess) -> Guess | None:
+    """From a run that began at y where a guess does: the stretch to that event's best return after about a period."""
+    order, modes, guard = run.order, guess.event_sequence.modes[0], int(guess.event_sequence.guards[-1])
     if run.n_kept == 0 or run.count > run.n_kept:
         return None
     time = run.time[order]
     same = (run.guard[order] == guard) & np.all(run.modes[order] == modes, axis=1)
-    places = np.flatnonzero(same & (np.abs(time / period - 1.0) < 0.5))
+    places = np.flatnonzero(same & (np.abs(time / guess.period - 1.0) < 0.5))
     if places.size == 0:
         return None
     n = hybrid.x0.size
@@ -78,7 +83,7 @@ def first_return(hybrid: HybridSystem, run: Run, y: Array, modes: IntArray, guar
     before = order[:last]
     starts = np.vstack([y[: n + hybrid.H0.size], np.hstack([run.state[before], run.memory_values[before]])])
     tau = np.diff(time[: last + 1], prepend=0.0)
-    return make_guess(hybrid, np.vstack([modes, run.modes[before]]), run.guard[order[: last + 1]], starts, tau)
+    return make_guess(hybrid, np.vstack([modes, run.modes[before]]), run.guard[order[: last + 1]], starts, tau, guess)
 
 
 def one_turn(hybrid: HybridSystem, run: Run, modes: IntArray, period: float) -> Guess | None:
@@ -92,7 +97,9 @@ def one_turn(hybrid: HybridSystem, run: Run, modes: IntArray, period: float) -> 
     return make_guess(hybrid, np.roll(run.modes[within], 1, axis=0), run.guard[within], starts, tau)
 
 
-def make_guess(hybrid: HybridSystem, modes: IntArray, guards: IntArray, starts: Array, tau: Array) -> Guess | None:
+def make_guess(
+    hybrid: HybridSystem, modes: IntArray, guards: IntArray, starts: Array, tau: Array, like: Guess | None = None
+) -> Guess | None:
     """A guess from what a run met, None for one of too many arcs; delayed switches are put in for dead time.
 
     Parameters
@@ -103,6 +110,8 @@ def make_guess(hybrid: HybridSystem, modes: IntArray, guards: IntArray, starts: 
         State and memory values at the begin of each arc.
     tau : array, shape (p,)
         Dwell times [s].
+    like : Guess, optional
+        One whose arcs serve, where the sequences are the same.
     """
     if guards.size > MOST_ARCS:
         return None
@@ -113,7 +122,7 @@ def make_guess(hybrid: HybridSystem, modes: IntArray, guards: IntArray, starts: 
         except ModelError:  # what is delayed moves
             return Guess(it, starts[0].copy(), tau)
     try:
-        arcs = Arcs.build(hybrid, it)
+        arcs = (None if like is None else like.own_arcs(hybrid, it)) or Arcs.build(hybrid, it)
     except ModelError:
         return None
     return Guess(marked(arcs, starts, tau), starts[0].copy(), tau, (hybrid.model, arcs))

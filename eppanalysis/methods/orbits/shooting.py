@@ -7,7 +7,8 @@ from the orbit, and where it meets other events these are taken and the iteratio
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ IntArray = NDArray[np.int64]
 #: Residual with which an orbit that is only begun elsewhere needs no further step.
 _ROUNDING = 1e-14
 _MOST_SEQUENCES = 10
+#: Steps of Newton's method on the engine's return map.
+_MOST_STEPS = 15
 #: An orbit may have this many arcs more than twice those of its guess.
 _MORE_ARCS = 40
 #: Span of a state, relative to its size, that is rounding.
@@ -60,6 +63,7 @@ def close_orbit(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ())
     if (passed := _passed(guess, known)) is not None:
         return passed
     seen: set[bytes] = set()
+    approach = _Approach(iter(()))
     most = 2 * guess.tau.size + _MORE_ARCS
     for _ in range(_MOST_SEQUENCES):
         if guess.tau.size > most:
@@ -80,7 +84,9 @@ def close_orbit(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ())
             if found is None or found.event_sequence.key in seen:
                 return None
         else:
-            found = follow(hybrid, guess)
+            if not approach.goes_on_from(guess):
+                approach = _Approach(_approaching(hybrid, guess))
+            found = approach.best()
             # From a guess that the engine's own return map does not better, Newton's method fails as it has just done.
             if found is None or found is guess or found.event_sequence.key in seen:
                 return None
@@ -327,39 +333,60 @@ def restarted(hybrid: HybridSystem, arcs: Arcs, y: Array, modes: IntArray) -> Hy
     return replace(hybrid, x0=y[: hybrid.x0.size].copy(), H0=y[arcs.memory].copy(), modes0=np.array(modes, np.int64))
 
 
-def follow(hybrid: HybridSystem, guess: Guess) -> Guess | None:
-    """Newton on the engine's own return map, each step with the events that it meets; a guess nearer to the orbit."""
+@dataclass(eq=False)
+class _Approach:
+    """Newton's method on the engine's own return map, and the guesses that it has come to from the best one on.
+
+    Attributes
+    ----------
+    steps : iterator of (Guess, float)
+        See :func:`_approaching`.
+    made : list of (Guess, float)
+        Those that have been taken.
+    """
+
+    steps: Iterator[tuple[Guess, float]]
+    made: list[tuple[Guess, float]] = field(default_factory=list)
+
+    def best(self) -> Guess | None:
+        """The guess nearest to an orbit on so many steps; asked for again, on so many from there."""
+        self.made += islice(self.steps, _MOST_STEPS - len(self.made))
+        if not self.made:
+            return None
+        self.made = self.made[int(np.argmin([size for _, size in self.made])) :]
+        return self.made[0][0]
+
+    def goes_on_from(self, guess: Guess) -> bool:
+        """Whether a guess is the best one so far."""
+        return bool(self.made) and self.made[0][0] is guess
+
+
+def _approaching(hybrid: HybridSystem, guess: Guess) -> Iterator[tuple[Guess, float]]:
+    """Guesses, each with the events that the engine meets on its way, and by how much they do not return."""
     if np.any(hybrid.model.smooth_kind == DELAY_LINE):
-        return None
-    best: Guess | None = None
-    best_size = np.inf
-    for _ in range(15):
+        return
+    found: Guess | None = guess
+    while found is not None:
+        guess = found
         try:
             arcs = guess.arcs(hybrid)
         except ModelError:
-            break
+            return
         orbit = evaluate(hybrid, arcs, guess.y, guess.tau)
         size = float(np.max(np.abs(orbit.r[: arcs.free.size]) / orbit.row_scale[: arcs.free.size]))
         if not size < 1e6:
-            break
-        if size < best_size:
-            best, best_size = guess, size
+            return
+        yield guess, size
         if size < 1e-6:
-            break
+            return
         step = -orbit.correction(orbit.r)
         change = float(np.max(np.abs(step[: arcs.free.size]) / orbit.column_scale[: arcs.free.size]))
         if not np.isfinite(change):
-            break
+            return
         # At most a fifth of the motion's size: farther off the engine meets other events than the derivative is of.
         y, _ = orbit.moved(step * min(1.0, 0.2 / max(change, 1e-300)))
         run = run_from(orbit, 1.6 * guess.period, 4 * guess.tau.size + 40, y)
-        found = first_return(
-            hybrid, run, y, guess.event_sequence.modes[0], int(guess.event_sequence.guards[-1]), guess.period
-        )
-        if found is None:
-            break
-        guess = found
-    return best
+        found = first_return(hybrid, run, y, guess)
 
 
 def orbit_of(hybrid: HybridSystem, run: Run, period: float | None = None) -> Orbit | None:
