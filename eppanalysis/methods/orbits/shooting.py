@@ -84,8 +84,7 @@ def close_orbit(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ())
             if found is None or found.event_sequence.key in seen:
                 return None
         else:
-            if not approach.goes_on_from(guess):
-                approach = _Approach(_approaching(hybrid, guess))
+            approach = approach.begun_at(hybrid, guess)
             found = approach.best()
             # From a guess that the engine's own return map does not better, Newton's method fails as it has just done.
             if found is None or found is guess or found.event_sequence.key in seen:
@@ -356,9 +355,9 @@ class _Approach:
         self.made = self.made[int(np.argmin([size for _, size in self.made])) :]
         return self.made[0][0]
 
-    def goes_on_from(self, guess: Guess) -> bool:
-        """Whether a guess is the best one so far."""
-        return bool(self.made) and self.made[0][0] is guess
+    def begun_at(self, hybrid: HybridSystem, guess: Guess) -> _Approach:
+        """Itself, where a guess is its best so far, or a new one."""
+        return self if self.made and self.made[0][0] is guess else _Approach(_approaching(hybrid, guess))
 
 
 def _approaching(hybrid: HybridSystem, guess: Guess) -> Iterator[tuple[Guess, float]]:
