@@ -23,23 +23,40 @@ def _angle(from_peak, to_trough):
 
 
 @njit(**_INNER)
+def _twice(y, x):
+    """Twice the angle of (x, y), its sine and its cosine."""
+    share = 1.0 / (x * x + y * y)
+    return 2.0 * math.atan2(y, x), 2.0 * x * y * share, (x - y) * (x + y) * share
+
+
+@njit(**_INNER)
 def _squared_sine(theta):
-    """Integral of sin^2 from 0 to theta."""
+    return _squared_sine_to(theta, math.sin(theta), math.cos(theta))
+
+
+@njit(**_INNER)
+def _squared_sine_to(theta, sine, cosine):
+    """Integral of sin^2 from 0 to theta, of which sine and cosine are known."""
     if abs(theta) < _SMALL:
         q = theta * theta
         tail = 2 / 155925 + q * (-2 / 6081075 + q * 4 / 638512875)
         return theta * q * (1 / 3 + q * (-1 / 15 + q * (2 / 315 + q * (-1 / 2835 + q * tail))))
-    return (theta - math.sin(theta) * math.cos(theta)) / 2.0
+    return (theta - sine * cosine) / 2.0
 
 
 @njit(**_INNER)
 def _lever(theta):
-    """Integral of t sin(t) from 0 to theta."""
+    return _lever_to(theta, math.sin(theta), math.cos(theta))
+
+
+@njit(**_INNER)
+def _lever_to(theta, sine, cosine):
+    """Integral of t sin(t) from 0 to theta, of which sine and cosine are known."""
     if abs(theta) < _SMALL:
         q = theta * theta
         tail = 1 / 3991680 - q / 518918400
         return theta * q * (1 / 3 + q * (-1 / 30 + q * (1 / 840 + q * (-1 / 45360 + q * tail))))
-    return math.sin(theta) - theta * math.cos(theta)
+    return sine - theta * cosine
 
 
 @njit(**_INNER)
@@ -131,17 +148,17 @@ def _push(a, inside, q):
     d = (a + inside) / a
     root = math.sqrt(max(q * q + d * (2.0 - d), 0.0))
     edge = d <= 2.0
-    begin = _angle(d, 2.0 - d) if edge else 2.0 * (math.pi - math.atan2(d, q - root))
+    begin, sin_begin, cos_begin = _twice(math.sqrt(d), math.sqrt(2.0 - d)) if edge else _twice(d, root - q)
     # Contact ends where the torque is zero, before the twist is back at the gap (docs/theory/lock_pin.md). With the
     # root in the denominator neither a shallow contact cancels nor d = 2 divides by zero.
-    end = 2.0 * math.atan2(d, q + root)
-    sin_begin, sin_end = math.sin(begin), math.sin(end)
-    held = _squared_sine(begin) + _squared_sine(end)
+    end, sin_end, cos_end = _twice(d, q + root)
+    held = _squared_sine_to(begin, sin_begin, cos_begin) + _squared_sine_to(end, sin_end, cos_end)
     begin_square, end_square = sin_begin * sin_begin, sin_end * sin_end
     real = held + q / 2.0 * (end_square + (begin_square if edge else -begin_square))
     imaginary = q * (held + q / 2.0 * (end_square - (0.0 if edge else begin_square)))
     damper = q * sin_end * (end + q) + (0.0 if edge else q * sin_begin * (q - begin))
-    return a * (_lever(begin) + _lever(end) + damper), real, imaginary
+    levers = _lever_to(begin, sin_begin, cos_begin) + _lever_to(end, sin_end, cos_end)
+    return a * (levers + damper), real, imaginary
 
 
 @njit(**_COMPILED)
