@@ -36,12 +36,12 @@ from numba.core.types import unliteral
 from numba.misc.appdirs import AppDirs
 
 from eppanalysis.kernels.loading import Files
-from eppanalysis.kernels.parts import Part
+from eppanalysis.kernels.parts import Kernel, Part
 
 #: Of other kernels; from here comes no code.
 _IMPORT = re.compile(r"^from eppanalysis\.kernels\.(?!compiling\b)([\w.]+) import ", re.MULTILINE)
 #: Kernels that Python calls, and functions that only kernels call (see :mod:`eppanalysis.kernels.parts`).
-KERNEL = {"cache": True, "nogil": True}
+KERNEL = {"cache": True, "nogil": True, "no_cfunc_wrapper": True}
 PART = {"nogil": True, "pipeline_class": Part, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _place_is_set = Lock()
 
@@ -59,7 +59,7 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def compiled(function: Callable[..., Any]) -> Any:
         folder = store()
-        kernel = numba.njit(**options | {"cache": False})(function)
+        kernel = numba.njit(**{"pipeline_class": Kernel} | options | {"cache": False})(function)
         if options.get("cache") and folder is not None and isinstance(kernel, Dispatcher):
             module = function.__module__.removeprefix(f"{__package__}.")
             with _kept_in(os.path.join(folder, f"{module}-{sources(module)}")):
