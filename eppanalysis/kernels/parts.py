@@ -11,11 +11,12 @@ from __future__ import annotations
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 from numba import _dynfunc
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
+from numba.core.compiler import Compiler, Flags
 from numba.core.compiler_lock import require_global_compiler_lock
 
 
@@ -75,7 +76,53 @@ def _seldom_collecting() -> Iterator[None]:
         gc.set_threshold(*usual)
 
 
-class Kernel(Compiler):
+class _Shared(Flags):
+    """Flags by which numba keeps those of its own functions that a kernel calls, one object for all alike."""
+
+    __hash__, __eq__ = object.__hash__, object.__eq__
+
+    def copy(self) -> Flags:
+        return Flags(self)
+
+
+@cache
+def _shared(**settings: Any) -> _Shared:
+    shared = _Shared()
+    for name, value in settings.items():
+        setattr(shared, name, value)
+    return shared
+
+
+class _Flags(Flags):
+    """Flags of a kernel or part; numba's own functions are not compiled anew for each kind of these."""
+
+    def copy(self) -> Flags:
+        return _shared(nrt=self.nrt, error_model=self.error_model)
+
+
+#: What numba does for language that kernels do without: closures, comprehensions, `with`, loops over mixed tuples.
+_NOT_WRITTEN = {
+    *("WithLifting", "InlineClosureLikes", "RewriteDynamicRaises", "MakeFunctionToJitFunction", "FindLiterallyCalls"),
+    *("LiteralUnroll", "LiteralPropagationSubPipelinePass"),
+}
+
+
+class _Compiler(Compiler):
+    """Numba's compiler."""
+
+    def __init__(self, *settings: Any) -> None:
+        *before, flags, local = settings
+        super().__init__(*before, _Flags(flags), local)
+
+    def define_pipelines(self) -> list[Any]:
+        pipelines = super().define_pipelines()
+        for pipeline in pipelines:
+            pipeline.passes = [one for one in pipeline.passes if one[0].__name__ not in _NOT_WRITTEN]
+            pipeline.finalize()
+        return pipelines
+
+
+class Kernel(_Compiler):
     """Numba's compiler, with parts taken in."""
 
     def compile_extra(self, function: Any) -> Any:
@@ -87,7 +134,7 @@ class Kernel(Compiler):
             return super().compile_extra(function)
 
 
-class Part(Compiler):
+class Part(_Compiler):
     """Numba's compiler, up to the code that is linked into a kernel."""
 
     def __init__(self, *settings: Any) -> None:
