@@ -29,27 +29,48 @@ class _Code(JITCodeLibrary):
     def finalize(self) -> None:
         require_global_compiler_lock()
         self._raise_if_finalized()
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage.name == "external":
+                function.linkage = "linkonce_odr"
         self._finalize_dynamic_globals()
         self._finalized = True
 
     def _get_module_for_linking(self) -> Any:
+        """The code with all that it calls, for functions that numba's own compiler compiles."""
         if self._shared_module is None:
-            for function in self._final_module.functions:
-                if not function.is_declaration and function.linkage.name == "external":
-                    function.linkage = "linkonce_odr"
-            self._shared_module = self._final_module
+            whole = self._final_module.clone()
+            for library in _with_what_they_call(self._linking_libraries):
+                code = library._final_module if isinstance(library, _Code) else library._get_module_for_linking()
+                whole.link_in(code, preserve=True)
+            self._shared_module = whole
         return self._shared_module
+
+
+def _with_what_they_call(libraries: list[Any]) -> list[Any]:
+    """Libraries, and those that their parts link in, each once."""
+    found = dict.fromkeys(libraries)
+    waiting = list(found)
+    while waiting:
+        library = waiting.pop()
+        if isinstance(library, _Code):
+            new = [called for called in library._linking_libraries if called not in found]
+            found |= dict.fromkeys(new)
+            waiting += new
+    return list(found)
 
 
 class _Whole(JITCodeLibrary):
     """Machine code of a function with all that it calls."""
 
-    def add_linking_library(self, library: Any) -> None:
-        """What a part calls is taken in by whoever takes in the part."""
-        if library not in self._linking_libraries:
-            super().add_linking_library(library)
-            for called in library._linking_libraries if isinstance(library, _Code) else ():
-                self.add_linking_library(called)
+    def finalize(self) -> None:
+        others = []
+        for library in _with_what_they_call(self._linking_libraries):
+            if isinstance(library, _Code):
+                self._final_module.link_in(library._final_module, preserve=True)
+            else:
+                others.append(library)
+        self._linking_libraries = others
+        super().finalize()
 
 
 class _Vectors(_Whole):

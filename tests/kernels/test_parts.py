@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 from eppanalysis.kernels.compiling import PART, njit
@@ -48,3 +49,5 @@ def test_a_part_that_two_others_call_is_linked_into_the_kernel() -> None:
     assert kernel(3.0) == 70.0
     caller = njit(nogil=True)(lambda x: kernel(x) + deepest(x))
     assert caller(3.0) == 79.0
+    foreign = numba.njit(lambda x: left(x) * right(x))
+    assert foreign(3.0) == 70.0
