@@ -138,8 +138,9 @@ class LoopVariation(Variation):
         return {name: self._around(name) for name in names} if len(names) == 2 else {}
 
     def _around(self, name: str) -> str:
-        value, unit = self.case.value(name), self.case.unit(name)[0]
-        return f"{0.25 * value!r}:{2.0 * value!r}:9" + (f":{unit}" if unit else "")
+        unit = self.case.unit(name)[1]
+        shown = self.case.value(name) / self.case.si(name, f"1 {unit}".strip())
+        return f"{0.25 * shown:.12g}:{2.0 * shown:.12g}:9" + (f":{unit}" if unit else "")
 
 
 #: The two sides of what need not be symmetric; alone, one of them makes an element that nobody builds.

@@ -26,6 +26,7 @@ from eppanalysis.cli.common import (
     progress,
 )
 from eppanalysis.errors import EppError
+from eppanalysis.readable import quantity
 
 if TYPE_CHECKING:
     from eppanalysis.diagnose.result import Diagnosis
@@ -166,8 +167,8 @@ def _show(fit: BenchFit) -> None:
         typer.echo(f"  {estimate}{note}{identified}")
     for role, left in fit.residuals.items():
         typer.echo(
-            f"  residual of {role}: {left.rms:.3g} {left.unit} rms, autocorrelation {left.autocorrelation:+.2f}, "
-            f"drift {left.drift:+.2g} {left.unit}"
+            f"  residual of {role}: {quantity(left.rms, left.unit, 3)} rms, autocorrelation "
+            f"{left.autocorrelation:+.2f}, drift {quantity(left.drift, left.unit, 2)}"
         )
     typer.echo("  " + " ".join([fit.limit_sentence(), *fit.notes]))
     if not fit.status.ok:

@@ -46,17 +46,19 @@ def response(
     output: Output = None,
 ) -> None:
     """Say how a loop answers a sine: periodic responses, stable and unstable, and over a range their folds."""
+    from eppanalysis.methods.driven.result import ForcedResponse
     from eppanalysis.tables.files import response_table, write_result
 
     if output is not None:
         check_output(output)
     found = load_case(case, settings)
-    name = signal or found.expected.signal
+    name, shown = signal or found.expected.signal, [signal] if signal else list(found.named_signals)
     with progress(f"response {found.name}"):
         result = _asked(found, input, name, amplitude, frequency)
-    answer("response", found, settings, as_json, result.to_dict, lambda: _show(result))
+    answer("response", found, settings, as_json, result.to_dict, lambda: _show(result, shown))
     if output is not None:
-        write_result(result, response_table, output)
+        at_one = {"signals": shown} if isinstance(result, ForcedResponse) else {}
+        write_result(result, response_table, output, **at_one)
 
 
 def _asked(found: Case, input: str | None, signal: str | None, amplitude: str | None, frequency: str | None) -> Any:
@@ -96,13 +98,13 @@ def _numbers(option: str, text: str | None, unit: str) -> list[float]:
         raise EppError(f"{option} {text}: expected {error.expected}, or two with '..' between them.") from None
 
 
-def _show(result: Any) -> None:
+def _show(result: Any, signals: list[str]) -> None:
     from eppanalysis.methods.driven.result import ForcedResponse
     from eppanalysis.tables.console import forced_table, special_responses_table
 
     typer.echo(str(result))
     if isinstance(result, ForcedResponse):
         if len(result):
-            print_table(forced_table(result))
+            print_table(forced_table(result, signals))
     elif any(branch.special for branch in result.branches):
         print_table(special_responses_table(result))

@@ -73,7 +73,7 @@ def plot_guide(guide: Guide, given: Axes | None = None) -> Figure:
     if not any(np.isfinite(row.cell.bound) for row in guide.rows):
         raise EppError(f"{guide.case.name}: no bound was found, so there is nothing to draw.")
     if given is not None:
-        _draw_regions(given, guide, next(iter(groups.values())))
+        given.set_ylim(0.0, _draw_regions(given, guide, next(iter(groups.values())), 1))
         put_legend(given)
         return root_figure(given)
     columns = min(len(groups), 2)
@@ -84,14 +84,15 @@ def plot_guide(guide: Guide, given: Axes | None = None) -> Figure:
     figure = figure_of_height(1.4 + sum(heights))
     places = figure.add_gridspec(len(heights), columns, height_ratios=heights)
     first: Axes | None = None
-    panels = []
+    panels, tops = [], []
     for k, (variant, rows) in enumerate(groups.items()):
         ax = figure.add_subplot(places[k // columns + (above > 0), k % columns], sharex=first, sharey=first)
         first = first or ax
-        _draw_regions(ax, guide, rows)
+        tops.append(_draw_regions(ax, guide, rows, columns))
         title = lines_of(guide.variant_in_words(variant), _LETTERS / columns)
         ax.set_title("\n".join(title), fontsize=SMALL)
         panels.append(ax)
+    panels[0].set_ylim(0.0, max(tops))
     if above:
         _draw_grid(figure.add_subplot(places[0, :]), guide)
     legend_below(figure, *panels)
@@ -126,14 +127,15 @@ def _draw_grid(ax: Axes, guide: Guide) -> None:
     put_legend(ax, handles, loc="upper left", bbox_to_anchor=(0.0, -0.25))
 
 
-def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow]) -> None:
+def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow], columns: int) -> float:
+    """Regions of a variant in one of so many panels side by side, and how far up they are known."""
     (x_unit, x_factor), (unit, factor) = guide.case.readable(guide.over), guide.case.readable(guide.limit)
     rows = sorted(rows, key=lambda row: row.values[guide.over])
     x = x_factor * np.array([row.values[guide.over] for row in rows])
     bound = factor * np.array([row.allowed for row in rows])
     own = factor * rows[0].own
     sign = 1.0 if guide.side is Side.BELOW else -1.0
-    edges, ends = _edges(factor, rows, bound, own, sign)
+    edges, top = _edges(factor, rows, bound, own, sign)
     # A single value has no width: its regions are drawn as a strip around it.
     strip = x.size == 1
     over = x * np.array([0.96, 1.04]) if strip else x
@@ -150,17 +152,18 @@ def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow]) -> None:
     if math.isfinite(own):
         whose = "this elbow" if guide.case.kind == "elbow" else "this case"
         ax.axhline(own, color=GREY, linestyle="--", linewidth=1.0, label=whose)
-    ax.set_ylim(*ends)
     remark = " (small: high gain)" if guide.over == GAIN else ""
-    ax.set_xlabel(f"{with_unit(in_words(guide.over), x_unit)}{remark}", fontsize=SMALL)
+    label = lines_of(f"{with_unit(in_words(guide.over), x_unit)}{remark}", _LETTERS / columns)
+    ax.set_xlabel("\n".join(label), fontsize=SMALL)
     label_up(ax, with_unit(in_words(guide.limit), unit))
     ax.spines[["top", "right"]].set_visible(False)
+    return top
 
 
 def _edges(
     factor: float, rows: Sequence[GuideRow], bound: np.ndarray, own: float, sign: float
-) -> tuple[list[np.ndarray], tuple[float, float]]:
-    """Where the regions begin and end, from the safe side on, and the ends of the axis."""
+) -> tuple[list[np.ndarray], float]:
+    """Where the regions begin and end, from the safe side on, and how far up."""
     rests, runs = (factor * np.array([getattr(row, name) for row in rows]) for name in ("rests_to", "from_rest"))
     known = np.concatenate([[own], bound, rests, runs])
     known = known[np.isfinite(known)]
@@ -175,4 +178,4 @@ def _edges(
     near = np.isfinite(runs) & (np.abs(begun - struck) < _GRID * np.abs(begun))
     struck = np.where(near, begun, struck)
     edge = np.full(bound.size, safe), bound, struck, begun, np.full(bound.size, far)
-    return [np.where(np.isfinite(bound), e, np.nan) for e in edge], (0.0, top)
+    return [np.where(np.isfinite(bound), e, np.nan) for e in edge], top

@@ -150,15 +150,15 @@ def certified_orbit_table(orbit: CertifiedOrbit) -> Table:
     return table
 
 
-def forced_table(found: ForcedResponse) -> Table:
-    """Responses to one sine, a column each: period, stability, and of every signal its size and its component at the
-    input's frequency.
+def forced_table(found: ForcedResponse, signals: Sequence[str] | None = None) -> Table:
+    """Responses to one sine, a column each: period, stability, and of these signals (all by default) their sizes and
+    components at the input's frequency.
     """
     table = table_of("response", *(str(i) for i in range(1, len(found) + 1)))
     table.add_row("periods of the input", *(str(one.multiple) for one in found))
     table.add_row("stability", *("stable" if one.stable else "unstable" for one in found))
     table.add_row("largest multiplier", *(cell(one.largest_multiplier) for one in found))
-    for name in found[0].cycle.peak_to_peak:
+    for name in _these(found[0].cycle.peak_to_peak, signals):
         unit, factor = readable(found[0].cycle.units.get(name, ""))
         table.add_row(
             with_unit(f"{name} peak to peak", unit), *(cell(factor * one.cycle.peak_to_peak[name]) for one in found)

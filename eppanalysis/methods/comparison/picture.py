@@ -78,7 +78,7 @@ def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
     for name, ax in zip(names, runs, strict=True):
         label, factor = label_of(name, ladder.run.units)
         draw_run(ax, ladder.run, name, factor, 0.7)
-        label_up(ax, label, 0.0)
+        label_up(ax, label, 0.75)
     for name, ax in zip(names, close, strict=False):
         draw(ax, ladder, name)
     for group in filter(None, (runs, close)):

@@ -316,7 +316,7 @@ class _Response:
         folds = sorted((s for b in exact for s in b.folds), key=lambda s: float(getattr(s, self.over)))
         where = listed([self._where(fold) for fold in folds])
         parts = [
-            f"Response of {words(self.output)} " + (f"jumps at {where}" if folds else "has no fold, at which it jumps"),
+            f"Response of {words(self.output)} " + (f"jumps at {where}" if folds else "does not jump"),
             f"{count(len(exact), 'branch')} under a sine {what} at {words(self.drive.input)}",
             *(f"{s.kind} at {self._where(s)}" for b in exact for s in b.special if s.kind != Turning.FOLD),
         ]
