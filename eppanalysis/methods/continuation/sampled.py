@@ -124,7 +124,7 @@ class _Here:
             status, found = judge(start, run, t)
             if status is not Status.UNDECIDED or not self.strobe.every or self.strobe.forgets:
                 break
-            start = next(starts_on(self.strobe, run, 1, 1))
+            start = next(starts_on(self.strobe, run, 1, 1), start)
         if status is not Status.LIMIT_CYCLE:
             return None
         if not found[5] and not self.strobe.forgets:

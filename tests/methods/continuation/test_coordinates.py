@@ -12,6 +12,7 @@ import pytest
 
 import eppanalysis as epp
 from tests.coordinates import UNITS, InOtherWords, rescaled, rotated
+from tests.sampled_relay import sampled_relay
 
 #: Parameter and range of a branch: relays, rings, a smooth element, dead time, servos, stiction, an elbow.
 BRANCHES = {
@@ -43,6 +44,14 @@ QUICK = [
     "relay_hyst_goncalves6",
     "two_mass_damped_shaft",
 ]
+#: Sampled loops: a relay, and a converter whose quantisers meet no sample at a tie, which rounding would decide.
+SAMPLED = {
+    "relay": (sampled_relay, ("dead", 0.05, 0.2)),
+    "converter": (
+        lambda: epp.case("buck_converter").with_values({"law.kp": 0.0417, "law.ki": 331.7}),
+        ("supply", 5.0, 5.5),
+    ),
+}
 #: Loops with parts whose units are not told are turned only.
 TURNED_ONLY = {"clegg_loop", "fig8a_original"}
 
@@ -90,6 +99,18 @@ def test_branches_do_not_depend_on_coordinates_and_units(name):
     branch_alike(name, turned(name, 2))
     if name not in TURNED_ONLY:
         branch_alike(name, in_units(name, *UNITS[0]), UNITS[0][1])
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", SAMPLED)
+def test_branches_of_sampled_loops_do_not_depend_on_coordinates(name, seed):
+    make, (parameter, *over) = SAMPLED[name]
+    cases = make(), InOtherWords(make(), lambda system: rotated(system, seed))
+    wanted, found = (epp.continue_branch(case, parameter, *over, n_others=0, max_step=0.1) for case in cases)
+    assert (str(found), found.ends) == (str(wanted), wanted.ends) and found.points["samples"][0] > 8
+    assert [(s.kind, s.note, s.index) for s in found.special] == [(s.kind, s.note, s.index) for s in wanted.special]
+    for key in ("value", "period", "samples", "stable", wanted.signals[0]):
+        np.testing.assert_allclose(found.points[key], wanted.points[key], rtol=1e-6)
 
 
 @pytest.mark.parametrize("seed", [1, 4])
