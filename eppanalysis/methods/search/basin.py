@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from eppanalysis.arguments import checked
 from eppanalysis.methods.orbits.exact import range_of, steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import away
-from eppanalysis.methods.search.ends import decays
+from eppanalysis.methods.search.decay import decays
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.simulation.batch import BatchResult, HybridStack, simulate_batch
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid

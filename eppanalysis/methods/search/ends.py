@@ -17,6 +17,7 @@ from eppanalysis.methods.orbits.exact import centre_of, start_of, steady_hybrid
 from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import close_orbit, orbit_of, same_orbit
+from eppanalysis.methods.search.decay import DRIFT, decays, died_out, dwindles
 from eppanalysis.methods.search.reach import reach_of_elements
 from eppanalysis.methods.search.rests import Met, note_modes
 from eppanalysis.methods.simulation.effort import Spent, Work, allotted, left
@@ -41,9 +42,6 @@ NO_SAMPLES = np.zeros(0)
 MOST_EVENTS = 60_000
 #: A run without an outcome after this many events is not made longer.
 _ENOUGH_EVENTS = 600
-#: Largest change of a state over a period, relative to its amplitude on a cycle, that counts as rest, and as slow
-#: drift.
-_STILL, _DRIFT = 1e-6, 1e-2
 #: Relative difference of the return of a run from the period of a cycle that it may be on the way to.
 _NEARS = 1e-2
 #: A run is tested for a cycle without switches after this many extensions, on a run this many times as long.
@@ -53,11 +51,6 @@ _QUIET_TURN, _SEEN = 2, 3.0
 _FAR = 1e6
 #: Share of its largest value above which a state that oscillates and grows is met; what decays is far below it.
 _GROWN = 1e-3
-#: Switches accumulate: the amplitude between them is taken over this many events, and is rest below this share of the
-#: amplitude of the whole run.
-_PILE, _PILED = 64, 1e-3
-#: The amplitude decays when it is below this share of what it was at the oldest events that a run keeps.
-_DWINDLES = 0.999
 #: A run that seems to settle is made this many times longer, for friction may creep towards its next slip far more
 #: slowly than the linear part moves; a state that drifts is followed this far at most.
 _LATE, _LATEST = 100.0, 1e6
@@ -252,7 +245,7 @@ class Ends:
         """
         if self._has_gone(start, run, t):
             return End.DIVERGENCE
-        if run.count <= _ENOUGH_EVENTS or _dwindles(start, run)[0]:
+        if run.count <= _ENOUGH_EVENTS or dwindles(start, run)[0]:
             return None
         # A motion that is slow beside its switches, as a drive under a switched current, nears its cycle for long.
         for guess in recurrences(self.hybrid, run, None, 3, _ENOUGH_EVENTS):
@@ -268,7 +261,7 @@ class Ends:
         if status is Status.SETTLED:
             return self._rested(start, run)
         if status is Status.EVENT_LIMIT:
-            return self._rested(start, run) if _died_out(start, run) else End.UNDECIDED
+            return self._rested(start, run) if died_out(start, run) else End.UNDECIDED
         return End.DIVERGENCE if status is Status.DIVERGED else None
 
     def _quiet_cycle(self, run: Run, t: float) -> End | int:
@@ -292,7 +285,7 @@ class Ends:
         if smooth.size:  # without long steps that would take minutes
             # What drifts evenly all the time, as a phase that slips for ever does, has not decayed.
             way = np.maximum(self._sizes(), np.abs(run.x_end - start.x0))
-            stands = np.abs(run.rate_end)[start.compared] * t <= _DRIFT * way[start.compared]
+            stands = np.abs(run.rate_end)[start.compared] * t <= DRIFT * way[start.compared]
             return End.REST if np.all(stands) or np.all(smooth == DELAY_LINE) else End.UNDECIDED
         # What decays is at rest soon. An even drift reaches its next slip in the time `way`, not too long for a run.
         late, reached = _LATE * t, 0.0
@@ -348,7 +341,7 @@ class Ends:
         for i, other in enumerate(self.orbits):
             if has_period_of(other, period):  # it only touches a guard, now and then
                 return i
-        if _dwindles(start, run)[0]:
+        if dwindles(start, run)[0]:
             return End.UNDECIDED
         return self._reach(start, float(run.stats[0]))
 
@@ -440,55 +433,6 @@ def _same(one: LimitCycle, other: LimitCycle) -> bool:
     apart += [abs(size[k] - other.peak_to_peak[k]) / size[k] for k in size if size[k] > 0]
     apart += [abs(one.mean[k] - other.mean[k]) / size[k] for k in size if size[k] > 0]
     return max(apart) < _SAME_CYCLE
-
-
-def _died_out(start: HybridSystem, run: Run) -> bool:
-    """Whether switches accumulate while the amplitude between them decays to rest."""
-    if not run.n_kept:  # steps without number, but no switch
-        return False
-    dwindles, now = _dwindles(start, run)
-    return dwindles and now <= _PILED
-
-
-def _dwindles(start: HybridSystem, run: Run) -> tuple[bool, float]:
-    """Whether the last events that a run keeps are smaller than the first, and their size relative to the whole run."""
-    size = np.where(run.high > run.low, run.high - run.low, np.inf)
-    before, now = ((np.ptp(run.state[part], axis=0) / size)[start.compared].max() for part in (
-        run.order[:_PILE], run.order[-_PILE:],
-    ))  # fmt: skip
-    return bool(now < _DWINDLES * before), float(now)
-
-
-def decays(start: HybridSystem, run: Run, t: float, horizon: float, size: Array) -> bool:
-    """Whether a run decays: its states move by rounding only, or drift ever more slowly through a band without gain.
-
-    Parameters
-    ----------
-    t, horizon : float
-        Length of the run, and of some forty periods of the cycles in question [s].
-    size : array, shape (n,)
-        How far the states move on such cycles.
-    """
-    size = np.maximum(size, np.abs(run.x_end - start.x0))[start.compared]
-    if t - _last_motion(start, run, _STILL * size) < 0.3 * t:
-        return False
-    rate = np.abs(run.rate_end)[start.compared]
-    # A state that grows is faster at the end of the run than on average.
-    if np.any(rate * t > 2.0 * size + np.abs(run.x_end)[start.compared] * _STILL):
-        return False
-    return bool(np.all(rate * horizon / 40.0 <= (_STILL if t < 9.0 * horizon else _DRIFT) * size))
-
-
-def _last_motion(start: HybridSystem, run: Run, size: Array) -> float:
-    """Time of the last event at which a state was farther than `size` from where the run ends [s].
-
-    Rounding makes events at standstill where a drive creeps to a stop; they do not count.
-    """
-    away = np.abs(run.state[run.order] - run.x_end)[:, start.compared]
-    moved = np.flatnonzero(np.any(away > size, axis=1))
-    if moved.size:
-        return float(run.time[run.order[moved[-1]]])
-    return float(run.time[run.order[0]]) if run.count > run.n_kept else 0.0
 
 
 def on_rim(known: Orbit, orbit: Orbit) -> bool:

@@ -15,7 +15,7 @@ from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.exact import range_of, steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import starts_on
-from eppanalysis.methods.search.ends import decays
+from eppanalysis.methods.search.decay import decays
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.simulation.kept import Run

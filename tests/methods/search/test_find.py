@@ -18,7 +18,7 @@ from eppanalysis.methods.orbits import orbit, shooting
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.orbits.guess import MOST_ARCS
 from eppanalysis.methods.search import find as cycles
-from eppanalysis.methods.search.ends import decays
+from eppanalysis.methods.search.decay import decays
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.results import Status
 from tests.freeplay import freeplay
