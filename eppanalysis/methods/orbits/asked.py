@@ -96,11 +96,11 @@ class Asked:
         if not _near(found.period, cycle.period, self.tolerance):
             return f"has {number(found.frequency)} Hz"
         names = [k for k, c in cycle.harmonics.items() if len(c) > 1 and abs(c[1]) * abs(found.harmonics[k][1]) > 0]
-        # The estimate holds for the first signal that moves: what comes out of an element may be a difference of large
-        # parts, or the same at any size.
-        ratio = abs(found.harmonics[names[0]][1]) / abs(cycle.harmonics[names[0]][1]) if names else 1.0
-        if not _near(ratio, 1.0, self.tolerance):
-            return f"has {100.0 * ratio:.3g} % of the size ({number(found.frequency)} Hz)"
+        # The estimate holds for the first signal that moves, but that may be a difference of large parts, as what comes
+        # out of an element is the same at any size: the one that is asked for is as large in it or in most signals.
+        ratios = [abs(found.harmonics[k][1]) / abs(cycle.harmonics[k][1]) for k in names] or [1.0]
+        if not any(_near(ratio, 1.0, self.tolerance) for ratio in (ratios[0], float(np.median(ratios)))):
+            return f"has {100.0 * ratios[0]:.3g} % of the size ({number(found.frequency)} Hz)"
         shifts = [abs(found.mean[k] - cycle.mean[k]) / found.peak_to_peak[k] for k in names]
         if shifts and not floats and np.median(shifts) > self.tolerance:
             return f"has another mean ({number(found.frequency)} Hz)"
