@@ -21,7 +21,7 @@ from eppanalysis.cli.common import (
     progress,
 )
 from eppanalysis.errors import EppError
-from eppanalysis.readable import DIGITS, count, number, quantity, readable
+from eppanalysis.readable import DIGITS, count, number, quantity, readable, words
 
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
@@ -93,7 +93,7 @@ def _show_cycles(case: Case, search: CycleSearch, triggers: Sequence[Trigger]) -
         name = case.expected.signal or next(iter(cycle.peak_to_peak))
         kind = "stable  " if cycle.stable else "unstable"
         typer.echo(
-            f"  {kind}  period {number(cycle.period)} s  frequency {number(cycle.frequency)} Hz  {name} "
+            f"  {kind}  period {number(cycle.period)} s  frequency {number(cycle.frequency)} Hz  {words(name)} "
             f"{quantity(cycle.peak_to_peak[name], cycle.units[name])} peak to peak  {cycle.stability_criterion}"
         )
     for hit in triggers:
@@ -102,17 +102,16 @@ def _show_cycles(case: Case, search: CycleSearch, triggers: Sequence[Trigger]) -
 
 def _trigger_text(case: Case, hit: Trigger) -> str:
     """The threshold between its two sides, with as many digits as tell them apart."""
-    system = case.to_system()
-    units = dict(zip(system.signals.names, system.signals.units, strict=False))
-    unit, factor = readable(case.input_unit if hit.name in system.input_names else units.get(hit.name, ""))
-    tail = f" {unit}" if unit else " (SI unit)"
+    external = hit.name in case.to_system().input_names
+    unit, factor = readable(hit.unit or (case.input_unit if external else ""))
+    name, tail = words(hit.name), f" {unit}" if unit else " (SI unit)"
     if math.isnan(hit.size):
-        return f"{hit.name} by up to {number(hit.tried * factor)}{tail} starts no cycle."
+        return f"{name} by up to {number(hit.tried * factor)}{tail} starts no cycle."
     for digits in range(DIGITS, 18):
         starts, settles = (f"{value * factor:.{digits}g}" for value in (hit.starts, hit.settles))
         if starts != settles:
             break
-    return f"{hit.name} by {starts}{tail} starts a cycle; {settles}{tail} settles."
+    return f"{name} by {starts}{tail} starts a cycle; {settles}{tail} settles."
 
 
 def _show_branch(case: Case, over: str, result: Branch) -> None:
@@ -120,7 +119,7 @@ def _show_branch(case: Case, over: str, result: Branch) -> None:
     for branch in (result, *result.others):
         value = branch.points["value"]
         low, high = (case.text(over, float(v), DIGITS) for v in (value.min(), value.max()))
-        typer.echo(f"{count(len(branch), 'orbit')} over {over} between {low} and {high}. {branch.message}")
+        typer.echo(f"{count(len(branch), 'orbit')} over {words(over)} between {low} and {high}. {branch.message}")
         for special in branch.special:
             typer.echo(f"  {special.kind} at {case.text(over, special.value, DIGITS)}: {special.note}")
     for gap in result.missing:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from eppanalysis.readable import ROUNDING, at_rest, in_print, percent, readable, signed_percent, with_unit
+from eppanalysis.readable import ROUNDING, at_rest, in_print, percent, readable, signed_percent, with_unit, words
 from eppanalysis.results import DESCRIBING_FUNCTION, EXACT_ORBIT, SIMULATION
 from eppanalysis.shown import Shown, for_people
 from eppanalysis.tables.cells import cell, table_of
@@ -60,7 +60,7 @@ def rest_table(run: Trajectory, signals: Sequence[str] | None = None) -> Table:
     table = table_of("signal", "rests at")
     for name, value in _these(run.settled_at, signals).items():
         unit, factor = readable(run.units.get(name, ""))
-        table.add_row(with_unit(name, unit), cell(at_rest(value) * factor))
+        table.add_row(with_unit(words(name), unit), cell(at_rest(value) * factor))
     return table
 
 
@@ -160,12 +160,10 @@ def forced_table(found: ForcedResponse, signals: Sequence[str] | None = None) ->
     table.add_row("largest multiplier", *(cell(one.largest_multiplier) for one in found))
     for name in _these(found[0].cycle.peak_to_peak, signals):
         unit, factor = readable(found[0].cycle.units.get(name, ""))
-        table.add_row(
-            with_unit(f"{name} peak to peak", unit), *(cell(factor * one.cycle.peak_to_peak[name]) for one in found)
-        )
-        gains = [one.response(name) for one in found]
-        table.add_row(f"{name} gain", *(cell(abs(gain)) for gain in gains))
-        table.add_row(f"{name} phase [deg]", *(_phase(gain) for gain in gains))
+        spans, gains = [factor * one.cycle.peak_to_peak[name] for one in found], [one.response(name) for one in found]
+        table.add_row(_span_of(name, unit), *map(cell, spans))
+        table.add_row(f"{words(name)} gain", *(cell(abs(gain)) for gain in gains))
+        table.add_row(f"{words(name)} phase [deg]", *map(_phase, gains))
     return table
 
 
@@ -202,7 +200,7 @@ def triggers_table(triggers: Sequence[Trigger]) -> Table:
         unit, factor = readable(trigger.unit)
         none = math.isnan(trigger.size)
         size = "nothing tried starts one" if none else cell(trigger.size * factor)
-        table.add_row(with_unit(trigger.name, unit or "SI unit"), size, cell(trigger.tried * factor))
+        table.add_row(with_unit(words(trigger.name), unit or "SI unit"), size, cell(trigger.tried * factor))
     return table
 
 
@@ -254,7 +252,7 @@ def cycles_table(cycles: Sequence[LimitCycle], signals: Sequence[str] | None = N
         cells = []
         for c in cycles:
             cells += [cell(c.peak_to_peak.get(name, math.nan) * factor), _mean(c, name, factor)]
-        table.add_row(with_unit(name, unit), *cells)
+        table.add_row(with_unit(words(name), unit), *cells)
     if any(c.error_estimate > 1.0 for c in cycles):
         table.caption, table.caption_justify, table.caption_style = _BEYOND, "left", ""
     return table
@@ -283,7 +281,7 @@ def ladder_table(ladder: Ladder, signals: Sequence[str] | None = None) -> Table:
         spans = [cell(_span(c, name) * factor) for c in cycles]
         if not any(_span(c, name) > 0.0 for c in cycles):
             errors = {}  # of what stands still there is nothing to compare but rounding errors
-        add(f"{with_unit(name, unit)} peak to peak", spans, "0", errors.get("peak_to_peak"))
+        add(_span_of(name, unit), spans, "0", errors.get("peak_to_peak"))
         means = [_mean(c, name, factor) for c in cycles]
         add("   mean", means, cell(at_rest(rests.get(name, math.nan)) * factor), errors.get("mean"))
     return table
@@ -292,8 +290,8 @@ def ladder_table(ladder: Ladder, signals: Sequence[str] | None = None) -> Table:
 def rungs_table(ladder: Ladder) -> Table:
     """The rungs of every limit cycle below each other: period, size, errors against the exact cycle, time taken."""
     unit, factor = readable(ladder.run.units.get(ladder.signal, ""))
-    size = with_unit(ladder.signal, unit) + " peak to peak"
-    table = table_of("cycle", "method", "period [s]", size, "error of period", "error of size", "time [s]", "")
+    heads = "cycle", "method", "period [s]", _span_of(ladder.signal, unit)
+    table = table_of(*heads, "error of period", "error of size", "time [s]", "")
     table.columns[1].justify = table.columns[-1].justify = "left"
     numbers = [i for i in dict.fromkeys(row.exact for row in ladder.rows) if i is not None]
     for i in [*sorted(numbers), None]:
@@ -386,9 +384,14 @@ def _first_sentences(ladder: Ladder) -> str:
     if not ladder.errors:
         return ladder.agreement.value
     f, a = ladder.errors["frequency"]["frequency"], ladder.errors.get(ladder.signal, {}).get("peak_to_peak")
-    size = f", {signed_percent(a)} in {ladder.signal}" if a is not None else ""
+    size = f", {signed_percent(a)} in {words(ladder.signal)}" if a is not None else ""
     how = "Agrees" if ladder.agreement.name == "AGREE" else "Is there, but far off"
     return f"{how}: {signed_percent(f)} in frequency{size}."
+
+
+def _span_of(name: str, unit: str) -> str:
+    """What the size of a signal is called."""
+    return with_unit(f"{words(name)} peak to peak", unit)
 
 
 def _span(cycle: LimitCycle, name: str) -> float:

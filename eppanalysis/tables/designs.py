@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from eppanalysis.methods.bounds.result import Finding, Turn
-from eppanalysis.readable import percent, signed_percent, with_unit
+from eppanalysis.readable import percent, signed_percent, with_unit, words
 from eppanalysis.tables.cells import cell, table_of
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def bounds_table(bounds: DesignBounds) -> Table:
         return _sized_bounds_table(bounds)
     proofs = any(c.proved is not None for c in bounds)
     table = table_of(
-        with_unit(bounds.over, x_unit),
+        with_unit(words(bounds.over), x_unit),
         with_unit("first order", y_unit),
         "",
         with_unit("harmonic balance", y_unit),
@@ -65,7 +65,7 @@ def design_table(design: Design) -> Table:
     """The optimum, and the front below it: the tuned parameters, what is active, and whether it is confirmed."""
     names, over = list(design.tune), design.front_over
     own = [] if design.objective in names else [design.objective]
-    heads = [with_unit(name, design.readable[name][0]) for name in ([over] if over else []) + own + names]
+    heads = [with_unit(words(name), design.readable[name][0]) for name in ([over] if over else []) + own + names]
     table = table_of(*heads, with_unit("first order", design.readable[design.limit][0]), "active", "confirmed")
     for place, (value, best) in enumerate([(design.front_own, design.optimum), *design.front]):
         values = {**best.at, **{name: best.objective for name in own}}
@@ -82,7 +82,7 @@ def _searched_bounds_table(bounds: DesignBounds) -> Table:
     """Bounds of a sampled loop: the last value without a cycle, and where one was found."""
     (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
     heads = with_unit("no cycle found", y_unit), with_unit("cycle found", y_unit)
-    table = table_of(with_unit(bounds.over, x_unit), *heads, "frequency [Hz]", "values asked", "runs")
+    table = table_of(with_unit(words(bounds.over), x_unit), *heads, "frequency [Hz]", "values asked", "runs")
     for c in bounds:
         known = [cell(y * c.searched), cell(y * c.other_value), cell(c.frequency)]
         shown = known if c.finding is Finding.BOUND else ["-", "-", c.finding]
@@ -95,12 +95,12 @@ def _sized_bounds_table(bounds: DesignBounds) -> Table:
     assert bounds.allowed is not None
     (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
     table = table_of(
-        with_unit(bounds.over, x_unit),
+        with_unit(words(bounds.over), x_unit),
         with_unit("first order", y_unit),
         "",
         with_unit("exact", y_unit),
         "active",
-        f"{bounds.allowed.signal} there",
+        f"{words(bounds.allowed.signal)} there",
         "frequency [Hz]",
         "verified",
     )

@@ -6,8 +6,10 @@ import csv
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -50,7 +52,7 @@ def test_a_branch_is_in_units_that_people_read() -> None:
     output = run(
         "branch", "wheelchair", "--over", "play.gap", "--from", "12 mm", "--to", "10 mm", "--points", "8"
     ).output
-    assert re.search(r"orbits over play.gap between [\d.]+ mm and 12 mm", output), output
+    assert re.search(r"orbits over play gap between [\d.]+ mm and 12 mm", output), output
 
 
 def test_a_branch_that_covers_a_part_says_which_and_why() -> None:
@@ -62,18 +64,18 @@ def test_a_branch_that_covers_a_part_says_which_and_why() -> None:
 
 def test_cycles_and_triggers_are_in_units_that_people_read(monkeypatch: pytest.MonkeyPatch) -> None:
     hits = (
-        Trigger("harness_position", -0.00024566037, -0.000245660366, -0.000245660378, 1.0),
-        Trigger("theta", 0.01, 0.009999999, 0.01, 1.0),
-        Trigger("theta_dot", math.nan, 0.0, math.nan, 2.0),
+        Trigger("harness_position", -0.00024566037, -0.000245660366, -0.000245660378, 1.0, unit="m"),
+        Trigger("theta", 0.01, 0.009999999, 0.01, 1.0, unit="rad"),
+        Trigger("theta_dot", math.nan, 0.0, math.nan, 2.0, unit="rad/s"),
     )
     monkeypatch.setattr("eppanalysis.methods.search.trigger.trigger", lambda *_, **__: hits)
     output = run("cycles", "fig8a_original", "--trigger").stdout
     assert "theta 4.394 deg peak to peak" in output and "rad " not in output
     # Of a trigger two numbers that differ are told.
     assert [line for line in output.splitlines() if line.startswith("trigger")] == [
-        "trigger: harness_position by -0.24566038 mm starts a cycle; -0.24566037 mm settles.",
+        "trigger: harness position by -0.24566038 mm starts a cycle; -0.24566037 mm settles.",
         "trigger: theta by 0.5729578 deg starts a cycle; 0.5729577 deg settles.",
-        "trigger: theta_dot by up to 114.6 deg/s starts no cycle.",
+        "trigger: theta dot by up to 114.6 deg/s starts no cycle.",
     ]
 
 
@@ -93,6 +95,17 @@ def test_picture_of_all_cycles() -> None:
     assert right.get_ylabel() == "rate of x [1/s]"
     with pytest.raises(EppError, match="no signal"):
         plot_cycles(found, "nothing")
+
+
+def test_picture_of_many_cycles_tells_few_apart() -> None:
+    """The stable ones, largest first; none is left out, and the legend has no line for each."""
+    small, large = cycles_of("relay_deadzone")
+    many = [replace(small, waveform={"x": size * small.waveform["x"]}) for size in np.geomspace(0.1, 5.0, 15)]
+    found = replace(cycles_of("relay_deadzone"), cycles=(*many, large))
+    for ax in found.plot().figure.axes:
+        assert len(ax.lines) == 16 and sum(line.get_linewidth() > 1.0 for line in ax.lines) == 4
+    legend = [text.get_text() for text in found.plot().get_legend().get_texts()]
+    assert legend[0] == "12 more, unstable" and legend[-1] == "stable, 0.158 Hz" and len(legend) == 3
 
 
 def test_picture_shows_a_prediction_that_was_not_closed_as_one() -> None:

@@ -64,7 +64,7 @@ def examples() -> dict[type, Result]:
         trajectory(),
         prediction(),
         cycles_of("relay_deadzone"),
-        Trigger("theta", 0.01, 0.00999, 0.01001, 0.02),
+        Trigger("theta", 0.01, 0.00999, 0.01001, 0.02, unit="rad"),
         Basin(np.array([[0.0, 1.0], [1.0, 1.0], [2.0, 3.0]]), np.array([-1, 0, 0])),
         epp.ladder(epp.case("relay_ideal_khalil79")),
         wheelchair_branch(),

@@ -37,13 +37,32 @@ def test_texts_of_a_case_are_escaped():
 
 def test_triggers_are_in_units_that_people_read():
     triggers = [
-        Trigger("theta", 0.01, 0.0, 0.01, 0.02),
-        Trigger("harness_position", float("nan"), 0.0, float("nan"), 0.03),
+        Trigger("theta", 0.01, 0.0, 0.01, 0.02, unit="rad"),
+        Trigger("harness_position", float("nan"), 0.0, float("nan"), 0.03, unit="m"),
     ]
     assert cells(epp.table(triggers))[3:] == [
         *("theta [deg]", "0.573", "1.146"),
-        *("harness_position [mm]", "nothing tried starts one", "30"),
+        *("harness position [mm]", "nothing tried starts one", "30"),
     ]
+
+
+def test_no_table_of_results_shows_a_name_as_it_is_typed():
+    """Nor does one put the unit before what it is of."""
+    ladder = epp.ladder(epp.case("backlash_servo_unseen"))
+    renamed = {name: name + "_of_motor" for name in ("x", "y")}
+
+    def rename(found):
+        parts = {"mean": found.mean, "peak_to_peak": found.peak_to_peak, "waveform": found.waveform}
+        changed = {part: {renamed[n]: value for n, value in values.items()} for part, values in parts.items()}
+        return replace(found, **changed, units=dict.fromkeys(renamed.values(), "m"))
+
+    tables = [
+        epp.table([rename(ladder.run.limit_cycle)]),
+        epp.table([Trigger("x_of_motor", 1.0, 0.9, 1.1, 2.0, unit="m")]),
+        epp.table(replace(ladder.run, status=epp.Status.SETTLED, limit_cycle=None, settled_at={"x_of_motor": 1.0})),
+    ]
+    for shown in map(str, tables):
+        assert "x of motor" in shown and "_" not in shown, shown
 
 
 def test_an_estimate_that_cannot_tell_is_explained_beside_the_table():

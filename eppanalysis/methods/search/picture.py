@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,15 +41,17 @@ _STABLE, _UNSTABLE = (BLUE, GREEN, SKY), (VERMILLION, ORANGE, GREY)
 #: Words in the middle of an empty panel, and the letters on a line of them.
 _MIDDLE: dict[str, Any] = {"ha": "center", "va": "center", "color": GREY, "fontsize": SMALL}
 _WIDTH = 60
-#: More than these cannot be told apart in one picture.
-_MOST = 12
+#: More than these are not told apart in one picture; what is left over is drawn thin.
+_TOLD_APART = 4
+#: A line that is not told apart from others.
+_THIN: dict[str, Any] = {"color": "#A0A0A0", "linewidth": 0.6}
 
 
 def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | None = None) -> Figure:
     """Every cycle's waveform over its own period, and the signal's rate over the signal; stable solid, unstable dashed.
 
-    Waveforms begin where their fundamental rises through zero. Predictions whose orbits were not found are dotted and
-    grey.
+    Waveforms begin where their fundamental rises through zero. Of many cycles four are told apart, stable and large
+    ones first; the others are thin. Predictions whose orbits were not found are dotted and grey.
 
     Parameters
     ----------
@@ -66,18 +69,16 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
     figure, panels = _places(search, given)
     for ax in panels:
         ax.spines[["top", "right"]].set_visible(False)
-    shown = [*search.cycles[:_MOST], *search.unclosed[:_MOST]]
+    shown = _lines_of(search)
     if not shown:
         for ax in panels:
             ax.set_axis_off()
         text = f"Sought with {search.search}"
         panels[0].text(0.5, 0.5, "\n".join(map(_wrapped, text.split("\n"))), **_MIDDLE, transform=panels[0].transAxes)
         return figure
-    name = _chosen(shown[0], signal)
-    unit, factor = readable(shown[0].units.get(name, ""))
-    used = {True: 0, False: 0}
-    for i, cycle in enumerate(shown):
-        style, text = _unclosed(cycle) if i >= len(search.cycles[:_MOST]) else _listed(cycle, used)
+    name = _chosen(shown[0][0], signal)
+    unit, factor = readable(shown[0][0].units.get(name, ""))
+    for cycle, style, text in shown:
         time, wave = _turned(cycle, name)
         panels[0].plot(time / cycle.period, factor * wave, label=text, **style)
         for right in panels[1:]:
@@ -89,13 +90,26 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
         right.set_xlabel(with_unit(words(name), unit))
         right.set_ylabel(with_unit(f"rate of {words(name)}", f"{unit or '1'}/s"))
     put_legend(panels[0])
-    if len(search) > _MOST:
-        note_below(panels[0], f"Drawn are the {_MOST} smallest of {len(search)}.")
     return figure
 
 
+def _lines_of(search: CycleSearch) -> list[tuple[LimitCycle, dict[str, Any], str]]:
+    """What is drawn, with its line and its words: the cycles told apart on top, stable before unstable ones and large
+    before small ones among them, others as thin lines that share their words.
+    """
+    told = [*search.stable[::-1], *search.unstable[::-1]][:_TOLD_APART]
+    clear = [cycle for cycle in search.cycles if any(cycle is one for one in told)]
+    thin = [cycle for cycle in search.cycles if not any(cycle is one for one in told)]
+    used = {True: 0, False: 0}
+    return [
+        *((cycle, *_thin(cycle, thin)) for cycle in thin),
+        *((cycle, *_listed(cycle, used)) for cycle in clear),
+        *((cycle, *_unclosed(cycle, len(search.unclosed))) for cycle in search.unclosed),
+    ]
+
+
 def _listed(cycle: LimitCycle, used: dict[bool, int]) -> tuple[dict[str, Any], str]:
-    """Line and words of a cycle of the list; `used` counts the colours of each kind."""
+    """Line and words of a cycle that is told apart; `used` counts the colours of each kind."""
     stable = bool(cycle.stable)
     colour = (_STABLE if stable else _UNSTABLE)[used[stable] % 3]
     used[stable] += 1
@@ -103,10 +117,18 @@ def _listed(cycle: LimitCycle, used: dict[bool, int]) -> tuple[dict[str, Any], s
     return style, f"{'stable' if stable else 'unstable'}, {number(cycle.frequency)} Hz"
 
 
-def _unclosed(cycle: LimitCycle) -> tuple[dict[str, Any], str]:
-    """Line and words of a prediction whose orbit was not found, or that a balance leads to without closing it."""
+def _thin(cycle: LimitCycle, others: Sequence[LimitCycle]) -> tuple[dict[str, Any], str]:
+    """Line and words of a cycle that is one of many."""
+    alike = sum(bool(one.stable) == bool(cycle.stable) for one in others)
+    style = {**_THIN, "linestyle": "-" if cycle.stable else "--"}
+    return style, f"{alike} more, {'stable' if cycle.stable else 'unstable'}"
+
+
+def _unclosed(cycle: LimitCycle, n: int) -> tuple[dict[str, Any], str]:
+    """Line and words of one of `n` predictions whose orbits were not found, or that a balance leads to, not closed."""
     doubt = "may not exist" if cycle.may_not_exist else "not closed"
-    return {"color": GREY, "linestyle": ":", "linewidth": 1.3}, f"predicted, {number(cycle.frequency)} Hz ({doubt})"
+    where = f", {number(cycle.frequency)} Hz" if n <= _TOLD_APART else ""
+    return {"color": GREY, "linestyle": ":", "linewidth": 1.3}, f"predicted{where} ({doubt})"
 
 
 def _places(search: CycleSearch, given: Axes | None) -> tuple[Figure, list[Axes]]:

@@ -43,7 +43,7 @@ _DIGITS = 1e-7
 _ROUNDING = 1e-9
 #: Where an elbow is disturbed: at the forearm.
 _FOREARM = ("theta", "theta_dot")
-#: SI units of what an elbow is disturbed at; the inputs and states of other loops have none.
+#: SI units of what an elbow is disturbed at; those of other loops are known by their signals.
 _UNITS = {"harness_position": "m", "theta": "rad", "theta_dot": "rad/s"}
 
 
@@ -74,6 +74,8 @@ class Trigger(Result):
         Largest size tried.
     not_covered : str
         What the runs leave open, in sentences; empty where that is nothing.
+    unit : str
+        SI unit of what is disturbed; empty where none is known.
     operating_point : OperatingPoint or None
         Where the external inputs are held before it.
     """
@@ -84,11 +86,7 @@ class Trigger(Result):
     starts: float
     tried: float
     not_covered: str = ""
-
-    @property
-    def unit(self) -> str:
-        """SI unit of what is disturbed; of loops that are no elbow none is known."""
-        return _UNITS.get(self.name, "")
+    unit: str = ""
 
     def __str__(self) -> str:
         """From which size on it starts a cycle, or up to which it starts none."""
@@ -110,7 +108,7 @@ class Trigger(Result):
         """Which sizes settle and which start a cycle."""
         return self.drawn("plot_trigger", ax)
 
-    in_json = "name size settles starts tried not_covered operating_point provenance"
+    in_json = "name size settles starts tried not_covered unit operating_point provenance"
 
 
 def trigger(
@@ -166,8 +164,8 @@ def trigger(
     to = Judge(40.0 * max(c.period for c in found), size)
     rest = _rest(hybrid, system, at, to)
     out: list[Trigger] = []
-    for name, apply, scale in _directions(system, hybrid, rest, amplitude, states):
-        both = [_threshold(name, apply, sign * scale, to) for sign in (1.0, -1.0)]
+    for name, unit, apply, scale in _directions(system, hybrid, rest, amplitude, states):
+        both = [replace(_threshold(name, apply, sign * scale, to), unit=unit) for sign in (1.0, -1.0)]
         out += sorted(both, key=lambda k: (not np.isfinite(k.size), abs(k.size)))
     made_by = Provenance("smallest disturbance by runs", {"system": system.name}, {"size": _DIGITS})
     beside = _AT_SAMPLES if is_sampled(system.elements) else ""
@@ -232,13 +230,13 @@ def _carried(system: LureSystem, at: OperatingPoint) -> Array:
     return np.asarray(change if fits else np.zeros(change.size), float)
 
 
-Direction = tuple[str, Callable[[float], HybridSystem], float]
+Direction = tuple[str, str, Callable[[float], HybridSystem], float]
 
 
 def _directions(
     system: LureSystem, hybrid: HybridSystem, rest: HybridSystem, amplitude: Array, states: Sequence[str] | None
 ) -> Iterator[Direction]:
-    """Name, the system disturbed by a size, and the size that compares with the cycle."""
+    """Name and unit, the system disturbed by a size, and the size that compares with the cycle."""
     z = np.abs(system.C) @ amplitude
 
     def moved(place: int) -> Callable[[float], HybridSystem]:
@@ -253,7 +251,8 @@ def _directions(
         on = np.abs(system.D_input[:, i])
         # A step of this input that moves an element's input as far as the cycle does.
         reach = float(np.max(np.where(on > 0, z / np.where(on > 0, on, 1.0), 0.0), initial=0.0))
-        yield name, moved(hybrid.n_plant + i), reach or max(abs(float(system.v0[i])), 1.0)
+        unit = _UNITS.get(name) or system.signals.unit_of(external=i)
+        yield name, unit, moved(hybrid.n_plant + i), reach or max(abs(float(system.v0[i])), 1.0)
     usual = [n for n in _FOREARM if n in system.state_names] or system.state_names
     for name in usual if states is None else states:
         if name not in system.state_names:
@@ -261,7 +260,8 @@ def _directions(
             raise EppError(f"{system.name}: there is no state {name!r}; expected one of: {known}.")
         place = system.state_names.index(name)
         if hybrid.compared[place]:
-            yield name, moved(place), float(amplitude[place]) or 1.0
+            unit = _UNITS.get(name) or system.signals.unit_of(state=place)
+            yield name, unit, moved(place), float(amplitude[place]) or 1.0
 
 
 def _threshold(name: str, apply: Callable[[float], HybridSystem], scale: float, to: Judge) -> Trigger:

@@ -45,9 +45,19 @@ class Linear:
         if start.shape != (n,):
             raise ModelError(name, start.tolist(), f"{count(n, 'number')}, one for each state", field="start")
         given: Sequence[str] | None = getattr(block, "state_names", None)
-        default = (name,) if n == 1 else tuple(f"{name}_{i + 1}" for i in range(n))
         inputs, outputs = (tuple((name, port) for port in ports) for ports in (block.inputs, block.outputs))
-        return cls(system, inputs, outputs, start, default if given is None else tuple(given))
+        return cls(system, inputs, outputs, start, tuple(_states_of(name, block) if given is None else given))
+
+
+def _states_of(name: str, block: Block) -> list[str]:
+    """What the states of a block are called: after the port that puts one out as it is, else by their numbers."""
+    system, several = block.state_space(), len(block.outputs) > 1
+    n = len(system.A)
+    names = [name] if n == 1 else [f"{name}_{i + 1}" for i in range(n)]
+    for row, straight, port in zip(system.C, system.D, block.outputs, strict=True):
+        if several and n > 1 and not straight.any() and np.array_equal(row, row.astype(bool)) and row.sum() == 1.0:
+            names[int(row.argmax())] = f"{name}_{port}"
+    return names
 
 
 def closed_blocks(blocks: Mapping[str, Linear], wires: Wires, who: str) -> StateSpace:

@@ -37,6 +37,14 @@ class SignalMap:
         """The signals with these units, by their names; none for one that is not among them."""
         return replace(self, units=tuple(known.get(name, "") for name in self.names))
 
+    def unit_of(self, state: int = -1, external: int = -1) -> str:
+        """The unit of a state or an external input, where a signal is just that; empty where none is."""
+        on = np.hstack([self.C, self.D_input, self.D, self.constant[:, None]])
+        alone = np.zeros(on.shape[1])
+        alone[state if state >= 0 else self.C.shape[1] + external] = 1.0
+        units = (unit for row, unit in zip(on, self.units, strict=False) if unit and np.array_equal(row, alone))
+        return next(units, "")
+
 
 def require(name: str, what: str, given: object, holds: bool, expected: str) -> None:
     """Refuse what a loop called `name` is given where it does not hold."""
