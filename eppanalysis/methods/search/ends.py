@@ -18,7 +18,7 @@ from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import close_orbit, orbit_of, same_orbit
 from eppanalysis.methods.search.decay import DRIFT, decays, died_out, dwindles
-from eppanalysis.methods.search.reach import reach_of_elements
+from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_elements
 from eppanalysis.methods.search.rests import Met, note_modes
 from eppanalysis.methods.simulation.effort import Spent, Work, allotted, left
 from eppanalysis.methods.simulation.kept import Run
@@ -322,10 +322,17 @@ class Ends:
         """Whether a run has diverged: it is far beyond all cycles and still moves. Integrators pass no fixed bound."""
         n = start.n_plant
         here, size = np.abs(run.x_end[:n]), np.maximum(self._sizes()[:n], np.abs(start.x0[:n]))
-        # A size may be rounding alone. What has been far larger before does not grow.
+        # What has been far larger before does not grow.
         grown = here > _GROWN * np.maximum(np.abs(run.low), np.abs(run.high))[:n]
         moves = np.abs(run.rate_end[:n]) * t > 0.5 * here
-        return bool(np.any((here > _FAR * size) & (size > 0) & grown & moves))
+        far = (here > _FAR * size) & (size > 0) & grown & moves
+        return bool(np.any(far) and np.any(far & (here > _FAR * self._least_sizes)))
+
+    @cached_property
+    def _least_sizes(self) -> Array:
+        """How far states swing at least where elements matter; a start has some of them at rounding alone."""
+        swings = np.abs(oscillations_at_reach(self.system)[0]).min(axis=1, initial=np.inf)
+        return np.where(np.isfinite(swings), swings, 0.0)
 
     def _recognise(self, start: HybridSystem, run: Run, period: float | None) -> End | int:
         """Number of the cycle that a run is on at its end."""
