@@ -22,7 +22,7 @@ from eppanalysis.methods.describing.curves import roots_at_once
 from eppanalysis.methods.orbits.guess import Guess, make_guess
 from eppanalysis.methods.orbits.mirrored import mirror
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.linear import balanced
+from eppanalysis.models.systems.linear import balanced, integrators_apart
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -84,12 +84,15 @@ class Pulses:
             return None
         n, (modes, guards, level) = hybrid.n_plant, turn
         A, units = balanced(model.A)
+        apart, _, moving = integrators_apart(A)
+        if np.any(apart[moving:, moving:]):  # integrators in a chain have no modes
+            return None
         poles, vectors = (np.asarray(a, complex) for a in np.linalg.eig(A))
         if np.linalg.cond(vectors) > _ILL:
             return None
         given = np.asarray(np.linalg.solve(vectors, model.B[:, 0] / units), complex)
         vectors = units[:, None] * vectors
-        poles = np.where(np.abs(poles) < 1e-9 * np.abs(poles).max(initial=0.0), 0.0, poles)
+        poles[np.argsort(np.abs(poles))[: n - moving]] = 0.0
         if not np.any(poles):
             return None
         centre = image[:n, -1] / 2.0
