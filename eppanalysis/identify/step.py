@@ -267,14 +267,14 @@ def _settle(response: Response, q: Array, names: Sequence[str], seed: int) -> _S
     ends = (np.minimum(cloud.mean - spread, q), np.maximum(cloud.mean + spread, q))
     held: dict[str, str] = {}
     together: dict[str, str] = {}
-    for name in _vague(response, q, cloud.matrix, names):
-        partner = _partner(response, cloud.matrix, name)
+    # Along a ridge the best place is anywhere: how wide an interval is beside its value is asked where others are held.
+    while new := [n for n in _vague(response, q, cloud.matrix, names) if n not in held and n not in together]:
+        name, partner = new[0], _partner(response, cloud.matrix, new[0])
         if held and not _vague(response, q, _given(response, cloud.matrix, held), [name]):
             together[name] = partner or next(iter(held))
         else:
             held[name] = partner
-    for name in held:
-        q = _hold(response, q, cloud.matrix, name)
+            q = _hold(response, q, cloud.matrix, name)
     # With one parameter fixed the others are as uncertain as if it were known; the intervals also span the other fits.
     near = student * np.sqrt(np.maximum(np.diag(_given(response, cloud.matrix, held)), 0.0)) if held else 0.0
     return _Solution(response, q, np.minimum(ends[0], q - near), np.maximum(ends[1], q + near), held, together, cloud)
