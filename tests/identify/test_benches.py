@@ -169,5 +169,5 @@ def test_case_carries_marks_and_tolerances(tmp_path):
 
 def test_pictures_have_labels_and_units(tmp_path):
     figure = identify(backlash_cycling(3, torque=True), tmp_path, "backlash").plot().figure
-    labels = {ax.get_ylabel() for ax in figure.axes}
+    labels = {ax.get_ylabel().replace("\n", " ") for ax in figure.axes}
     assert {"angle [deg]", "force [N]", "residual [N]"} <= labels

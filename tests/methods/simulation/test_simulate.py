@@ -556,7 +556,7 @@ def test_a_converter_of_many_switches_is_seen_on_its_cycle() -> None:
     )  # fmt: skip
     run = epp.simulate(loop, max_events=20_000)
     assert run.status is Status.LIMIT_CYCLE and run.note in str(run) and "max_events" in run.note
-    duty = run.limit_cycle.mean["hysteresisrelay_output"] / volts
+    duty = run.limit_cycle.mean["hysteresis_relay_output"] / volts
     assert run.limit_cycle.period == pytest.approx(2.0 * h * L / (duty * (1.0 - duty) * volts * esr), rel=2e-2)
 
 
