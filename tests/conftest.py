@@ -29,7 +29,7 @@ settings.load_profile("fixed")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-#: Calls the kernels that most tests need: those of runs, and beside them those of predictions and orbits.
+#: Calls the kernels that most tests need: those of runs, and beside them those of predictions, balances and orbits.
 RUNS = """
 import eppanalysis as epp
 
@@ -44,9 +44,13 @@ case, play = epp.case("relay_deadzone"), epp.AutomatonElement(epp.Play(1.0).auto
 play.describing_function([2.0])
 epp.RateLimiter(1.0).describing_function([2.0])
 predicted = epp.predict_limit_cycles(case)[-1]
+elbow = epp.case("fig8a_original")
+epp.harmonic_balance(elbow, epp.predict_limit_cycles(elbow)[-1])
 input()
 orbit = epp.exact_orbit(case, predicted)
 epp.continue_branch(case, "relay_dead_zone.threshold", 1.0, 1.1, cycle=orbit, n_points=2, n_others=0)
+smooth = epp.case("van_der_pol_mu1")
+epp.exact_orbit(smooth, epp.predict_limit_cycles(smooth)[-1])
 """
 COMPILING = pytest.StashKey[list[subprocess.Popen[bytes]]]()
 

@@ -20,11 +20,15 @@ from numba.core.compiler import Compiler, Flags
 from numba.core.compiler_lock import require_global_compiler_lock
 
 
-class _Code(JITCodeLibrary):
-    """LLVM code that is linked into others, and never run from here."""
+class _AsWritten(JITCodeLibrary):
+    """LLVM code of single functions that is not optimised before it stands in a whole."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
+
+
+class _Code(_AsWritten):
+    """LLVM code that is linked into others, and never run from here."""
 
     def finalize(self) -> None:
         require_global_compiler_lock()
@@ -59,8 +63,12 @@ def _with_what_they_call(libraries: list[Any]) -> list[Any]:
     return list(found)
 
 
-class _Whole(JITCodeLibrary):
-    """Machine code of a function with all that it calls."""
+class _Whole(_AsWritten):
+    """Machine code of a function with all that it calls.
+
+    Long products are written as vectors: LLVM is not asked to make vectors of other loops, which are over a few states.
+    That was a third of its time, and the code was no faster.
+    """
 
     def finalize(self) -> None:
         others = []
@@ -71,14 +79,6 @@ class _Whole(JITCodeLibrary):
                 others.append(library)
         self._linking_libraries = others
         super().finalize()
-
-
-class _Vectors(_Whole):
-    """Machine code of a kernel without counted references, whose long products are written as vectors.
-
-    LLVM is not asked to make vectors of its other loops, which are over a few states, nor to prune counts beforehand:
-    that was a third of its time, and the code was no faster.
-    """
 
     def _optimize_final_module(self) -> None:
         made = self._codegen._module_pass_manager(opt=2, loop_vectorize=False, slp_vectorize=False)
@@ -148,8 +148,7 @@ class Kernel(_Compiler):
 
     def compile_extra(self, function: Any) -> Any:
         """Compile a function that Python or another kernel calls."""
-        library = _Whole if self.state.flags.nrt else _Vectors
-        self.state.library = library(self.state.targetctx.codegen(), function.__qualname__)
+        self.state.library = _Whole(self.state.targetctx.codegen(), function.__qualname__)
         self.state.library.enable_object_caching()  # so that it can be kept in a file
         with _seldom_collecting():
             return super().compile_extra(function)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import eppanalysis as epp
 from eppanalysis.kernels.responses import response_and_slope
 
 Array = np.ndarray
@@ -42,3 +43,12 @@ def test_at_a_pole_they_are_those_beside_it() -> None:
     beside = 2.0**-52
     assert response == pytest.approx(1.0 / (1.0 - (1.0 + beside) ** 2), rel=1e-3)
     assert abs(slope) == pytest.approx(2.0 * abs(response) ** 2, rel=1e-3)
+
+
+def test_one_code_serves_the_arrays_of_all_systems() -> None:
+    """Those that may be written and those that may not, of a loop and of cases."""
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0]), epp.Relay())
+    loop.frequency_response([1.0, 2.0]), loop.signal_response(1.0), loop.state_response(1.0)
+    for name in ("relay_deadzone", "fig8a_original"):
+        epp.predict_limit_cycles(epp.case(name))
+    assert len(response_and_slope.signatures) == 1

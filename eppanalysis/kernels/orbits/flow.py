@@ -32,7 +32,10 @@ MOST_SERIES = 10_000
 
 
 class Channels(NamedTuple):
-    """The smooth channels of a model, under the names that they have there."""
+    """The smooth channels of a model, under the names that they have there.
+
+    Kernels take None where none acts on any arc: what handles them is not compiled then.
+    """
 
     smooth_kind: np.ndarray  # (s,) int
     smooth_x: np.ndarray  # (s, n)
@@ -56,6 +59,8 @@ class Numbers(NamedTuple):
 @njit(**PART)
 def numbers_of(channels, F, S):
     """The numbers of an arc; where no derivative by a parameter is asked for they stand in for it, unread."""
+    if channels is None:
+        return None
     return Numbers(F, S, channels.smooth_x, channels.smooth_H, channels.smooth_s, channels.smooth_scale)
 
 
@@ -150,7 +155,7 @@ def affine_change(F, by, y, tau, change, end):
 
 
 @njit(**PART)
-def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope, by):
+def smooth_flow(channels, arc, F, S, y, tau, most, end, Phi, sigma, slope, by):
     """State at the end of an arc with smooth channels, its derivative, and there the channels with their slopes.
 
     The derivative Phi (N, N) is that by the state at the begin. With one more column (N, N + 1) it holds the change
@@ -159,6 +164,9 @@ def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope, by)
     Returns the number of series made. The end is not a number where it is not reached with `most` of them: the stiffer
     the motion, the shorter its series.
     """
+    if channels is None:
+        return 0
+    sense = channels.sense[arc]
     n, N = F.shape
     n_s = S.shape[1]
     H = y[n:].copy()
@@ -206,7 +214,7 @@ def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope, by)
     fill_rows(Phi[:n], P)
     for i in range(n, N):
         Phi[i, i] = 1.0
-    channels_at(channels, sense, x, H, sigma, slope)
+    channels_at(channels, arc, x, H, sigma, slope)
     return made
 
 
@@ -382,8 +390,11 @@ def _channel_term(model, sense, j, k, X, H, Sg, arg, aux, slope):
 
 
 @njit(**PART)
-def channels_at(model, sense, x, H, sigma, slope):
+def channels_at(model, arc, x, H, sigma, slope):
     """Values and slopes of the smooth channels at the end of an arc."""
+    if model is None:
+        return
+    sense = model.sense[arc]
     for j in range(sigma.size):
         kind, scale = model.smooth_kind[j], model.smooth_scale[j]
         a = 0.0

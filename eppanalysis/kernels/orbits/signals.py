@@ -30,9 +30,7 @@ def states_at(channels, F, S, smooth, starts, marks, times, out):
         t = times[i] - marks[a]
         if smooth[a]:
             own = numbers_of(channels, F[a], S[a])
-            smooth_flow(
-                channels, channels.sense[a], F[a], S[a], starts[a], t, MOST_SERIES, out[i], Phi, sigma, slope, own
-            )
+            smooth_flow(channels, a, F[a], S[a], starts[a], t, MOST_SERIES, out[i], Phi, sigma, slope, own)
         else:
             affine_flow(F[a], starts[a], t, out[i], Phi, square)
 
@@ -55,15 +53,12 @@ def extents(channels, F, S, smooth, Y, Ys, starts, tau, low, high):
         for k in range(steps + 1):
             if k and smooth[a]:
                 own = numbers_of(channels, F[a], S[a])
-                smooth_flow(
-                    channels, channels.sense[a], F[a], S[a], node[k - 1], d, MOST_SERIES, node[k], Phi, sigma, change,
-                    own,
-                )  # fmt: skip
+                smooth_flow(channels, a, F[a], S[a], node[k - 1], d, MOST_SERIES, node[k], Phi, sigma, change, own)
             elif k == 1:
                 affine_flow(F[a], node[0], d, node[1], Phi, square)
             elif k:
                 _carry(Phi, node[k - 1], node[k], n)
-            channels_at(channels, channels.sense[a], node[k, :n], node[k, n:], sigma, change)
+            channels_at(channels, a, node[k, :n], node[k, n:], sigma, change)
             rate_at(F[a], S[a], node[k], sigma, rate)
             for s in range(n_y):
                 # Rates at the nodes tell in which steps a signal turns: extrema at a switch are nodes, all others lie
@@ -125,7 +120,7 @@ def _turning_value(channels, a, F, S, smooth, Y, Ys, y, d, left, right, end, squ
             t = (t0 * right - t1 * left) / (right - left)
         if smooth:
             own = numbers_of(channels, F, S)
-            smooth_flow(channels, channels.sense[a], F, S, y, t, MOST_SERIES, end, Phi, sigma, change, own)
+            smooth_flow(channels, a, F, S, y, t, MOST_SERIES, end, Phi, sigma, change, own)
         else:
             affine_flow(F, y, t, end, Phi, square)
         rate_at(F, S, end, sigma, rate)

@@ -23,34 +23,42 @@ from eppanalysis.kernels.orbits.flow import (
 @njit(**PART)
 def guard_at(channels, g, gs, smooth, end, sigma, slope, row):
     """Value of the guard that ends an arc, and its derivative by y into `row`, at the arc's end."""
-    n = channels.smooth_x.shape[1]
     fill(row, g)
-    value = 0.0
-    if smooth:
-        # From the last channel back: each hands its weight on to those in its argument.
-        weight = gs.copy()
-        for j in range(sigma.size - 1, -1, -1):
-            value += gs[j] * sigma[j]
-            through = weight[j] * slope[j]
-            if through != 0.0:
-                accumulate(row[:n], through, channels.smooth_x[j])
-                accumulate(row[n:], through, channels.smooth_H[j])
-                for i in range(j):
-                    weight[i] += through * channels.smooth_s[j, i]
+    value = _guard_channels(channels, gs, sigma, slope, row) if smooth else 0.0
     for j in range(end.size):
         value += g[j] * end[j]
     return value
 
 
+@njit(**PART)
+def _guard_channels(channels, gs, sigma, slope, row):
+    """What the smooth channels add to a guard's value, and to its derivative by y in `row`."""
+    value = 0.0
+    if channels is None:
+        return value
+    n = channels.smooth_x.shape[1]
+    # From the last channel back: each hands its weight on to those in its argument.
+    weight = gs.copy()
+    for j in range(sigma.size - 1, -1, -1):
+        value += gs[j] * sigma[j]
+        through = weight[j] * slope[j]
+        if through != 0.0:
+            accumulate(row[:n], through, channels.smooth_x[j])
+            accumulate(row[n:], through, channels.smooth_H[j])
+            for i in range(j):
+                weight[i] += through * channels.smooth_s[j, i]
+    return value
+
+
 @njit(**KERNEL)
-def along(channels, sense, F, S, g, gs, smooth, y, tau, end, Phi, sigma, row):
-    """One arc from y: fill its end and the derivative Phi of that, the channels there, and the guard's derivative."""
+def along(channels, a, F, S, g, gs, smooth, y, tau, end, Phi, sigma, row):
+    """Arc a from y: fill its end and the derivative Phi of that, the channels there, and the guard's derivative."""
     n, N = F.shape
     slope = np.zeros(S.shape[1])
     sigma[:] = 0.0
     if smooth:
         own = numbers_of(channels, F, S)
-        smooth_flow(channels, sense, F, S, y, tau, MOST_SERIES, end, Phi, sigma, slope, own)
+        smooth_flow(channels, a, F, S, y, tau, MOST_SERIES, end, Phi, sigma, slope, own)
     else:
         affine_flow(F, y, tau, end, Phi, room(F.reshape((1, n, N))))
     guard_at(channels, g, gs, smooth, end, sigma, slope, row)
@@ -59,12 +67,12 @@ def along(channels, sense, F, S, g, gs, smooth, y, tau, end, Phi, sigma, row):
 @njit(**PART)
 def _guard_change(channels, by, dg, dgs, gs, smooth, end, sigma, slope):
     """Change of the guard that ends an arc with a parameter, the state at its end held; `by` has the derivatives."""
-    n = channels.smooth_x.shape[1]
     value = 0.0
     for j in range(end.size):
         value += dg[j] * end[j]
-    if not smooth:
+    if channels is None or not smooth:
         return value
+    n = channels.smooth_x.shape[1]
     weight = gs.copy()
     for j in range(sigma.size - 1, -1, -1):
         value += dgs[j] * sigma[j]
@@ -149,9 +157,7 @@ def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, most,
         fill(starts[a], y)
         if smooth[a]:
             own = numbers_of(channels, F[a], S[a])
-            made += smooth_flow(
-                channels, channels.sense[a], F[a], S[a], y, tau[a], most - made, ends[a], Phi, sigma, slope, own
-            )
+            made += smooth_flow(channels, a, F[a], S[a], y, tau[a], most - made, ends[a], Phi, sigma, slope, own)
         else:
             sigma[:], slope[:] = 0.0, 0.0
             affine_flow(F[a], y, tau[a], ends[a], Phi, square)
@@ -231,9 +237,7 @@ def sweep_by(
     for a in range(p):
         by = numbers_of(of_channels, dF[a], dS[a])
         if smooth[a]:
-            smooth_flow(
-                channels, channels.sense[a], F[a], S[a], starts[a], tau[a], MOST_SERIES, end, wide, sigma, slope, by
-            )
+            smooth_flow(channels, a, F[a], S[a], starts[a], tau[a], MOST_SERIES, end, wide, sigma, slope, by)
             for i in range(N):
                 moved[i] = wide[i, N]
                 for j in range(N):

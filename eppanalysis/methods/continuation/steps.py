@@ -469,5 +469,5 @@ def _ranges(orbit: Orbit, Y: Array, Ys: Array) -> tuple[Array, Array]:
     from eppanalysis.kernels.orbits.signals import extents
 
     arcs, low, high = orbit.arcs, np.empty(Y.shape[1]), np.empty(Y.shape[1])
-    extents(arcs.channels, arcs.F, arcs.S, arcs.smooth, Y, Ys, orbit.starts, orbit.tau, low, high)
+    extents(arcs.acting, arcs.F, arcs.S, arcs.smooth, Y, Ys, orbit.starts, orbit.tau, low, high)
     return low, high

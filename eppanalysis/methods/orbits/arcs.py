@@ -127,6 +127,11 @@ class Arcs:
         return self.g.shape[1]
 
     @cached_property
+    def acting(self) -> Channels | None:
+        """The smooth channels, for kernels; None where none acts on any arc."""
+        return self.channels if self.smooth.any() else None
+
+    @cached_property
     def memory(self) -> slice:
         """Where the memory values of the loop stand in y (the delayed values follow)."""
         first = self.n_state + self.n_timers

@@ -236,7 +236,7 @@ def evaluate(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Orbit:
     starts, ends = np.empty((p + 1, N)), np.empty((p, N))
     A, r, speed = np.empty((m + p, m + p)), np.empty(m + p), np.empty(p)
     made = sweep(
-        arcs.channels, arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.smooth, arcs.event_sequence.at_once, y, tau,
+        arcs.acting, arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.smooth, arcs.event_sequence.at_once, y, tau,
         arcs.free, arcs.shift, most, starts, ends, A, r, speed,
     )  # fmt: skip
     spend(_SERIES * made)
@@ -262,8 +262,8 @@ def residual_slope(orbit: Orbit, by: Arcs, start: Array) -> Array:
     p = arcs.n_arcs
     spend(_SWEEP + 2.0 * _ARC * p)
     sweep_by(
-        arcs.channels, arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.smooth, arcs.event_sequence.at_once, orbit.starts,
-        orbit.tau, arcs.free, by.channels, by.F, by.S, by.g, by.gs, by.J, by.shift, start.copy(), out,
+        arcs.acting, arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.smooth, arcs.event_sequence.at_once, orbit.starts,
+        orbit.tau, arcs.free, by.acting, by.F, by.S, by.g, by.gs, by.J, by.shift, start.copy(), out,
     )  # fmt: skip
     return out
 
@@ -325,7 +325,7 @@ def middle(orbit: Orbit, arc: int) -> Array:
 
     arcs, one = orbit.arcs, slice(arc, arc + 1)
     y, marks = np.empty((1, arcs.size)), np.array([0.0, orbit.tau[arc]])
-    channels = arcs.channels._replace(sense=arcs.channels.sense[one])
+    channels = arcs.acting and arcs.acting._replace(sense=arcs.acting.sense[one])
     states_at(channels, arcs.F[one], arcs.S[one], arcs.smooth[one], orbit.starts[one], marks, marks[1:] / 2, y)
     _put_on_levels(orbit, arc, y[0])
     return y[0]
@@ -352,6 +352,6 @@ def sample_arcs(orbit: Orbit, times: Array) -> Array:
 
     marks = np.concatenate([[0.0], np.cumsum(orbit.tau)])
     y = np.empty((times.size, orbit.arcs.size))
-    states_at(orbit.arcs.channels, orbit.arcs.F, orbit.arcs.S, orbit.arcs.smooth, orbit.starts, marks, times, y)
+    states_at(orbit.arcs.acting, orbit.arcs.F, orbit.arcs.S, orbit.arcs.smooth, orbit.starts, marks, times, y)
     arc = np.clip(np.searchsorted(marks, times, side="left") - 1, 0, orbit.tau.size - 1)
     return np.einsum("tsj,tj->ts", orbit.arcs.Y[arc], y)

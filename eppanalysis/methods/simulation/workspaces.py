@@ -89,7 +89,7 @@ def announce_compilation(kernel: Any) -> None:
 @cache
 def _say_that_it_compiles() -> None:
     """Once a process, however many kernels are compiled."""
-    sys.stderr.write("Compiling the engine for this machine; once, for about a minute ...\n")
+    sys.stderr.write("Compiling the engine for this machine; once, for some 20 seconds ...\n")
     sys.stderr.flush()
 
 

@@ -78,7 +78,8 @@ class Responses(ABC):
         apart, T = self._for_responses
         omega = np.asarray(omega, float)
         s, ds = self._place(1j * omega)
-        A, B, C = (np.ascontiguousarray(m, float) for m in (apart._rates, apart.B, C if T is None else C @ T))
+        # Copies: for arrays that cannot be written numba would compile the kernel anew, for each mixture of both.
+        A, B, C = (np.array(m, float, order="C") for m in (apart._rates, apart.B, C if T is None else C @ T))
         out = np.empty((count, *omega.shape, len(C), B.shape[1]), complex)
         response_and_slope(A, B, C, s.ravel(), 1j * ds.ravel(), out.reshape(count, -1, *out.shape[-2:]))
         if np.any(self.delays):

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numba import types
 from scipy.linalg import expm
 
+import eppanalysis as epp
 from eppanalysis.kernels.orbits.flow import Channels, room
-from eppanalysis.kernels.orbits.sweep import along
+from eppanalysis.kernels.orbits.sweep import along, sweep
 
 
 @pytest.mark.parametrize(("plant", "clocks", "memory"), [(2, 0, 1), (2, 40, 3), (9, 0, 2), (9, 60, 4), (1, 7, 1)])
@@ -22,10 +24,28 @@ def test_flow_of_an_arc_with_clocks(plant: int, clocks: int, memory: int, tau: f
     y, end, Phi, row, none = rng.normal(size=N), np.zeros(N), np.zeros((N, N)), np.zeros(N), np.zeros(0)
     # Exponentials cost the cube of it, once for each arc.
     assert room(F).shape[1] < plant + 8
-    of_none = np.zeros((0, n)), np.zeros((0, memory)), np.zeros((0, 0)), none, np.zeros((1, 0))
-    channels, guard = Channels(np.zeros(0, np.int64), *of_none), rng.normal(size=N)
-    along(channels, none, F[0], np.zeros((n, 0)), guard, none, 0, y, tau, end, Phi, none, row)
+    guard = rng.normal(size=N)
+    along(None, 0, F[0], np.zeros((n, 0)), guard, none, 0, y, tau, end, Phi, none, row)
     assert np.array_equal(row, guard)
     exact = expm(tau * np.vstack([F[0], np.zeros((memory, N))]))
     np.testing.assert_allclose(Phi, exact, rtol=1e-12, atol=1e-13 * np.abs(exact).max())
     np.testing.assert_allclose(end, exact @ y, rtol=1e-12, atol=1e-12 * np.abs(exact).max())
+
+
+def test_without_smooth_channels_an_arc_is_that_with_one_that_does_not_act() -> None:
+    rng = np.random.default_rng(3)
+    n, N = 3, 5
+    F, S, guard, y = rng.normal(size=(n, N)), np.zeros((n, 1)), rng.normal(size=N), rng.normal(size=N)
+    still = Channels(np.zeros(1, np.int64), np.ones((1, n)), np.ones((1, 2)), np.zeros((1, 1)), np.ones(1), S[:1])
+    found = []
+    for channels in (None, still):
+        end, row, Phi = np.zeros(N), np.zeros(N), np.zeros((N, N))
+        along(channels, 0, F, S, guard, np.zeros(1), 0, y, 0.7, end, Phi, np.zeros(1), row)
+        found.append(np.vstack([end, row, Phi]))
+    np.testing.assert_array_equal(*found)
+
+
+def test_an_orbit_without_smooth_channels_needs_no_code_for_them() -> None:
+    case = epp.case("relay_deadzone")
+    epp.exact_orbit(case, epp.predict_limit_cycles(case)[-1])
+    assert types.none in [kinds[0] for kinds in sweep.signatures]

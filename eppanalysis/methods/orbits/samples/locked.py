@@ -166,7 +166,7 @@ class Round:
             if arcs.smooth[a] or key not in known:
                 end, row, Phi = np.empty(N), np.empty(N), np.empty((N, N))
                 of_arc = arcs.F[a], arcs.S[a], arcs.g[a], arcs.gs[a], arcs.smooth[a]
-                along(arcs.channels, arcs.channels.sense[a], *of_arc, y.copy(), tau[a], end, Phi, sigma, row)
+                along(arcs.acting, a, *of_arc, y.copy(), tau[a], end, Phi, sigma, row)
                 if not arcs.smooth[a]:
                     known[key] = Phi
             if not arcs.smooth[a]:
