@@ -1,21 +1,31 @@
 """Loops with sampled controllers for margins: from sample to sample, where that is exact.
 
-Cut at a port of a controller, a loop whose controllers are all executed together is one in discrete time, exactly:
-between two samples everything else is linear and what is held stands still. Cut elsewhere it is no loop that the same
-sine comes back in; there the controllers are taken in the mean over where their samples fall (see `averaged`).
+Between two samples everything else is linear and what is held stands still, so that one turn of all clocks is a linear
+map. Cut where a controller that is executed once a turn reads, or where nothing passes but what it holds, the loop is
+one in discrete time, exactly. Cut elsewhere it is no loop that the same sine comes back in; there the controllers are
+taken in the mean over where their samples fall (see `averaged`).
 """
 
 from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.cuts import Cuts
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.averaged import Places
 
 Array = NDArray[np.float64]
+
+#: Samples in one turn of all clocks beyond which they are taken for clocks that never coincide.
+_MOST_SAMPLES = 512
 
 
 def from_sample_to_sample(system: LureSystem, gains: Array) -> LureSystem | None:
@@ -28,72 +38,281 @@ def from_sample_to_sample(system: LureSystem, gains: Array) -> LureSystem | None
         ``w = gains @ z`` for all elements but the controllers.
     """
     p = Places.of(system)
-    times = {(c.sample_time, c.delay, c.offset) for c in p.controllers}
-    # Controllers that are executed at other times have no common sample from which to which the loop could be taken.
-    if len(times) > 1 or np.any(system.delays > 0) or any(c.state_last for c in p.controllers):
+    turn = _turn([c.sample_time for c in p.controllers])
+    if turn is None or np.any(system.delays > 0):
         return None
-    step, late, _ = times.pop()
-    x_x, x_h, r_x, r_h = _between_samples(system, gains, p)
-    n, k = x_h.shape
-    # What is held has no rate of its own, so that one exponential carries it and the plant.
-    generator = np.vstack([np.hstack([x_x, x_h]), np.zeros((k, n + k))])
-    before, behind = scipy.linalg.expm(generator * late), scipy.linalg.expm(generator * (step - late))
-    A_d, B_d, C_d, D_d = (
-        scipy.linalg.block_diag(*(np.asarray(getattr(c, name)) for c in p.controllers)) for name in "ABCD"
-    )
-    # States: plant, controllers, what is held until the new outputs are ready; then disturbances of u and of y.
-    m, n_d = len(r_x), len(A_d)
-    read = np.hstack([r_x, np.zeros((m, n_d)), r_h, np.eye(m), np.zeros((m, k))])
-    own = np.hstack([np.zeros((n_d, n)), np.eye(n_d), np.zeros((n_d, k + m + k))])
-    computed = C_d @ own + D_d @ read
-    put_out = computed + np.hstack([np.zeros((k, n + n_d + k + m)), np.eye(k)])
-    at_delay = np.hstack([before[:n, :n], np.zeros((n, n_d)), before[:n, n:], np.zeros((n, m + k))])
-    following = np.vstack([behind[:n, :n] @ at_delay + behind[:n, n:] @ put_out, A_d @ own + B_d @ read, put_out])
-    used = np.arange(n + n_d + (k if late or np.any(r_h) else 0))
-    back = np.vstack([read, computed])
-    back[:m, n + n_d + k : n + n_d + k + m] -= np.eye(m)
-    ports = _ports(system, p)
-    chosen = np.flatnonzero([bool(name) for name in ports])
-    into = n + n_d + k + chosen
+    between = Between.of(system, gains, p)
+    ports = _Ports.of(system, p, between, turn)
+    walk = _Walk.of(p, between, ports)
+    last = 0.0
+    for time, _, act in sorted(_events(p.controllers, walk, turn), key=lambda event: event[:2]):
+        walk.flow(time - last)
+        act()
+        last = time
+    walk.flow(turn - last)
+    n = len(walk.now)
+    used = np.arange(n)
+    while used.size > (kept := used[np.any(np.vstack([walk.now[used], walk.back])[:, used], axis=0)]).size:
+        used = kept
     cuts = Cuts(
-        tuple(ports[i] for i in chosen),
-        B=following[np.ix_(used, into)],
-        E=np.zeros((0, len(chosen))),
-        C=back[np.ix_(chosen, used)],
-        D=np.zeros((len(chosen), 0)),
-        F=np.array([back[i, j] for i, j in zip(chosen, into, strict=True)]),
+        tuple(system.places.names[i] for i in ports.numbers),
+        B=walk.now[used][:, n:],
+        E=np.zeros((0, len(ports.numbers))),
+        C=walk.back[:, used],
+        D=np.zeros((len(ports.numbers), 0)),
+        F=np.diag(walk.back[:, n:]),
     )
     return LureSystem.build(
-        following[np.ix_(used, used)], np.zeros((len(used), 0)), np.zeros((0, len(used))), [],
-        time_step=step, cuts=cuts, name=system.name,
+        walk.now[np.ix_(used, used)], np.zeros((len(used), 0)), np.zeros((0, len(used))), [],
+        time_step=turn, cuts=cuts, name=system.name,
     )  # fmt: skip
 
 
-def _between_samples(system: LureSystem, gains: Array, p: Places) -> tuple[Array, Array, Array, Array]:
-    """Rate of the plant and what the controllers read, on the plant's state and on what is held."""
-    K = gains[np.ix_(p.w, p.z)]
-    C, D, B = system.C, system.D, system.B
-    S = np.linalg.inv(np.eye(p.z.size) - D[np.ix_(p.z, p.w)] @ K)
-    w_x, w_h = K @ S @ C[np.ix_(p.z, p.plant)], K @ S @ D[np.ix_(p.z, p.held)]
-    B_w, D_w = B[np.ix_(p.plant, p.w)], D[np.ix_(p.read, p.w)]
-    return (
-        system.A[np.ix_(p.plant, p.plant)] + B_w @ w_x,
-        B[np.ix_(p.plant, p.held)] + B_w @ w_h,
-        C[np.ix_(p.read, p.plant)] + D_w @ w_x,
-        D[np.ix_(p.read, p.held)] + D_w @ w_h,
-    )
+def read_by_another(system: LureSystem, gains: Array) -> set[str]:
+    """Controllers whose outputs another one reads, straight or through elements."""
+    p = Places.of(system)
+    acts = Between.of(system, gains, p).r_h != 0
+    reader = np.repeat(np.arange(len(p.controllers)), [c.n_inputs - 1 for c in p.controllers])
+    giver = np.repeat(np.arange(len(p.controllers)), [c.n_outputs for c in p.controllers])
+    names = [n for n, e in zip(system.element_names, system.elements, strict=True) if isinstance(e, SampledController)]
+    return {names[giver[j]] for i, j in np.argwhere(acts) if reader[i] != giver[j]}
 
 
-def _ports(system: LureSystem, p: Places) -> list[str]:
-    """Names of the places that are just what a controller reads (first) or puts out; empty for those without."""
-    places = system.places
-    found = [""] * (p.read.size + p.held.size)
-    for i, name in enumerate(places.names):
-        for k, row in enumerate(p.read):
-            if not np.any(places.B[:, i]) and np.array_equal(places.E[:, i], np.eye(len(system.C))[row]):
-                found[k] = found[k] or name
-        for k, column in enumerate(p.held, start=p.read.size):
-            unit = np.eye(system.B.shape[1])[column]
-            if not np.any(places.C[i]) and np.array_equal(places.D[i], unit):
-                found[k] = found[k] or name
+def _turn(times: Sequence[float]) -> float | None:
+    """After which time all clocks stand as before [s]; None where that is too long."""
+    exact = [Fraction(repr(float(t))) for t in times]
+    over = math.lcm(*(t.denominator for t in exact))
+    turn = Fraction(math.lcm(*(int(t * over) for t in exact)), over)
+    return float(turn) if sum(turn / t for t in exact) <= _MOST_SAMPLES else None
+
+
+def _events(controllers: Sequence[SampledController], walk: _Walk, turn: float) -> list:
+    """What happens in one turn: times in order, at one instant outputs that are due, then samples along the signal."""
+    found = []
+    for rank, i in enumerate(walk.order(), start=1):
+        c = controllers[i]
+        for k in range(round(turn / c.sample_time)):
+            time = c.offset % c.sample_time + k * c.sample_time
+            found.append((_even(time, turn), rank, lambda i=i: walk.sample(i)))
+            if c.delay:
+                found.append((_even(time + c.delay, turn), 0, lambda i=i: walk.put_out(i)))
     return found
+
+
+def _even(time: float, turn: float) -> float:
+    """A time within the turn, so that those that coincide but for rounding are the same."""
+    return round(time / turn % 1.0, 12) % 1.0 * turn
+
+
+@dataclass(frozen=True, eq=False)
+class Between:
+    """A loop between two samples, where all but the controllers is linear.
+
+    Attributes
+    ----------
+    x_x, x_h, r_x, r_h : arrays
+        Rate of the plant's state (x) and what the controllers read (r), on that state and on what is held (h).
+    x_d, r_d : arrays
+        The same on a disturbance at each place of the loop.
+    y_x, y_h : arrays
+        What comes back to each place.
+    y_d : array
+        What a disturbance at each place does straight to what comes back there.
+    """
+
+    x_x: Array
+    x_h: Array
+    r_x: Array
+    r_h: Array
+    x_d: Array
+    r_d: Array
+    y_x: Array
+    y_h: Array
+    y_d: Array
+
+    @classmethod
+    def of(cls, system: LureSystem, gains: Array, p: Places) -> Between:
+        """A loop whose elements are gains."""
+        places, plant, z, w, read, held = system.places, p.plant, p.z, p.w, p.read, p.held
+        B, C, D = system.B, system.C, system.D
+        through = gains[np.ix_(w, z)] @ np.linalg.inv(np.eye(z.size) - D[np.ix_(z, w)] @ gains[np.ix_(w, z)])
+        w_x, w_h, w_d = through @ C[np.ix_(z, plant)], through @ D[np.ix_(z, held)], through @ places.E[z]
+        B_w, D_w, Y_w = B[np.ix_(plant, w)], D[np.ix_(read, w)], places.D[:, w]
+        return cls(
+            system.A[np.ix_(plant, plant)] + B_w @ w_x,
+            B[np.ix_(plant, held)] + B_w @ w_h,
+            C[np.ix_(read, plant)] + D_w @ w_x,
+            D[np.ix_(read, held)] + D_w @ w_h,
+            places.B[plant] + B_w @ w_d,
+            places.E[read] + D_w @ w_d,
+            places.C[:, plant] + Y_w @ w_x,
+            places.D[:, held] + Y_w @ w_h,
+            places.F + np.einsum("kw,wk->k", Y_w, w_d),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Ports:
+    """Places at which the loop is one in discrete time.
+
+    Attributes
+    ----------
+    numbers : tuple of int
+        Of the places of the loop.
+    read, out : int arrays
+        Which input of the controllers is all that a disturbance there acts on, or which output is all that comes back
+        there; -1 for none.
+    into : array, shape (m, q)
+        What a disturbance adds to what is read in the sample that computes what comes back.
+    seen : array, shape (q, outputs)
+        What a place that is read takes from the controller's own outputs within the same sample.
+    """
+
+    numbers: tuple[int, ...]
+    read: NDArray[np.intp]
+    out: NDArray[np.intp]
+    into: Array
+    seen: Array
+
+    @classmethod
+    def of(cls, system: LureSystem, p: Places, between: Between, turn: float) -> _Ports:
+        """Those of a loop: of controllers that are executed once a turn."""
+        once = [c.sample_time > 0.75 * turn for c in p.controllers]
+        reads = np.repeat(once, [c.n_inputs - 1 for c in p.controllers])
+        outs = np.repeat(once, [c.n_outputs for c in p.controllers])
+        places, found = system.places, {}
+        for i in np.flatnonzero((places.delays == 0) & (between.y_d == 0)):
+            given, taken = np.flatnonzero(between.y_h[i]), np.flatnonzero(between.r_d[:, i])
+            none, own = np.zeros(p.read.size), np.zeros(p.held.size)
+            if given.size == 1 and outs[given[0]] and not np.any(between.y_x[i]):
+                # What blocks of one controller hand on to one another is no wire of the loop (see `Network.within`).
+                if np.array_equal(places.D[i], np.eye(len(places.D[i]))[p.held[given[0]]]):
+                    none = places.E[p.read, i] - system.D[p.read, p.held[given[0]]]
+                found[int(i)] = -1, given[0], none, own
+            elif taken.size == 1 and reads[taken[0]] and not np.any(between.x_d[:, i]):
+                row = p.read[taken[0]]
+                if np.array_equal(places.E[:, i], np.eye(len(places.E))[row]):
+                    own = (places.D[i] - system.D[row])[p.held]
+                found[int(i)] = taken[0], -1, none, own
+        read, out, into, seen = zip(*found.values(), strict=True) if found else [()] * 4
+        return cls(
+            tuple(found), np.array(read, np.intp), np.array(out, np.intp),
+            np.reshape(into, (len(found), p.read.size)).T, np.reshape(seen, (len(found), p.held.size)),
+        )  # fmt: skip
+
+
+@dataclass(eq=False)
+class _Walk:
+    """State of a loop on its way through one turn, as rows on the state before it and on the disturbances.
+
+    Attributes
+    ----------
+    controllers : tuple of SampledController
+    ports : _Ports
+    rate : array
+        Of the plant's state and of what is held, the disturbances among it, on both.
+    reads : array
+        What the controllers read, on both.
+    brings : array
+        What comes back to each port, on both, but for what its own controller computes in that sample.
+    now : array
+        Plant, what is held, what is computed and not yet put out, and the controllers' memory.
+    back : array
+        What comes back to each port.
+    """
+
+    controllers: tuple[SampledController, ...]
+    ports: _Ports
+    rate: Array
+    reads: Array
+    brings: Array
+    now: Array
+    back: Array
+
+    @classmethod
+    def of(cls, p: Places, between: Between, ports: _Ports) -> _Walk:
+        """A loop before the turn."""
+        chosen, q, n = list(ports.numbers), len(ports.numbers), len(between.x_x)
+        held = p.held.size + q
+        size = n + 2 * held + sum(_order(c) for c in p.controllers)
+        # A disturbance where something is held is held with it; where something is read it acts in that sample alone.
+        stays = ports.out >= 0
+        rate = np.vstack(
+            [np.hstack([between.x_x, between.x_h, between.x_d[:, chosen] * stays]), np.zeros((held, n + held))]
+        )
+        reads = np.hstack([between.r_x, between.r_h, (between.r_d[:, chosen] - ports.into) * stays])
+        brings = np.hstack([between.y_x[chosen], between.y_h[chosen] - ports.seen, np.zeros((q, q))])
+        into = np.where(stays, ports.into, between.r_d[:, chosen])
+        now, back = np.eye(size, size + q), np.zeros((q, size + q))
+        return cls(p.controllers, replace(ports, into=into), rate, reads, brings, now, back)
+
+    @property
+    def n_held(self) -> int:
+        """What is held: outputs of all controllers, and the disturbances."""
+        return sum(c.n_outputs for c in self.controllers) + len(self.back)
+
+    def order(self) -> list[int]:
+        """Controllers along the signal: each behind those that act straight on it."""
+        rows = [self._rows(i) for i in range(len(self.controllers))]
+        straight = self.reads[:, len(self.rate) - self.n_held :] != 0
+        acts = [[bool(np.any(straight[np.ix_(reads, outs)])) for _, outs, _ in rows] for reads, _, _ in rows]
+        rest, found = list(range(len(rows))), []
+        while rest:
+            found.append(next((i for i in rest if not any(acts[i][j] for j in rest if j != i)), rest[0]))
+            rest.remove(found[-1])
+        return found
+
+    def flow(self, time: float) -> None:
+        """Let time pass."""
+        moving = self.now[: len(self.rate)]
+        if time > 0.0:
+            moving[:] = scipy.linalg.expm(self.rate * time) @ moving
+
+    def sample(self, i: int) -> None:
+        """Let a controller read, compute, and put out what is ready at once."""
+        c, (reads, outs, own), n = self.controllers[i], self._rows(i), len(self.now)
+        A, B, C, D = (np.reshape(getattr(c, name), shape) for name, shape in _shapes(c).items())
+        u = self._read(reads)
+        y = C @ self.now[own] + D @ u
+        ready = len(self.rate) - self.n_held + (self.n_held if c.delay else 0)
+        for q, (read, out) in enumerate(zip(self.ports.read, self.ports.out, strict=True)):
+            if read in reads:
+                self.back[q] = self.brings[q] @ self.now[: len(self.rate)] + self.ports.seen[q, outs] @ y
+            elif out in outs:
+                self.back[q] = self.brings[q, len(self.rate) - self.n_held + out] * y[outs == out][0]
+                self.now[ready + self.n_held - len(self.back) + q] = np.eye(1, n + len(self.back), n + q)[0]
+        self.now[ready + outs] = y
+        self.now[own] = A @ self.now[own] + B @ (self._read(reads) if c.state_last else u)
+
+    def put_out(self, i: int) -> None:
+        """Put out what a controller has computed."""
+        outs = self._rows(i)[1]
+        own = np.concatenate([outs, self.n_held - len(self.back) + np.flatnonzero(np.isin(self.ports.out, outs))])
+        held = len(self.rate) - self.n_held + own
+        self.now[held] = self.now[held + self.n_held]
+
+    def _read(self, reads: NDArray[np.intp]) -> Array:
+        """What is read now, with the disturbances."""
+        u = np.asarray(self.reads[reads] @ self.now[: len(self.rate)])
+        u[:, len(self.now) :] += self.ports.into[reads]
+        return u
+
+    def _rows(self, i: int) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """What a controller reads, its outputs, and its memory among the rows of `now`."""
+        before, c = self.controllers[:i], self.controllers[i]
+        reads, outs = sum(b.n_inputs - 1 for b in before), sum(b.n_outputs for b in before)
+        own = len(self.rate) + self.n_held + sum(_order(b) for b in before)
+        return (
+            np.arange(reads, reads + c.n_inputs - 1),
+            np.arange(outs, outs + c.n_outputs),
+            np.arange(own, own + _order(c)),
+        )
+
+
+def _order(controller: SampledController) -> int:
+    return len(np.asarray(controller.x0))
+
+
+def _shapes(c: SampledController) -> dict[str, tuple[int, int]]:
+    n, m, p = _order(c), c.n_inputs - 1, c.n_outputs
+    return {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m)}

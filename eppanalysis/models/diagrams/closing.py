@@ -194,16 +194,18 @@ def _cuts(
     """
     uy, uw, zy, zw = wired
     linear, elements = network.linear_ports(), network.element_ports()
+    within = incidence({port: network.within.get(port, []) for port in elements[0]}, *elements)
     ports = (*linear[1], *elements[1], *linear[0], *elements[0])
     ny, nw, nu, nz = len(linear[1]), len(elements[1]), len(linear[0]), len(elements[0])
     # What a disturbance at each port adds to the drives of the linear blocks, to z, and to the port itself.
     drives = np.hstack([uy, uw, np.eye(nu), np.zeros((nu, nz))])
-    straight = np.hstack([zy, zw, np.zeros((nz, nu)), np.eye(nz)])
+    straight = np.hstack([zy, zw + within, np.zeros((nz, nu)), np.eye(nz)])
     through = inner.D @ drives
     back = np.vstack([through, np.zeros((nw, len(ports))), uy @ through, np.zeros((nz, len(ports)))])
     E, F = zy @ through + straight, np.diag(back)
     outputs = ny + nw
     C, D = (np.vstack([part[:outputs], part[-(nu + nz) :]]) for part in carried[:2])
+    D[-nz or len(D) :] += within
     late = [_delay_of(network, port, C[i], D[i], E[:, i]) for i, port in enumerate(ports)]
     number = {port: i for i, port in enumerate(ports)}
     own = {port: number.get(network.moved.get(port, port), -1) for port in network.original}

@@ -10,7 +10,7 @@ Where nothing linear is left beside them, the loop is one of discrete time inste
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -39,6 +39,8 @@ class Network:
     ports : dict of str to (tuple of str, tuple of str)
         Inputs and outputs of each element.
     wires : dict of Port to list of (float, Port)
+    within : dict of Port to list of (float, Port)
+        What drives inputs of a sampled controller from among its own outputs, within a sample.
     late : dict of Port to float
         Dead time of outputs of elements [s].
     external : tuple of str
@@ -70,6 +72,7 @@ class Network:
     elements: dict[str, Nonlinearity] = field(default_factory=dict)
     ports: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = field(default_factory=dict)
     late: dict[Port, float] = field(default_factory=dict)
+    within: dict[Port, Terms] = field(default_factory=dict)
 
     @classmethod
     def of(cls, diagram: Drawn, wires: Mapping[Port, Terms], shown: Iterable[Port] = ()) -> Network:
@@ -97,7 +100,8 @@ class Network:
             if isinstance(part, Block) and part.delay and name in network.linear:
                 (network._delay_alone if isinstance(part, DeadTime) else network._delay)(name, part.delay)
         for (step, delay), blocks in sampled.items():
-            network._execute(blocks, step, delay)
+            for stage, late in network._stages(blocks, delay):
+                network._execute(stage, step, late)
         network.moved |= {(name, sensors[name].inputs[0]): port for name, port in steps.items()}
         return network
 
@@ -136,47 +140,80 @@ class Network:
         self.wires[entry] = [(1.0, (made, "out"))]
         return made, "in"
 
+    def _stages(self, blocks: Mapping[str, Linear], delay: float) -> list[tuple[dict[str, Linear], float]]:
+        """Blocks that are executed together, in the order in which elements between them hand on; each with its delay.
+
+        What stands before an element, such as the limit of a speed that is commanded, is computed first, and what
+        reads the element then: all within one sample, so that the last stage alone waits for the end of the
+        computation. Around a loop through an element nothing comes first.
+        """
+        names = list(blocks)
+        owner = {port: i for i, b in enumerate(blocks.values()) for port in b.input_ports}
+        direct, through = np.zeros((2, len(names), len(names)), bool)
+        for i, block in enumerate(blocks.values()):
+            for target in (t for port in block.output_ports for t in self._consumers(port)):
+                if target in owner:
+                    direct[i, owner[target]] = True
+                else:
+                    through[i, [owner[t] for t in self._reached(self._let_through(target)) if t in owner]] = True
+        leads = direct | through
+        while np.any(further := ~leads & (leads @ leads)):
+            leads |= further
+        ahead = through & ~leads.T
+        number = np.zeros(len(names), int)
+        for _ in names:
+            number = np.maximum(number, np.where(leads, number[:, None] + ahead, 0).max(axis=0))
+        stages = [{n: blocks[n] for n, at in zip(names, number, strict=True) if at == k} for k in np.unique(number)]
+        inner = [self._stays_within(stage.values(), owner) for stage in stages[:-1]]
+        if delay and not all(inner):
+            return [(dict(blocks), delay)]
+        return [*((stage, 0.0) for stage in stages[:-1]), (stages[-1], delay)]
+
+    def _stays_within(self, stage: Iterable[Linear], owner: Mapping[Port, int]) -> bool:
+        """Whether what a stage puts out is read, straight or through elements, by the blocks of `owner` alone."""
+        targets = self._reached([port for block in stage for port in block.output_ports])
+        return all(t in owner or self._let_through(t) for t in targets)
+
     def _execute(self, blocks: Mapping[str, Linear], step: float, delay: float) -> None:
         """Put blocks that are executed together in as one sampled controller."""
         name = next(iter(blocks)) if len(blocks) == 1 else self._fresh("_".join(blocks))
         closed = closed_blocks(blocks, self.wires, self.who)
         inputs, outputs = ([port for b in blocks.values() for port in getattr(b, side)] for side in _SIDES)
-        # What blocks of the same controller alone drive is closed among them within a sample, and is no input of it.
-        read = [i for i, port in enumerate(inputs) if any(source not in outputs for _, source in self.wires[port])]
-        if not read:
+        if not any(source not in outputs for port in inputs for _, source in self.wires[port]):
             raise ModelError(f"{self.who}: nothing that {name} reads comes from outside of it", field="connect")
         start = np.concatenate([block.start for block in blocks.values()])
         # What is put out comes back at the same sample through a saturation, say: then the state is renewed behind the
         # outputs, so that an integrator sees what was cut off (docs/theory/sampled.md).
+        outside = [t for port in outputs for t in self._consumers(port) if t not in inputs]
+        back = self._reached([port for target in outside for port in self._let_through(target)])
         self.elements[name] = SampledController(
-            closed.A, closed.B[:, read], closed.C, closed.D[:, read], sample_time=step, delay=delay, x0=start,
-            state_last=self._straight_back(outputs, [inputs[i] for i in read]) and not delay,
+            closed.A, closed.B, closed.C, closed.D, sample_time=step, delay=delay, x0=start,
+            state_last=not delay and any(port in back for port in inputs),
         )  # fmt: skip
-        alone, sides = len(blocks) == 1, ([inputs[i] for i in read], outputs)
+        alone, sides = len(blocks) == 1, (inputs, outputs)
         named = [tuple(port[1] if alone else "_".join(port) for port in side) for side in sides]
         self.ports[name] = named[0], named[1]
         for side, new in zip(sides, named, strict=True):
             self.moved |= {port: (name, called) for port, called in zip(side, new, strict=True)}
         for port in inputs:
-            terms = [(sign, source) for sign, source in self.wires.pop(port) if source not in outputs]
-            if port in self.moved:
-                self.wires[self.moved[port]] = terms
+            terms = self.wires.pop(port)
+            # What blocks of the same controller drive is closed among them within a sample, and no wire of the loop.
+            self.within[self.moved[port]] = [(sign, self.moved[p]) for sign, p in terms if p in outputs]
+            self.wires[self.moved[port]] = [(sign, p) for sign, p in terms if p not in outputs]
         for target, terms in self.wires.items():
             self.wires[target] = [(sign, self.moved.get(source, source)) for sign, source in terms]
 
-    def _straight_back(self, outputs: Sequence[Port], inputs: Sequence[Port]) -> bool:
-        """Whether what is put out acts on what is read at once: through elements and blocks that let it through."""
-        seen, ahead = set(outputs), list(outputs)
+    def _reached(self, outputs: Iterable[Port]) -> list[Port]:
+        """Inputs that are acted on at once: straight, and through elements and blocks that let it through."""
+        ahead = list(outputs)
+        seen, found = set(ahead), []
         while ahead:
-            source = ahead.pop()
-            for target in self._consumers(source):
-                if target in inputs:
-                    return True
-                for port in self._let_through(target):
-                    if port not in seen:
-                        seen.add(port)
-                        ahead.append(port)
-        return False
+            for target in self._consumers(ahead.pop()):
+                found.append(target)
+                new = [port for port in self._let_through(target) if port not in seen]
+                seen.update(new)
+                ahead += new
+        return found
 
     def _let_through(self, target: Port) -> list[Port]:
         """Outputs on which an input acts at once."""

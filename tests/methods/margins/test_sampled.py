@@ -55,10 +55,23 @@ def test_cut_at_the_controller_they_are_those_of_the_loop_in_discrete_time(late,
 
 
 def test_cut_elsewhere_they_are_near_and_say_how_near():
-    exact, near = epp.margins(_loop(), ["controller", "plant.in"])
+    parts = {
+        "controller": epp.blocks.Gain(gain=1.3, sample_time=T),
+        "plant": epp.blocks.TransferFunction(num=[30.0], den=[1.0, 6.0, 40.0, 20.0]),
+        "filter": epp.blocks.LowPass(bandwidth=50.0),
+        "valve": epp.Saturation(),
+    }
+    connect = ["-filter -> controller", "controller -> valve", "valve -> plant", "plant -> filter"]
+    loop = epp.Diagram(parts=parts, connect=connect).to_system()
+    exact, held, read, near = epp.margins(loop, ["controller", "plant.in", "filter", "plant"])
     share = (exact.gain_crossover * T) ** 2
     assert near.phase_margin == pytest.approx(exact.phase_margin, abs=share)
+    assert near.phase_margin != pytest.approx(exact.phase_margin, rel=1e-9)
     assert any("in the mean" in line for line in near.rule) and "controller" in " ".join(near.rule)
+    # In front of the plant is nothing but what the controller holds, and nothing but the controller reads the filter.
+    for found in (held, read):
+        assert found.gain_margin == pytest.approx(exact.gain_margin, rel=1e-12)
+        assert found.phase_margin == pytest.approx(exact.phase_margin, rel=1e-12)
 
 
 @settings(max_examples=15, deadline=None)
@@ -139,10 +152,92 @@ def test_with_two_rates_they_are_near_those_from_sample_to_sample_and_one_all_al
     outer = control.ss(ten, held[:, None], np.eye(6)[[4]], 0, 1e-3) * control.tf([0.408, -0.4], [1.0, -1.0], 1e-3)
     gain, phase, _, omega, _, _ = control.stability_margins(outer)
     loop = two_rates()
-    found = epp.margins(loop, ["speed.out", "limit.out", "tacho.out"])
-    assert all(m.stable for m in found) and np.all(np.abs(control.feedback(outer, 1).poles()) < 1.0)
-    for one in found:
-        assert one.gain_margin == pytest.approx(gain, rel=1.5 * (omega * 1e-3) ** 2 / 12.0)
-        assert np.rad2deg(one.phase_margin) == pytest.approx(phase, abs=4.0)
-        assert one.gain_margin == pytest.approx(found[0].gain_margin, rel=1e-9)
-        assert one.phase_margin == pytest.approx(found[0].phase_margin, rel=1e-9)
+    *exact, near = epp.margins(loop, ["speed.out", "limit.out", "tacho.out", "tacho.in"])
+    assert all(m.stable for m in (*exact, near)) and np.all(np.abs(control.feedback(outer, 1).poles()) < 1.0)
+    for one in exact:
+        assert one.gain_margin == pytest.approx(gain, rel=1e-9)
+        assert np.rad2deg(one.phase_margin) == pytest.approx(phase, rel=1e-9)
+    # There the outer controller's output is held once more before the inner one has read it: half a sample too late.
+    assert near.gain_margin == pytest.approx(gain, rel=1.5 * (omega * 1e-3) ** 2 / 12.0)
+    assert np.rad2deg(near.phase_margin) == pytest.approx(phase, abs=4.0)
+    assert any(line.startswith("speed:") and "s/2" in line for line in near.rule)
+
+
+def cascade(limited=False, step=1e-3, late=0.0, turned=False) -> epp.Diagram:
+    """A position controller at 1 kHz around a speed controller; a limit of the speed, far from its ends, between."""
+    parts = {
+        "position": epp.blocks.Gain(gain=20.0, sample_time=1e-3, computation_delay=late if step == 1e-3 else 0.0),
+        "limit": epp.Saturation(lower=-1e3, upper=1e3),
+        "speed": epp.blocks.PI(kp=2.0, ti=0.02, sample_time=step, computation_delay=late),
+        "motor": epp.blocks.Motor(resistance=2.0, torque_constant=0.05, inertia=2e-5, ratio=50.0, damping=0.1),
+        "friction": epp.Friction(coulomb=0.3),
+    }
+    connect = ["setpoint - motor.angle -> position", "speed -> motor.voltage", "-friction -> motor.torque"]
+    connect += ["motor.speed -> friction", "position -> limit", "limit - motor.speed -> speed"]
+    if not limited:
+        del parts["limit"]
+        connect[-2:] = ["position - motor.speed -> speed"]
+    names = list(parts)[::-1] if turned else list(parts)
+    return epp.Diagram(
+        parts={name: parts[name] for name in names}, connect=connect[::-1] if turned else connect,
+        inputs=["setpoint"], margins_at="position",
+    )  # fmt: skip
+
+
+def _cut_at_position(step, late) -> control.StateSpace:
+    """What comes back to the position controller's output of what goes on from it, event by event."""
+    from scipy.linalg import expm
+
+    inertia, k = 0.05, 2.5
+    both = np.zeros((3, 3))
+    both[0, 1], both[1, 1:] = 1.0, (-(0.1 + k * k / 2.0) / inertia, k / 2.0 / inertia)
+    # Rows of angle, speed, integral, voltage; columns the same and what goes on.
+    now, last, computed, back = np.eye(4, 5), 0.0, np.zeros(5), np.zeros(5)
+    n = round(1e-3 / step)
+    for time, ready in sorted([(i * step, False) for i in range(n)] + [(i * step + late, True) for i in range(n)]):
+        move = expm(both * (time - last))
+        now[[0, 1, 3]], last = move @ now[[0, 1, 3]], time
+        if ready:
+            now[3] = computed
+        else:
+            back = -20.0 * now[0] if time == 0.0 else back
+            error = np.eye(1, 5, 4)[0] - now[1]
+            now[2] = now[2] + 2.0 * step / 0.02 * error
+            computed = now[2] + 2.0 * error
+    now[[0, 1, 3]] = expm(both * (1e-3 - last)) @ now[[0, 1, 3]]
+    return control.ss(now[:, :4], now[:, 4:], -back[None, :4], -back[None, 4:], 1e-3)
+
+
+@pytest.mark.parametrize("limited", [False, True])
+@pytest.mark.parametrize(("step", "late"), [(1e-3, 0.0), (2.5e-4, 0.0), (2.5e-4, 1e-4), (1e-3, 2e-4)])
+def test_a_controller_within_a_controller_has_the_margins_of_the_loop_from_sample_to_sample(step, late, limited):
+    loop = cascade(limited, step, late).to_system()
+    expected = _cut_at_position(step, late)
+    cuts = ["position", "position.in"] + (["limit", "limit.in"] if limited else [])
+    for found in epp.margins(loop, cuts):
+        at_gain, at_phase = (expected(np.exp(1e-3j * w)) for w in (found.gain_crossover, found.phase_crossover))
+        assert abs(at_gain) == pytest.approx(1.0, rel=1e-9)
+        assert np.angle(-at_gain) == pytest.approx(found.phase_margin, rel=1e-9)
+        assert at_phase == pytest.approx(-1.0 / found.gain_margin, rel=1e-9)
+
+
+@pytest.mark.parametrize(("step", "late"), [(1e-3, 0.0), (2.5e-4, 0.0), (1e-3, 2e-4)])
+def test_an_element_that_does_nothing_between_two_controllers_changes_no_run_whatever_the_order(step, late):
+    times = np.linspace(0.0, 0.05, 201)
+    runs = [
+        epp.simulate(cascade(limited, step, late, turned).to_system(), epp.inputs.Step(0.01), t_end=0.05)
+        for limited in (False, True)
+        for turned in (False, True)
+    ]
+    angles = [np.interp(times, run.t, run.signals["motor_angle"]) for run in runs]
+    assert np.ptp(angles[0]) > 1e-3
+    assert all(np.allclose(angle, angles[0], rtol=0.0, atol=1e-15) for angle in angles)
+
+
+def test_ports_of_blocks_that_are_executed_together_have_the_margins_that_they_have_apart():
+    """One program is closed among its blocks; an element between them that does nothing makes wires of it."""
+    together, apart = cascade().to_system(), cascade(limited=True).to_system()
+    for place in ("position.out", "position.in", "speed.out", "speed.in", "motor.voltage"):
+        one, other = epp.margins(together, place), epp.margins(apart, place)
+        for name in ("gain_margin", "phase_margin", "disk_margin", "delay_margin"):
+            assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-9)
