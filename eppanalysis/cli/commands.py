@@ -431,7 +431,7 @@ def _tell_others(case: Case, run: Trajectory) -> None:
     """How many signals the tables leave out, and where they are."""
     left = len(run.signals) - len(case.named_signals)
     if left > 0:
-        typer.echo(f"{count(left, 'signal')} of ports that the file does not name: --json and -o have them.")
+        typer.echo(f"{count(left, 'signal')} of ports that the file does not name: --json and -o FILE.csv have them.")
 
 
 def _show_ladder(case: Case, ladder: Ladder) -> None:
@@ -447,7 +447,10 @@ def _show_ladder(case: Case, ladder: Ladder) -> None:
     if ladder.errors:
         typer.echo("error: of the first-order cycle against the simulated one; of a mean in % of the peak-to-peak.")
     print_table(rungs_table(ladder))
-    typer.echo("errors against the exact cycle; a cycle without a number has no exact counterpart.")
+    typer.echo(
+        "errors against the exact cycle; a cycle without a number has no exact counterpart. A period is that of one "
+        "oscillation, of which a cycle may hold several."
+    )
     parts = [f"search for all exact cycles {ladder.search_seconds:.2f} s"] if ladder.search is not None else []
     if ladder.probes:
         parts.append(f"{count(len(ladder.probes), 'run')} from the predicted cycles {ladder.probe_seconds:.2f} s")

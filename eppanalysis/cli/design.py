@@ -33,9 +33,7 @@ if TYPE_CHECKING:
 
 Tuned = Annotated[
     list[str],
-    typer.Option(
-        "--tune", metavar='"FIELD LOW..HIGH"', help='Parameter that may be chosen, as in "Kp 1..10"; repeatable.'
-    ),
+    typer.Option("--tune", metavar='"FIELD RANGE"', help='Parameter that may be chosen, as in "Kp 1..10"; repeatable.'),
 ]
 Name = typer.Option(
     metavar="GOAL",

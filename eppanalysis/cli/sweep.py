@@ -88,20 +88,25 @@ AxesOption = Annotated[
     typer.Option(
         "--axis",
         metavar="FIELD=AXIS",
-        help='start:stop:count:unit, as in bands.range=1:5:41:lbf, or values, as in lock_pin.backlash="0.5 deg,2 deg"; '
-        "of a sample low:high:unit. Repeatable.",
+        help="A field (eppanalysis check lists them) with start:stop:count:unit, as in bands.range=1:5:41:lbf, or with "
+        'values, as in lock_pin.backlash="0.5 deg,2 deg"; of a sample low:high:unit. Without a unit: SI. Repeatable.',
     ),
 ]
 RunOption = Annotated[
     list[Run],
-    typer.Option("--run", help="What to carry out; repeatable. [simulate]"),
+    typer.Option("--run", metavar="METHOD", help=f"What to carry out: {', '.join(Run)}; repeatable. [simulate]"),
 ]
 SignalsOption = Annotated[
     list[str], typer.Option("--signal", metavar="NAME", help="Signals to report; repeatable; all for every one.")
 ]
 DesignOption = Annotated[
     Design,
-    typer.Option("--design", help="Which cells: latin is a hypercube."),
+    typer.Option(
+        "--design",
+        metavar="KIND",
+        help="Which cells: grid, zip (axes that move together), or a sample: latin (hypercube), sobol, tolerances (of "
+        "the case file).",
+    ),
 ]
 Scheduler = Annotated[
     str,
@@ -128,6 +133,7 @@ Boundaries = Annotated[
     list[Kind],
     typer.Option(
         "--boundary",
+        metavar="KIND",
         help="Draw a boundary on the map: folds (exact; exact bounds beside --allow), predict (describing functions), "
         "cycles (exact orbits) or simulate; takes minutes. Repeatable.",
     ),
@@ -233,7 +239,9 @@ def _axes(texts: Sequence[str], design: Design, n: int | None, seed: int) -> Axe
     if len({name for name, _ in pairs}) < len(pairs):
         raise EppError("--axis: a field is given twice; expected each once.")
     ranges = dict(pairs)
-    lists: dict[str, Any] = {k: v if ":" in v else [x.strip() for x in v.split(",") if x.strip()] for k, v in pairs}
+    lists: dict[str, Any] = {
+        k: v if ":" in v or ".." in v else [x.strip() for x in v.split(",") if x.strip()] for k, v in pairs
+    }
     if design in (Design.GRID, Design.ZIP):
         if n is not None:
             raise EppError(f"--n {n}: is of a sample; expected --design latin, sobol or tolerances beside it.")
@@ -308,13 +316,17 @@ def _counts(dataset: xarray.Dataset) -> dict[str, Any]:
 
 
 def _report(dataset: xarray.Dataset, counts: dict[str, Any], curves: Sequence[Boundary]) -> None:
-    """How the cells ended, what the boundaries are, and the first sentence of the cells that failed."""
+    """What was swept, how the cells ended, what the boundaries are, and the first sentence of the cells that failed."""
     import numpy as np
 
+    from eppanalysis.sweep.labels import ranges_of, told
+
+    typer.echo(f"{count(counts['cells'], 'design')}: {ranges_of(dataset)}")
     for name, found in counts.items():
-        if name != "cells":
-            parts = ", ".join(f"{number} {word.replace('_', ' ')}" for word, number in found.items())
-            typer.echo(f"{name.replace('_', ' ')} of {count(counts['cells'], 'cell')}: {parts}")
+        if name != "cells" and (name != "status" or {"failed", "not_run"} & set(found)):
+            typer.echo(f"{name.replace('_', ' ')}: {told(dataset, name)}")
+    if "unknown" in counts.get("outcome", ()):
+        typer.echo("Unknown is what a run does that neither settles nor repeats itself by its end (run.t_end).")
     if "allowed" in dataset.attrs:
         typer.echo(f"Allowed is a stable limit cycle up to {dataset.attrs['allowed']}.")
     for curve in curves:

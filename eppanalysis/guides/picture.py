@@ -40,8 +40,10 @@ _REGIONS = (
     (Region.UNKNOWN, GREY, ".."),
     (Region.RUNS, VERMILLION, "xx"),
 )
-#: Letters of titles side by side.
+#: Letters of a title on one line.
 _LETTERS = 12.0 * WIDTH
+#: Height of a panel, and of one of many [inch].
+_PANEL, _LOW_PANEL, _MANY = 2.6, 2.0, 3
 #: Distance between values at which runs were tried, relative to them, that is no region of its own.
 _GRID = 0.02
 #: How a limit is known: the colour of its cell in the grid, and the mark of its point.
@@ -73,28 +75,28 @@ def plot_guide(guide: Guide, given: Axes | None = None) -> Figure:
     if not any(np.isfinite(row.cell.bound) for row in guide.rows):
         raise EppError(f"{guide.case.name}: no bound was found, so there is nothing to draw.")
     if given is not None:
-        given.set_ylim(0.0, _draw_regions(given, guide, next(iter(groups.values())), 1))
+        given.set_ylim(0.0, _draw_regions(given, guide, next(iter(groups.values()))))
         put_legend(given)
         return root_figure(given)
-    columns = min(len(groups), 2)
-    count = -(-len(groups) // columns)
     # The first row is the grid; a single variant needs none.
     above = 1.4 + 0.35 * len(guide.rows) / len(groups) if len(groups) > 1 else 0.0
-    heights = [above] * (above > 0) + [2.6] * count
+    heights = [above] * (above > 0) + [_PANEL if len(groups) < _MANY else _LOW_PANEL] * len(groups)
     figure = figure_of_height(1.4 + sum(heights))
-    places = figure.add_gridspec(len(heights), columns, height_ratios=heights)
+    places = figure.add_gridspec(len(heights), 1, height_ratios=heights)
     first: Axes | None = None
     panels, tops = [], []
     for k, (variant, rows) in enumerate(groups.items()):
-        ax = figure.add_subplot(places[k // columns + (above > 0), k % columns], sharex=first, sharey=first)
+        ax = figure.add_subplot(places[k + (above > 0)], sharex=first, sharey=first)
         first = first or ax
-        tops.append(_draw_regions(ax, guide, rows, columns))
-        title = lines_of(guide.variant_in_words(variant), _LETTERS / columns)
-        ax.set_title("\n".join(title), fontsize=SMALL)
+        tops.append(_draw_regions(ax, guide, rows))
+        ax.set_title("\n".join(lines_of(guide.variant_in_words(variant), _LETTERS)), fontsize=SMALL)
         panels.append(ax)
+    for ax in panels[:-1]:  # all have the range of the lowest
+        ax.set_xlabel("")
+        ax.tick_params(labelbottom=False)
     panels[0].set_ylim(0.0, max(tops))
     if above:
-        _draw_grid(figure.add_subplot(places[0, :]), guide)
+        _draw_grid(figure.add_subplot(places[0]), guide)
     legend_below(figure, *panels)
     return figure
 
@@ -127,8 +129,8 @@ def _draw_grid(ax: Axes, guide: Guide) -> None:
     put_legend(ax, handles, loc="upper left", bbox_to_anchor=(0.0, -0.25))
 
 
-def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow], columns: int) -> float:
-    """Regions of a variant in one of so many panels side by side, and how far up they are known."""
+def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow]) -> float:
+    """Regions of a variant, and how far up they are known."""
     (x_unit, x_factor), (unit, factor) = guide.case.readable(guide.over), guide.case.readable(guide.limit)
     rows = sorted(rows, key=lambda row: row.values[guide.over])
     x = x_factor * np.array([row.values[guide.over] for row in rows])
@@ -153,7 +155,7 @@ def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow], columns: int
         whose = "this elbow" if guide.case.kind == "elbow" else "this case"
         ax.axhline(own, color=GREY, linestyle="--", linewidth=1.0, label=whose)
     remark = " (small: high gain)" if guide.over == GAIN else ""
-    label = lines_of(f"{with_unit(in_words(guide.over), x_unit)}{remark}", _LETTERS / columns)
+    label = lines_of(f"{with_unit(in_words(guide.over), x_unit)}{remark}", _LETTERS)
     ax.set_xlabel("\n".join(label), fontsize=SMALL)
     label_up(ax, with_unit(in_words(guide.limit), unit))
     ax.spines[["top", "right"]].set_visible(False)

@@ -162,9 +162,13 @@ _MAP = """\
 try:
     axes = {axes}
     cells = epp.sweep(case, axes, progress=False)
-    figure = epp.plot_design_map(cells)
-    {mark}
-    display(figure)
+    if not cells["outcome"].any():
+        print("No map: none of", cells["outcome"].size, "runs around this design settles or repeats itself by its end;")
+        print("longer ones may (run.t_end).")
+    else:
+        figure = epp.plot_design_map(cells)
+        {mark}
+        display(figure)
 except epp.EppError as reason:
     print(reason)"""
 

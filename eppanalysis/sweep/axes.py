@@ -200,9 +200,9 @@ def _value(case: Case, name: str, value: Any) -> Any:
 def _range(case: Case, name: str, text: str) -> tuple[Any, ...]:
     """Values of "start:stop:count:unit"."""
     parts = [part.strip() for part in text.split(":")]
-    if len(parts) == 1:
-        return (_value(case, name, text),)
     expected = "start:stop:count:unit, as in 1:5:41:lbf"
+    if len(parts) == 1 and ".." not in text:
+        return (_value(case, name, text),)
     if len(parts) not in (3, 4) or not parts[2].isdecimal():
         raise EppError(f"sweep: axis {name} is {_shown(text)}; expected {expected}.")
     if len(parts[2]) > len(str(_MOST_VALUES)) or int(parts[2]) > _MOST_VALUES:

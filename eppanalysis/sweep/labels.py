@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eppanalysis.plotting import put_verdict
-from eppanalysis.readable import in_print, with_unit, words
+from eppanalysis.readable import in_print, span, with_unit, words
 from eppanalysis.sweep.analyses import PREFIX, Analysis
 
 if TYPE_CHECKING:
@@ -30,12 +30,17 @@ def outcomes_in(cells: xarray.Dataset) -> list[str]:
     return [f"{prefix}{kind}" for prefix in PREFIXES if f"{prefix}{kind}" in cells]
 
 
-def put_verdict_of(figure: Figure, cells: xarray.Dataset, details: str = "") -> None:
-    """In how many of the designs that are drawn the loop does what, or what is proved of it, the most first."""
-    name = next((n for n in ("proved", *outcomes_in(cells)) if n in cells), None)
-    values, counts = np.unique(cells[name].values if name else [], return_counts=True)
+def told(cells: xarray.Dataset, name: str) -> str:
+    """In how many of the designs the loop does what, or what is proved of it, the most first."""
+    values, counts = np.unique(cells[name].values, return_counts=True)
     parts = [f"{meanings(cells[name])[int(values[k])]} in {counts[k]}" for k in np.argsort(-counts, kind="stable")]
-    verdict = ", ".join([f"{parts[0]} of {counts.sum()} designs", *parts[1:]]).capitalize() if parts else ""
+    return ", ".join([f"{parts[0]} of {counts.sum()} designs", *parts[1:]])
+
+
+def put_verdict_of(figure: Figure, cells: xarray.Dataset, details: str = "") -> None:
+    """What the loop does in the designs that are drawn, above their picture."""
+    name = next((n for n in ("proved", *outcomes_in(cells)) if n in cells), None)
+    verdict = told(cells, name).capitalize() if name and cells[name].size else ""
     allowed = f"allowed is {cells.attrs['allowed']}" if is_sized(cells) else ""
     put_verdict(figure, verdict, ", ".join(filter(None, (allowed, details))), str(cells.attrs.get("case", "")))
 
@@ -67,3 +72,14 @@ def place_in(dataset: xarray.Dataset, name: str, i: int) -> str:
     if name not in dataset.coords:
         return str(i)
     return f"{float(dataset[name].values[i]) * factor_of(dataset, name):.4g} {in_print(unit_of(dataset, name))}".strip()
+
+
+def ranges_of(dataset: xarray.Dataset) -> str:
+    """From where to where the parameters of a sweep run, each in the unit in which people read it."""
+    parts = []
+    for name in map(str, dataset.coords):
+        values = dataset[name].values
+        if values.ndim == 1 and values.dtype.kind == "f":
+            shown = in_print(unit_of(dataset, name)), factor_of(dataset, name)
+            parts.append(f"{words(name)} {span(values, '', shown)}")
+    return "; ".join(parts)

@@ -33,6 +33,10 @@ _BEYOND = (
 )
 
 
+#: Unstable cycles without a counterpart, each of which has a row of its own.
+_MOST_LONE = 4
+
+
 def result_table(result: Shown) -> Table:
     """The table of a result in the units that people read, a long one cut in the middle."""
     frame = for_people(result.in_brief())
@@ -288,13 +292,19 @@ def ladder_table(ladder: Ladder, signals: Sequence[str] | None = None) -> Table:
 
 
 def rungs_table(ladder: Ladder) -> Table:
-    """The rungs of every limit cycle below each other: period, size, errors against the exact cycle, time taken."""
+    """The rungs of every limit cycle below each other: period, size, errors against the exact cycle, time taken.
+
+    Unstable cycles that the search alone has found are one row where they are many.
+    """
     unit, factor = readable(ladder.run.units.get(ladder.signal, ""))
     heads = "cycle", "method", "period [s]", _span_of(ladder.signal, unit)
     table = table_of(*heads, "error of period", "error of size", "time [s]", "")
     table.columns[1].justify = table.columns[-1].justify = "left"
-    numbers = [i for i in dict.fromkeys(row.exact for row in ladder.rows) if i is not None]
-    for i in [*sorted(numbers), None]:
+    numbers = sorted({row.exact for row in ladder.rows if row.exact is not None})
+    of_cycle = {i: [row for row in ladder.rows if row.exact == i] for i in numbers}
+    lone = [i for i, (first, *more) in of_cycle.items() if not more and first.cycle and not first.cycle.stable]
+    folded = lone if len(lone) > _MOST_LONE else []
+    for i in (*(i for i in of_cycle if i not in folded), None):
         for row in (row for row in ladder.rows if row.exact == i):
             frequency, span = row.quantities["frequency"], row.quantities["peak-to-peak"]
             own = row.method.startswith(EXACT_ORBIT)
@@ -303,6 +313,14 @@ def rungs_table(ladder: Ladder) -> Table:
             cells = [period, cell(None if span is None else span * factor), *errors, f"{row.seconds:.2g}"]
             table.add_row("-" if i is None else str(i + 1), row.method, *cells, row.note)
         table.add_section()
+    if folded:
+        many = [of_cycle[i][0] for i in folded]
+        periods = sorted(1.0 / (row.quantities["frequency"] or math.nan) for row in many)
+        spans = sorted(factor * (row.quantities["peak-to-peak"] or math.nan) for row in many)
+        cells = [f"{cell(values[0])} to {cell(values[-1])}" for values in (periods, spans)]
+        table.add_row(
+            f"{len(many)} more", many[0].method, *cells, "exact", "exact", "", "eppanalysis cycles lists them"
+        )
     return table
 
 

@@ -25,6 +25,13 @@ def run(*arguments: str):
     return result
 
 
+@pytest.mark.parametrize("command", sorted(get_command(app).commands))
+def test_no_word_of_the_help_is_cut_off(command: str) -> None:
+    """On a console of 80 letters, where columns of names leave little room for what they mean."""
+    told = runner.invoke(app, [command, "--help"], env={"COLUMNS": "80", "TERMINAL_WIDTH": "80"}, color=False).output
+    assert "Usage" in told and "…" not in told
+
+
 def one_sentence(result) -> str:
     """The only line on the standard error, of a command that was refused."""
     assert result.exit_code == 2

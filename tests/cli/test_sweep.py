@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -38,7 +39,7 @@ def test_a_map_is_summarised_stored_and_drawn(tmp_path) -> None:
     assert picture.stat().st_size > 1000
     assert open_sweep(store)["outcome"].values.tolist() == [[1, 2], [1, 2]]
     # The same command again finds all of it done.
-    assert "outcome of 4 cells: 2 settles, 2 oscillates" in run(*ELBOW, "-o", str(store)).stdout
+    assert "outcome: settles in 2 of 4 designs, oscillates in 2" in run(*ELBOW, "-o", str(store)).stdout
 
 
 def test_settings_hold_in_every_cell(tmp_path) -> None:
@@ -90,7 +91,7 @@ def test_boundaries_are_drawn_on_a_map(tmp_path) -> None:
 
 def test_one_cell_is_one_cell() -> None:
     shown = run("sweep", "fig8a_original", "--axis", "lock_pin.backlash=1 deg", "--set", "run.t_end=0.1 s").stdout
-    assert "status of 1 cell: 1 undecided" in shown
+    assert "outcome: unknown in 1 of 1 designs" in shown
 
 
 def test_a_failed_cell_is_told_and_the_exit_code_stays() -> None:
@@ -173,9 +174,23 @@ def test_a_store_of_another_case_is_refused_and_kept(tmp_path) -> None:
 
 @pytest.mark.parametrize("words", [Run, Design, Kind])
 def test_help_lists_every_choice(words: type[StrEnum]) -> None:
-    shown = "".join(CliRunner().invoke(app, ["sweep", "--help"], env={"COLUMNS": "400"}).output.split())
-    assert "|".join(words) in shown
+    shown = CliRunner().invoke(app, ["sweep", "--help"], env={"COLUMNS": "400"}).output
+    option = {Run: "--run ", Design: "--design ", Kind: "--boundary "}[words]
+    (line,) = (line for line in shown.splitlines() if option in line)
+    assert set(words) <= set(re.findall(r"\w+", line.partition(option)[2]))
 
 
 def test_choices_are_what_the_analyses_are() -> None:
     assert list(Run) == [*Analysis, "all"] and set(Kind) - {Kind.FOLDS} == set(PREFIX)
+
+
+def test_what_was_swept_is_said_in_the_units_of_people():
+    axes = "--axis", "lock_pin.backlash=0.5 deg,1 deg", "--axis", "bands.range=2:3:2:lbf"
+    told = run("sweep", "fig8a_original", *axes, "--set", "run.t_end=0.1 s").stdout
+    assert "4 designs: lock pin backlash from 0.5 deg to 1 deg; bands range from 2 lbf to 3 lbf" in told
+    assert "unknown in 4 of 4 designs" in told and "run.t_end" in told
+
+
+def test_a_range_of_another_option_is_no_value_of_an_axis():
+    refused = one_sentence(run("sweep", "fig8a_original", "--axis", "bands.range=1..5 lbf"))
+    assert "start:stop:count:unit" in refused

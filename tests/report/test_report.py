@@ -149,6 +149,14 @@ def test_the_star_of_a_design_map_stands_in_the_units_of_its_axes():
     assert 'plot(case.value("loop.gain") * 1.0, case.value("play.gap") * 1000.0, ' in code
 
 
+def test_a_design_map_of_which_nothing_is_known_is_a_sentence(capsys):
+    """Runs that are too short say nothing: a map would be grey from end to end."""
+    short = epp.case("wheelchair").with_values({"run.t_end": "0.1 s"})
+    drawn = []
+    exec(sections._map(short), {"epp": epp, "case": short, "display": drawn.append})
+    assert "No map: none of 81 runs" in capsys.readouterr().out and not drawn
+
+
 def test_a_full_report_has_the_guideline_at_several_gains():
     short, long = (
         making.make_notebook([epp.case("fig8a_original")], full=full).cells[-5].source for full in (False, True)

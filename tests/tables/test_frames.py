@@ -81,6 +81,18 @@ def test_errors_of_the_rungs_have_one_format():
     assert "< 0.01 %" in shown and not any("e-" in text for text in shown), shown
 
 
+def test_many_unstable_cycles_of_the_search_alone_are_one_row():
+    """Chaos has dozens; what other methods know, and what is stable, keeps its rows, and a few keep theirs."""
+    ladder = epp.ladder(epp.case("relay_deadzone"))
+    lone = next(row for row in ladder.rows if row.exact is not None and row.method == "exact orbit, unstable")
+    known = len(rungs_table(ladder).rows)
+    for n, rows in ((2, 2), (7, 1)):
+        more = tuple(replace(lone, exact=100 + i) for i in range(n))
+        shown = rungs_table(replace(ladder, rows=(*ladder.rows, *more)))
+        assert len(shown.rows) == known + rows, n
+    assert list(shown.columns[0].cells)[-1] == "7 more"
+
+
 def test_nothing_found_is_said():
     assert cells(epp.table(())) == ["none"]
 

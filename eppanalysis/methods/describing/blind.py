@@ -34,7 +34,8 @@ from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.linear import poles
-from eppanalysis.readable import listed
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.readable import listed, quantity
 
 #: Distance of the loop gain from one, up to which harmonics may make up for it, and how many places are tried.
 _NEAR, _PLACES = 0.3, 3
@@ -259,6 +260,7 @@ def _no_rest(balance: Balance) -> Iterator[str]:
     """Elements that jump over the only output with which the loop could stand still, or leave it wherever it could."""
     system = balance.system
     for i, e in enumerate(system.elements):
+        of_input, of_output = _units_of(system, i)
         if not np.any(e.jumps):
             if any(_leaves_every_mode(e, *balanced) for balanced in _balances_of_one(balance, i)):
                 yield (
@@ -272,22 +274,32 @@ def _no_rest(balance: Balance) -> Iterator[str]:
             if only is not None and not _slides(balance, i, float(e.jumps[only])):
                 yield (
                     f"The loop can rest only on an edge of {system.element_names[i]}, which jumps where its input "
-                    f"passes {float(e.breakpoints[only]):.4g}: it may hunt across it, in a motion that is not "
-                    "predicted here."
+                    f"passes {quantity(float(e.breakpoints[only]), of_input)}: it may hunt across it, in a motion that "
+                    "is not predicted here."
                 )
                 break
             jump = _jumped_over(e, on_bias, on_mean, left, right)
             if jump is None or _slides(balance, i, float(e.jumps[jump])):
                 continue
             edge = float(e.breakpoints[jump])
-            below, above = (float(e.slopes[k] * edge + e.intercepts[k]) for k in (jump, jump + 1))
-            needed = (prescribed - on_bias * edge) / on_mean + 0.0  # which takes the sign off a zero
+            levels = (float(e.slopes[k] * edge + e.intercepts[k]) for k in (jump, jump + 1))
+            below, above = (quantity(level, of_output) for level in levels)
+            needed = quantity(
+                (prescribed - on_bias * edge) / on_mean + 0.0, of_output
+            )  # which takes the sign off a zero
             yield (
-                f"The loop has no state of rest: {system.element_names[i]} would have to give {needed:.4g} but jumps "
-                f"from {below:.4g} to {above:.4g} where its input passes {edge:.4g}; the loop hunts across it, in a "
-                "motion that is not predicted here."
+                f"The loop has no state of rest: {system.element_names[i]} would have to give {needed} but jumps "
+                f"from {below} to {above} where its input passes {quantity(edge, of_input)}; the loop hunts across it, "
+                "in a motion that is not predicted here."
             )
             break
+
+
+def _units_of(system: LureSystem, element: int) -> tuple[str, str]:
+    """Units of the first input and output of an element, where signals tell them."""
+    z, w = system.input_slices[element].start, system.output_slices[element].start
+    read = {"x": system.C[z], "w": system.D[z], "v": system.D_input[z], "one": float(system.constant_input[z])}
+    return system.signals.unit_of(**read), system.signals.unit_of(w=np.eye(system.D.shape[1])[w])
 
 
 def _balances_of_one(balance: Balance, element: int) -> Iterator[tuple[float, float, float]]:

@@ -44,14 +44,15 @@ _WIDTH = 60
 #: More than these are not told apart in one picture; what is left over is drawn thin.
 _TOLD_APART = 4
 #: A line that is not told apart from others.
-_THIN: dict[str, Any] = {"color": "#A0A0A0", "linewidth": 0.6}
+_THIN: dict[str, Any] = {"color": "#BBBBBB", "linewidth": 0.5}
 
 
 def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | None = None) -> Figure:
     """Every cycle's waveform over its own period, and the signal's rate over the signal; stable solid, unstable dashed.
 
     Waveforms begin where their fundamental rises through zero. Of many cycles four are told apart, stable and large
-    ones first; the others are thin. Predictions whose orbits were not found are dotted and grey.
+    ones first; of the others the orbits alone are drawn, thin. Predictions whose orbits were not found are dotted and
+    grey.
 
     Parameters
     ----------
@@ -80,7 +81,9 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
     unit, factor = readable(shown[0][0].units.get(name, ""))
     for cycle, style, text in shown:
         time, wave = _turned(cycle, name)
-        panels[0].plot(time / cycle.period, factor * wave, label=text, **style)
+        # Of many waveforms, each over a period of its own, none can be followed; orbits can.
+        over = ([], []) if style["linewidth"] == _THIN["linewidth"] else (time / cycle.period, factor * wave)
+        panels[0].plot(*over, label=text, **style)
         for right in panels[1:]:
             right.plot(factor * wave[1:-1], factor * np.gradient(wave, time)[1:-1], **style)
     panels[0].set_xlim(0.0, 1.0)
@@ -100,7 +103,7 @@ def _lines_of(search: CycleSearch) -> list[tuple[LimitCycle, dict[str, Any], str
     told = [*search.stable[::-1], *search.unstable[::-1]][:_TOLD_APART]
     clear = [cycle for cycle in search.cycles if any(cycle is one for one in told)]
     thin = [cycle for cycle in search.cycles if not any(cycle is one for one in told)]
-    used = {True: 0, False: 0}
+    used: dict[str, dict[str, Any]] = {}
     return [
         *((cycle, *_thin(cycle, thin)) for cycle in thin),
         *((cycle, *_listed(cycle, used)) for cycle in clear),
@@ -108,13 +111,13 @@ def _lines_of(search: CycleSearch) -> list[tuple[LimitCycle, dict[str, Any], str
     ]
 
 
-def _listed(cycle: LimitCycle, used: dict[bool, int]) -> tuple[dict[str, Any], str]:
-    """Line and words of a cycle that is told apart; `used` counts the colours of each kind."""
+def _listed(cycle: LimitCycle, used: dict[str, dict[str, Any]]) -> tuple[dict[str, Any], str]:
+    """Line and words of a cycle that is told apart; those of the same words, mirror images, have one line in `used`."""
     stable = bool(cycle.stable)
-    colour = (_STABLE if stable else _UNSTABLE)[used[stable] % 3]
-    used[stable] += 1
-    style = {"color": colour, "linestyle": "-" if stable else "--", "linewidth": 1.3}
-    return style, f"{'stable' if stable else 'unstable'}, {number(cycle.frequency)} Hz"
+    text = f"{'stable' if stable else 'unstable'}, {number(cycle.frequency)} Hz"
+    style = {"linestyle": "-" if stable else "--", "linewidth": 1.3}
+    others = sum(one["linestyle"] == style["linestyle"] for one in used.values())
+    return used.setdefault(text, style | {"color": (_STABLE if stable else _UNSTABLE)[others % 3]}), text
 
 
 def _thin(cycle: LimitCycle, others: Sequence[LimitCycle]) -> tuple[dict[str, Any], str]:

@@ -251,7 +251,7 @@ def _directions(
         on = np.abs(system.D_input[:, i])
         # A step of this input that moves an element's input as far as the cycle does.
         reach = float(np.max(np.where(on > 0, z / np.where(on > 0, on, 1.0), 0.0), initial=0.0))
-        unit = _UNITS.get(name) or system.signals.unit_of(external=i)
+        unit = _UNITS.get(name) or system.signals.unit_of(v=np.eye(len(system.v0))[i])
         yield name, unit, moved(hybrid.n_plant + i), reach or max(abs(float(system.v0[i])), 1.0)
     usual = [n for n in _FOREARM if n in system.state_names] or system.state_names
     for name in usual if states is None else states:
@@ -260,7 +260,7 @@ def _directions(
             raise EppError(f"{system.name}: there is no state {name!r}; expected one of: {known}.")
         place = system.state_names.index(name)
         if hybrid.compared[place]:
-            unit = _UNITS.get(name) or system.signals.unit_of(state=place)
+            unit = _UNITS.get(name) or system.signals.unit_of(x=np.eye(system.x0.size)[place])
             yield name, unit, moved(place), float(amplitude[place]) or 1.0
 
 

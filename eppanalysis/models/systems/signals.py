@@ -37,13 +37,15 @@ class SignalMap:
         """The signals with these units, by their names; none for one that is not among them."""
         return replace(self, units=tuple(known.get(name, "") for name in self.names))
 
-    def unit_of(self, state: int = -1, external: int = -1) -> str:
-        """The unit of a state or an external input, where a signal is just that; empty where none is."""
-        on = np.hstack([self.C, self.D_input, self.D, self.constant[:, None]])
-        alone = np.zeros(on.shape[1])
-        alone[state if state >= 0 else self.C.shape[1] + external] = 1.0
-        units = (unit for row, unit in zip(on, self.units, strict=False) if unit and np.array_equal(row, alone))
-        return next(units, "")
+    def unit_of(self, x: Array | None = None, w: Array | None = None, v: Array | None = None, one: float = 0.0) -> str:
+        """The unit of a sum of states x, outputs of elements w, external inputs v and a constant; empty where no
+        signal is just that.
+        """
+        parts = ((x, self.C), (w, self.D), (v, self.D_input))
+        row = np.concatenate([np.zeros(m.shape[1]) if given is None else given for given, m in parts])
+        rows = np.hstack([m for _, m in parts])
+        alike = np.all(rows == row, axis=1) & (self.constant == one)
+        return next((unit for unit, here in zip(self.units, alike, strict=False) if here and unit), "")
 
 
 def require(name: str, what: str, given: object, holds: bool, expected: str) -> None:

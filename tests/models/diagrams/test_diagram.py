@@ -596,11 +596,10 @@ def test_a_state_that_a_port_puts_out_has_its_name_and_its_unit():
     """No other has: the states of a transfer function are no signals, nor is a state its double."""
     loop = epp.case("robot_servo").to_system()
     assert loop.state_names == ("motor_angle", "motor_speed", "arm_angle", "arm_speed")
-    places = range(len(loop.state_names))
-    assert [loop.signals.unit_of(state=i) for i in places] == ["rad", "rad/s"] * 2
-    assert loop.signals.unit_of(external=0) == "rad"
+    assert [loop.signals.unit_of(x=row) for row in np.eye(4)] == ["rad", "rad/s"] * 2
+    assert loop.signals.unit_of(v=np.ones(1)) == "rad" and loop.signals.unit_of(v=np.ones(1), one=1.0) == ""
     doubled = replace(loop.signals, C=2.0 * loop.signals.C)
-    assert [doubled.unit_of(state=i) for i in places] == [""] * 4
+    assert [doubled.unit_of(x=row) for row in np.eye(4)] == [""] * 4
     aircraft = epp.case("x15_flare").to_system()
     assert aircraft.state_names[1:] == ("pitch_1", "pitch_2", "pitch_3", "pitch_4")
-    assert [aircraft.signals.unit_of(state=i) for i in range(1, 5)] == [""] * 4
+    assert [aircraft.signals.unit_of(x=row) for row in np.eye(5)[1:]] == [""] * 4
