@@ -22,7 +22,7 @@ from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
 from eppanalysis.shown import png
 
 #: Size of the picture [inch], and its dots per inch.
-_SIZE, _DOTS = (7.2, 3.4), 150
+_SIZE, _DOTS = (5.6, 2.8), 180
 #: Where the cycles of a branch cease to exist.
 _ENDS = (Change.FOLD, Change.TURNING, Change.INFINITE, Change.LINEAR)
 #: Letters of a name that is a symbol, before which stands no article.

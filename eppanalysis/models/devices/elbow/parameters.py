@@ -249,6 +249,27 @@ class Parking(Section):
 class ElbowParameters:
     """All parameters of the elbow, in SI units; the defaults are the nominal ones.
 
+    Attributes
+    ----------
+    drive : Drive
+        Motor, gearing and H-bridge, seen at the output shaft.
+    controller : Controller
+        Its timing: dead time and sample period.
+    bands : Bands
+        Thresholds of the five-band law; its range sets the gain.
+    lock_pin : LockPinParameters
+        Backlash between drive and forearm, and the stiffness of the contact.
+    forearm : Forearm
+        Inertia, friction and weight of forearm and prehensor.
+    cable : Cable
+    pulley : Pulley
+        Radius and friction on the elbow axis.
+    harness : Harness
+        What the user, or the step-input board, does.
+    sensor : Sensor
+        Of the force; what is not given is left out.
+    parking : Parking
+
     Examples
     --------
     >>> from dataclasses import replace
