@@ -149,6 +149,7 @@ def design_guide(
     open_ends: dict[str, None] = {}
     each = 1 + work.is_under_tolerances(case)  # a row's bound, and that under its tolerances
     total = each * len(ranges) * len(combinations)
+    sweep = HarmonicSweep(work.question(case))  # of all variants, which are neighbours
     for combination in combinations:
         done = each * len(rows)
 
@@ -157,7 +158,7 @@ def design_guide(
                 progress(done + count, total, doing)
 
         here = case.with_values(combination) if combination else case
-        found, not_covered = work.rows(here, tuple(combination), advance)
+        found, not_covered = work.rows(here, tuple(combination), sweep, advance)
         rows += found
         open_ends[not_covered] = None
     settings: dict[str, Any] = {
@@ -257,17 +258,20 @@ class _Work:
         if not self.is_under_tolerances(case):
             return
         for gain in self.ranges:
-            check_tolerances(self._question(case.with_values({self.over: gain})), self.tolerances)
+            check_tolerances(self.question(case.with_values({self.over: gain})), self.tolerances)
 
     def is_under_tolerances(self, case: Case) -> bool:
         """Whether rows have a bound under tolerances, those given or those that the case carries."""
         carried = any(p.tolerance for p in case.parameters.values())
         return self.allowed is None and (self.tolerances is not None or carried)
 
-    def _question(self, case: Case) -> Question:
+    def question(self, case: Case) -> Question:
+        """What is asked of a variant."""
         return Question(case, self.limit, *range_within(case, self.limit, self.within))
 
-    def rows(self, case: Case, varied: tuple[str, ...], advance: Progress) -> tuple[list[GuideRow], str]:
+    def rows(
+        self, case: Case, varied: tuple[str, ...], sweep: HarmonicSweep, advance: Progress
+    ) -> tuple[list[GuideRow], str]:
         """Rows of one variant, and what they do not cover."""
         known = self._known(case)
         if known is not None:
@@ -288,9 +292,9 @@ class _Work:
             seed=self.seed,
             workers=self.workers,
             prove=self.prove,
+            sweep=sweep,
             progress=advance,
         )
-        sweep = HarmonicSweep(Question(case, self.limit, *bounds.within, self.over))
         rows = [
             self._row(case, varied, gain, cell, sweep, partial(advance, len(self.ranges) + k, None))
             for k, (gain, cell) in enumerate(zip(self.ranges, bounds, strict=True))
@@ -301,7 +305,7 @@ class _Work:
         """The bound at the end of the branch that was given, tested; None where it has no end."""
         if self.branch is None:
             return None
-        question = self._question(case)
+        question = self.question(case)
         settings = Settings(starts=self.starts, seed=self.seed)
         cell = bound_of_branch(question, self.ranges[0], self.branch, settings)
         if cell is None:

@@ -10,7 +10,7 @@ Where a size of cycles is allowed, exact orbits alone are asked (``sized``), of 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
@@ -34,6 +34,7 @@ from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
 from eppanalysis.progress import Progress
+from eppanalysis.results.deferred import Deferred
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.workers import workers as worker_processes
 
@@ -79,6 +80,7 @@ def design_bounds(
     seed: int = _SEED,
     prove: bool = False,
     workers: int = 1,
+    sweep: HarmonicSweep | None = None,
     progress: Progress | None = None,
 ) -> DesignBounds:
     """The bound on one parameter of a case at each of a row of values of another.
@@ -121,6 +123,8 @@ def design_bounds(
     workers : int
         Processes that correct and test; results do not depend on their number. More than one needs a script that is
         guarded by ``if __name__ == "__main__"``.
+    sweep : HarmonicSweep, optional
+        That knows folds of neighbouring cases, from which those of this one are begun; a new one by default.
     progress : callable, optional
         Told the number of cells done, of all cells, and nothing in words.
 
@@ -170,6 +174,8 @@ def design_bounds(
     low, high = range_within(case, limit, within)
     _check_pair(case, over, values[0], limit, high)
     question = Question(case, limit, low, high, over)
+    sweep = sweep or HarmonicSweep(question)
+    sweep.turn_to(question)
     settings = Settings(exact, verify and exact, margin, starts, seed, allowed)
     why = why_by_search(case.to_system())
     asking = Asking(allowed, margin, own_run, why) if why else None
@@ -185,7 +191,7 @@ def design_bounds(
     elif allowed is not None:
         cells = _each(partial(sized_cell, question, settings=settings), values, workers, progress)
     else:
-        cells = _cells(question, values, settings, workers, progress)
+        cells = _cells(sweep, values, settings, workers, progress)
     if prove:
         cells = [with_proofs(question.at(c.value), c) for c in cells]
     facts = {"over": over, "limit": limit, "within": (low, high), "margin": margin, "starts": starts, "seed": seed}
@@ -275,7 +281,7 @@ def _check_pair(case: CaseLike, over: str, value: float, limit: str, end: float)
 
 
 def _cells(
-    question: Question, values: Sequence[float], settings: Settings, workers: int, progress: Progress | None
+    sweep: HarmonicSweep, values: Sequence[float], settings: Settings, workers: int, progress: Progress | None
 ) -> list[BoundCell]:
     """All cells: harmonic balance one after another, correction and tests as they come, on all workers."""
     cells: list[BoundCell | None] = [None] * len(values)
@@ -291,12 +297,13 @@ def _cells(
 
     # The sweep itself runs in this process, so one of the workers' places is taken for part of the time.
     with worker_processes(workers) as pool:
-        sweep = HarmonicSweep(question, each=map if pool is None else pool.map)
+        sweep.each = map if pool is None else pool.map
         for i, value in enumerate(values):
             here, bound = sweep.bound(value)
             cell = _from_harmonic(value, bound)
             if bound.fold is not None and not bound.fold.at_end:
-                cell = replace(cell, harmonic_elasticities=elasticities(here, sweep.programmes, bound.fold))
+                slopes = Deferred(partial(elasticities, here, sweep.programmes, bound.fold))
+                cell = replace(cell, harmonic_elasticities=slopes)
             if not settings.exact or bound.finding not in _CORRECTED:
                 finish(i, cell, None)
                 continue
@@ -311,6 +318,7 @@ def _cells(
                 finish(k, ready, future.result())
         for k, (ready, future) in waiting.items():
             finish(k, ready, future.result())
+    sweep.each = map
     return [c for c in cells if c is not None]
 
 
@@ -357,7 +365,7 @@ class _Checked:
 
     bound: ExactBound
     verification: Verification | None
-    elasticities: dict[str, float]
+    elasticities: Mapping[str, float]
 
 
 def _check(question: Question, near: Cycle | None, sign: float, settings: Settings) -> _Checked:
@@ -426,7 +434,8 @@ def checked_bound(question: Question, found: ExactBound, sign: float, settings: 
         if further is None:
             break
         found = further
-    return _Checked(replace(found, point=None), tested, _elasticities(question, found, settings.allowed))
+    slopes = Deferred(partial(_elasticities, question, found, settings.allowed))
+    return _Checked(replace(found, point=None), tested, slopes)
 
 
 def _further(question: Question, tested: Verification, sign: float, allowed: Allowed | None) -> ExactBound | None:

@@ -345,6 +345,10 @@ class HarmonicSweep:
     last_order: int = 0
     done: int = 0
 
+    def turn_to(self, question: Question) -> None:
+        """Go on with another case: its range is scanned anew, its folds are begun from those that are known."""
+        self.question, self.outlook, self.far, self.last_order, self.done = question, None, (), 0, 0
+
     def bound(self, value: float) -> tuple[Question, HarmonicBound]:
         """The question and the bound at a value of the parameter that runs."""
         question = self.question.at(value)

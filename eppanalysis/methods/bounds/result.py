@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -193,8 +193,9 @@ class BoundCell(Brief):
         No limit cycle on the safe side, an exact orbit on the other.
     orbit, other_orbit : LimitCycle or None
         The exact orbit at the bound, and on the other side.
-    elasticities, harmonic_elasticities : dict of str to float
-        Relative change of the exact bound, and of the harmonic one, for a relative change of each parameter.
+    elasticities, harmonic_elasticities : mapping of str to float
+        Relative change of the exact bound, and of the harmonic one, for a relative change of each parameter; computed
+        when they are looked at.
     message : str
         What is missing, or why there is no bound.
     proved : ProvedSides or None
@@ -219,8 +220,8 @@ class BoundCell(Brief):
     verified: bool = False
     orbit: LimitCycle | None = None
     other_orbit: LimitCycle | None = None
-    elasticities: dict[str, float] = field(default_factory=dict)
-    harmonic_elasticities: dict[str, float] = field(default_factory=dict)
+    elasticities: Mapping[str, float] = field(default_factory=dict)
+    harmonic_elasticities: Mapping[str, float] = field(default_factory=dict)
     message: str = ""
     size: float = _NAN
     searched: float = _NAN

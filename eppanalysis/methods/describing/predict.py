@@ -7,10 +7,9 @@ picture needs in ``describing_picture``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property, partial
-from typing import Any
+from functools import partial
 
 import numpy as np
 
@@ -35,6 +34,7 @@ from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.averaged import AveragedSystem, averaged
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.results import DESCRIBING_FUNCTION, LimitCycle, Prediction, Status
+from eppanalysis.results.deferred import Deferred
 from eppanalysis.results.measured import MeasuredCycle
 from eppanalysis.results.provenance import Provenance
 
@@ -42,33 +42,6 @@ from eppanalysis.results.provenance import Provenance
 _RESIDUAL = 1e-9
 #: Share below which a part of an input is rounding, as in coordinates that were turned.
 _SAME = 1e-9
-
-
-class Deferred(Mapping[str, Any]):
-    """Values by name that are computed when they are first asked for.
-
-    Most predictions are never drawn and their margins never read.
-    """
-
-    def __init__(self, make: Callable[[], Mapping[str, Any]]) -> None:
-        self._make = make
-
-    @cached_property
-    def _values(self) -> Mapping[str, Any]:
-        with np.errstate(all="ignore"):
-            return self._make()
-
-    def __getitem__(self, name: str) -> Any:
-        return self._values[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._values)
-
-    def __len__(self) -> int:
-        return len(self._values)
-
-    def __repr__(self) -> str:
-        return repr(self._values)
 
 
 def predict_limit_cycles(

@@ -14,21 +14,23 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.elasticity import exact_elasticities, parameters_of
+from eppanalysis.methods.bounds.elasticity import exact_slopes, parameters_of
 from eppanalysis.methods.bounds.exact import ExactBound, correct
 from eppanalysis.methods.bounds.fold import Cycle, Programmes, extreme
 from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question
 from eppanalysis.methods.bounds.result import Finding
 from eppanalysis.methods.bounds.tolerances.distribution import Distribution
 from eppanalysis.methods.bounds.tolerances.result import Quantile, ToleranceBound
+from eppanalysis.methods.continuation.steps import Point
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -36,6 +38,7 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
 from eppanalysis.progress import Progress
 from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results.deferred import Deferred
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
@@ -250,7 +253,7 @@ class _Place:
 
     place: tuple[float, ...]
     value: float
-    slopes: dict[str, float]
+    slopes: Mapping[str, float]
     harmonic: Cycle
 
 
@@ -275,7 +278,7 @@ class _Box:
         exact = correct(question, bound.fold.cycle, bound.sign)
         if exact.cycle is None or exact.point is None:
             raise EppError(f"{question.case.name}: the bound on {question.limit} was not corrected: {exact.message}.")
-        slopes = _slopes(question, exact)
+        slopes = _slopes(question, exact.point, widths)
         centre = _Place((0.0,) * len(widths), exact.value, slopes, bound.fold.cycle)
         return cls(question, widths, bound.sign, bound.order, sweep.programmes, centre, exact.cycle)
 
@@ -307,7 +310,8 @@ class _Box:
         """The exact bound at a place, near the one that the elasticities predict, else near the harmonic one."""
         question = self.at(place)
         moves = zip(self.widths.items(), near.place, place, strict=True)
-        change = sum(near.slopes.get(n, 0.0) * w * (b - a) for (n, w), a, b in moves if np.isfinite(near.slopes[n]))
+        terms = (near.slopes.get(n, 0.0) * w * (b - a) for (n, w), a, b in moves)
+        change = sum(term for term in terms if math.isfinite(term))
         # Extrapolated in the logarithm: no bound passes zero.
         cycle: Cycle | None = replace(near.harmonic, value=near.value * math.exp(change / near.value))
         assert cycle is not None
@@ -317,7 +321,7 @@ class _Box:
             found = None if cycle is None else correct(question, cycle, self.sign)
         if found is None or found.cycle is None or cycle is None:
             return None
-        return _Place(place, found.value, _slopes(question, found), cycle)
+        return _Place(place, found.value, _slopes(question, found.point, self.widths), cycle)
 
     def worst(self) -> tuple[_Place, str, int]:
         """The corner with the worst bound, what is missing, and the number of corners checked besides."""
@@ -385,9 +389,10 @@ class _Box:
         safe_end = low if self.sign > 0 else high
         # `safe_end` is `low` or `high` itself. With a run that oscillates
         # there, halving would close in on it and not on the bound.
+        wrong = np.arange(len(cases))
         for k in range(_ENDS):
             tell(k, _ROUNDS, f"runs of all draws, {k + 1} of {_ROUNDS}")
-            wrong = self._oscillating(cases, safe_end, threads)
+            wrong = wrong[self._oscillating([cases[i] for i in wrong], safe_end[wrong], threads)]
             safe_end[wrong] *= 1.0 - self.sign * 2 * _BRACKET
         for k in range(_ENDS, _ROUNDS):
             tell(k, _ROUNDS, f"runs of all draws, {k + 1} of {_ROUNDS}")
@@ -399,16 +404,19 @@ class _Box:
 
     def _oscillating(self, cases: Sequence[CaseLike], values: Array, threads: int) -> NDArray[np.bool_]:
         """Which cases have a run that does not come to rest, at their values of the bounded parameter."""
-        limit = self.question.limit
-        hybrids: list[HybridSystem] = []
+        starts: list[list[HybridSystem]] = []
         for case, value in zip(cases, values.tolist(), strict=True):
-            changed = case.with_values({limit: value})
-            base = steady_hybrid(changed.to_system(), changed.operating_point)
-            hybrids += self._starts(base)
-        names = self.question.case.to_system().signals.names
-        result = simulate_batch(HybridStack.of(hybrids, names), _PERIODS * self.orbit.period, threads=threads)
-        moving = np.array([s is Status.LIMIT_CYCLE for s in result.status])
-        return np.any(moving.reshape(len(cases), -1), axis=1)
+            changed = case.with_values({self.question.limit: value})
+            starts.append(self._starts(steady_hybrid(changed.to_system(), changed.operating_point)))
+        names, moving = self.question.case.to_system().signals.names, np.zeros(len(cases), bool)
+        for column in zip(*starts, strict=True):
+            # One run that oscillates tells: the others of its case need not be made.
+            still = np.flatnonzero(~moving)
+            if still.size:
+                stack = HybridStack.of([column[i] for i in still], names)
+                result = simulate_batch(stack, _PERIODS * self.orbit.period, threads=threads)
+                moving[still] = [s is Status.LIMIT_CYCLE for s in result.status]
+        return moving
 
     def _starts(self, base: HybridSystem) -> list[HybridSystem]:
         """The system on and around the orbit at the nominal bound."""
@@ -426,9 +434,7 @@ class _Box:
         return out
 
 
-def _slopes(question: Question, bound: ExactBound) -> dict[str, float]:
-    """Derivative of a bound by every parameter [SI], from the exact elasticities."""
-    if bound.point is None:
-        return {}
-    found = exact_elasticities(question, bound.point)
-    return {name: e * bound.value / question.case.value(name) for name, e in found.items()}
+def _slopes(question: Question, point: Point | None, names: Iterable[str]) -> Mapping[str, float]:
+    """Derivative of an exact bound by parameters [SI]; most corners are asked for their bound alone."""
+    sizes = {name: abs(question.case.value(name)) for name in names}
+    return {} if point is None else Deferred(partial(exact_slopes, question, point, sizes))

@@ -1,0 +1,79 @@
+"""How much is computed for a bound: what nobody looks at, and what is known already, is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.methods.bounds import elasticity, fold
+from eppanalysis.methods.bounds.design import design_bounds
+from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question
+from eppanalysis.methods.bounds.tolerances import bound
+from eppanalysis.results import Status
+from tests import made_bounds
+
+GAP, GAIN = "play.gap", "loop.gain"
+RELAY, THRESHOLD, LEVEL, SCALE = "relay_deadzone", "relay_dead_zone.threshold", "relay_dead_zone.level", "loop.gain"
+
+
+class Counted:
+    """A function that counts what it is asked for."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, place: object, name: str) -> None:
+        self.asked: list[tuple[object, ...]] = []
+        self.function = getattr(place, name)
+        monkeypatch.setattr(place, name, self)
+
+    def __call__(self, *given: object, **named: object) -> object:
+        self.asked.append(given)
+        return self.function(*given, **named)
+
+
+def test_elasticities_are_computed_when_they_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    exact, harmonic = (Counted(monkeypatch, elasticity, f"{which}_slopes") for which in ("exact", "harmonic"))
+    (cell,) = design_bounds(made_bounds.wheelchair(), GAP, GAIN, at=[0.012], starts=10)
+    assert not exact.asked and not harmonic.asked
+    assert cell.elasticities[GAP] == pytest.approx(cell.harmonic_elasticities[GAP], rel=0.15)
+    assert len(exact.asked) == len(harmonic.asked) == 1
+
+
+def test_a_neighbouring_case_begins_from_known_folds_and_has_the_same_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    case, given = epp.case(RELAY), {"at": [1.0], "within": (1.0, 3.0), "exact": False}
+    other = case.with_values({LEVEL: 1.05})
+    (alone,) = design_bounds(other, SCALE, THRESHOLD, **given)
+    sweep = HarmonicSweep(Question(case, THRESHOLD, *given["within"], SCALE))
+    design_bounds(case, SCALE, THRESHOLD, sweep=sweep, **given)
+    written = Counted(monkeypatch, fold, "write")
+    (found,) = design_bounds(other, SCALE, THRESHOLD, sweep=sweep, **given)
+    assert (found.harmonic, found.first_order) == pytest.approx((alone.harmonic, alone.first_order), rel=1e-12)
+    assert found.order == alone.order and not written.asked
+
+
+def test_a_draw_that_oscillates_is_run_no_further_and_has_the_same_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    question = Question(epp.case(RELAY), THRESHOLD, 1.0, 3.0)
+    box = bound._Box.of(question, {LEVEL: 0.1}, None)
+    values = box.centre.value * np.array([0.7, 0.95, 1.05, 1.3])
+    cases = [question.case] * values.size
+    every = []
+    for value in values.tolist():
+        base = bound.steady_hybrid(question.case_at(value).to_system(), question.case.operating_point)
+        stack = bound.HybridStack.of(box._starts(base), question.case.to_system().signals.names)
+        every.append(bound.simulate_batch(stack, bound._PERIODS * box.orbit.period).status)
+    batches = Counted(monkeypatch, bound, "simulate_batch")
+    found = box._oscillating(cases, values, 1)
+    assert found.tolist() == [Status.LIMIT_CYCLE in statuses for statuses in every]
+    assert found.any() and not found.all()
+    assert sum(stack.n_cells for stack, _ in batches.asked) < sum(map(len, every))
+
+
+def test_a_corner_that_is_only_checked_is_asked_for_no_slopes(monkeypatch: pytest.MonkeyPatch) -> None:
+    question = Question(epp.case(RELAY), THRESHOLD, 1.0, 3.0)
+    widths, slopes = {LEVEL: 0.1, SCALE: 0.1}, Counted(monkeypatch, bound, "exact_slopes")
+    box = bound._Box.of(question, widths, None)
+    worst, message, n_corners = box.worst()
+    assert not message and n_corners == 3
+    # The centre's slopes and those of the corner to which they point.
+    assert len(slopes.asked) == 2
+    assert {name for _, _, sizes in slopes.asked for name in sizes} == set(widths)  # type: ignore[attr-defined]
+    assert worst.value == pytest.approx(1.1 * 1.1 * box.centre.value, rel=1e-6)
