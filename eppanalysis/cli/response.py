@@ -82,7 +82,7 @@ def _unit_of(found: Case, input: str | None) -> str:
     """SI unit of the input that is driven; of a diagram's it stands with the signal of its name."""
     system = found.to_system()
     name = system.input_names[0] if input is None and len(system.input_names) == 1 else input
-    units = dict(zip(system.signals.names, system.signals.units, strict=False))
+    units = system.signals.units_by_name()
     return units.get(name or "", "") or found.input_unit
 
 

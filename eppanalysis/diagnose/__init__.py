@@ -89,9 +89,7 @@ def diagnose(
     if not 1e-3 <= model_error <= 0.5:
         raise EppError(f"diagnose: model_error is {model_error}; expected 0.001 to 0.5.")
     system, at = standing(case, operating_point, "diagnose")
-    names = system.signals.names
-    units = dict(zip(names, system.signals.units or [""] * len(names), strict=True))
-    given = record_of(record, units, columns)
+    given = record_of(record, system.signals.units_by_name(), columns)
     found = oscillation_of(given)
     candidates = candidates_of(system, at)
     for i, family in enumerate(candidates.families):
@@ -118,8 +116,7 @@ def explained(
         for (name, some, why), share in zip(fits, shares, strict=True)
     ]
     made.sort(key=lambda e: (-e.probability, np.nan_to_num(e.misfit, nan=np.inf)))
-    system = candidates.system
-    units = dict(zip(system.signals.names, system.signals.units or [""] * len(system.signals.names), strict=True))
+    units = candidates.system.signals.units_by_name()
     verdict, elsewhere = _verdict(made), ""
     doubtful = verdict is Verdict.UNEXPLAINED or (verdict is Verdict.NAMED and made[0].name == LINEAR)
     if doubtful and len(found.names) == 1:
@@ -134,12 +131,12 @@ def explained(
         model_error=model_error,
         left_out=candidates.left_out,
         record=record,
-        case=getattr(case, "name", system.name),
+        case=getattr(case, "name", candidates.system.name),
         units={name: units[name] for name in found.names},
         status=Status.INCOMPLETE if _untried(made) else Status.CONVERGED,
         provenance=Provenance(
             METHOD,
-            {"system": system.name, "record": record.source, "model_error": model_error},
+            {"system": candidates.system.name, "record": record.source, "model_error": model_error},
             {"residual": CONVERGED},
             {"samples": len(record.time), "periods": found.n_periods, "harmonics": found.harmonics.shape[1]},
             facts_of(case),

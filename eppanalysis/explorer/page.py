@@ -72,8 +72,7 @@ class Page:
     def __init__(self, doc: Document, base: Case, threads: ThreadPoolExecutor, workshop: slow.Workshop) -> None:
         self.doc, self.base, self.threads, self.workshop = doc, base, threads, workshop
         self.signal = quick.shown_signal(base)
-        system = base.to_system()
-        units = dict(zip(system.signals.names, system.signals.units or (), strict=False))
+        units = base.to_system().signals.units_by_name()
         self.unit, self.factor = readable(units.get(self.signal, ""))
         self.sliders = {slider.name: slider for slider in variation_of(base).sliders()}
         self.values: Values = {}

@@ -44,10 +44,8 @@ def layout_of(case: Case) -> Layout:
     system = case.to_system()
     if system.time_step:
         raise CaseError(case.source, "loop.time_step", system.time_step, "continuous time (controllers may be sampled)")
-    names = system.signals.names
-    units = dict(zip(names, system.signals.units or [""] * len(names), strict=True))
-    signals = {name: name for name in names if name not in system.input_names}
-    units = {**{name: case.input_unit for name in system.input_names}, **units}
+    signals = {name: name for name in system.signals.names if name not in system.input_names}
+    units = {**{name: case.input_unit for name in system.input_names}, **system.signals.units_by_name()}
     return Layout(signals, {name: name for name in system.input_names}, units)
 
 

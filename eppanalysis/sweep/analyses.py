@@ -178,8 +178,7 @@ class Task:
 
     def variables(self) -> dict[str, Variable]:
         """All results, in order."""
-        system = self.case.to_system()
-        units = dict(zip(system.signals.names, system.signals.units or ("",) * len(system.signals.names), strict=True))
+        units = self.case.to_system().signals.units_by_name()
         found: dict[str, Variable] = {}
         for analysis in self.analyses:
             if analysis is Analysis.TRIGGER:

@@ -467,7 +467,7 @@ class Walk:
             message=in_words(ends),
             ends=ends,
             signals=tuple(names),
-            units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
+            units=system.signals.units_by_name(),
             provenance=Provenance("pseudo-arclength continuation", {"limits": self.limits}, case=facts_of(self.case)),
             operating_point=self.case.operating_point,
         )

@@ -63,8 +63,7 @@ class Drive:
     @property
     def unit(self) -> str:
         """SI unit of the input, where the loop knows it."""
-        signals = self.system.signals
-        return dict(zip(signals.names, signals.units, strict=False)).get(self.input, "")
+        return self.system.signals.units_by_name().get(self.input, "")
 
     @property
     def column(self) -> int:

@@ -224,8 +224,7 @@ class _Response:
         settings |= {"amplitude": self.drive.amplitude} if self.over is Over.FREQUENCY else {}
         settings |= {"frequency": self.drive.frequency} if self.over is Over.AMPLITUDE else {}
         whole = not self.continua and not any(_within(end) for b in exact for end in b.ends)
-        signals = self.drive.system.signals
-        units = dict(zip(signals.names, signals.units or [""] * len(signals.names), strict=True))
+        units = self.drive.system.signals.units_by_name()
         return FrequencyResponse(
             input=self.drive.input,
             output=self.output,

@@ -111,7 +111,6 @@ def _cycle(drive: Drive, periods: int, multiple: int, distance: float) -> LimitC
         return np.zeros((0, len(system.signals.names))) if again is None else np.array([*again.signals.values()]).T
 
     shape = analyse_period(marks, system.delays, drive.hybrid.time_scale, system.signals.names, sample)
-    names = system.signals.names
     return LimitCycle(
         method=SIMULATION,
         status=Status.CONVERGED,
@@ -125,7 +124,7 @@ def _cycle(drive: Drive, periods: int, multiple: int, distance: float) -> LimitC
         events=tuple(e._replace(time=e.time - begin) for e in run.events if begin < e.time < end),
         time=shape.time,
         waveform=shape.waveform,
-        units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
+        units=system.signals.units_by_name(),
         operating_point=drive.at,
         provenance=Provenance(METHOD, {"system": system.name, "periods": periods}, {"distance": REPEATS}),
     )

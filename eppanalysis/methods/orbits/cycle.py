@@ -30,7 +30,6 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
     """
     shape = orbit_shape(system, orbit)
     values = orbit.multipliers
-    names = system.signals.names
     n = orbit.hybrid.n_plant
     y = orbit.y
     settings = {"system": system.name, "inputs": y[n : orbit.hybrid.x0.size].tolist()}
@@ -53,7 +52,7 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
         memory=remembered(
             orbit.hybrid, y[: orbit.hybrid.x0.size], y[orbit.arcs.memory], orbit.arcs.event_sequence.modes[0]
         ),
-        units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
+        units=system.signals.units_by_name(),
         event_states=orbit.starts[:-1, :n].copy(),
         provenance=Provenance(EXACT_ORBIT, settings, {"residual": CONVERGED}),
     )

@@ -80,7 +80,7 @@ def iterate(
         limit_cycle=cycle,
         settled_at={k: float(y[-1]) for k, y in signals.items()} if status is Status.SETTLED else {},
         settled_since=_since(t, X, period) if status.ok else float("nan"),
-        units=dict(zip(s.names, s.units or [""] * len(s.names), strict=True)),
+        units=s.units_by_name(),
         provenance=facts,
     )
 

@@ -153,7 +153,7 @@ def simulate(
         settled_since=_since(hybrid, run, found) if status.ok else float("nan"),
         n_events=run.count,
         note=BENEATH_ROUNDING if lost else early and (hybrid.chatters or early),
-        units=dict(zip(system.signals.names, system.signals.units or [""] * len(signals), strict=True)),
+        units=system.signals.units_by_name(),
         provenance=facts,
     )
     return _with_point(trajectory, OperatingPoint.of(system, input, t_end))
@@ -485,6 +485,6 @@ def cycle_of_run(
         state=run.state[first, : hybrid.n_plant].copy(),
         event_states=run.state[run.order[-p - 1 : -1], : hybrid.n_plant].copy(),
         memory=remembered(hybrid, run.state[first], run.memory_values[first], run.modes[first]),
-        units=dict(zip(system.signals.names, system.signals.units or [""] * len(system.signals.names), strict=True)),
+        units=system.signals.units_by_name(),
         provenance=facts,
     )

@@ -33,6 +33,10 @@ class SignalMap:
         names, units = (tuple(part[i] for i in order) if part else part for part in (self.names, self.units))
         return SignalMap(names, self.C[order], self.D[order], self.D_input[order], self.constant[order], units)
 
+    def units_by_name(self) -> dict[str, str]:
+        """SI unit of each signal; empty for one that has none."""
+        return dict(zip(self.names, self.units or ("",) * len(self.names), strict=True))
+
     def in_units(self, known: Mapping[str, str]) -> SignalMap:
         """The signals with these units, by their names; none for one that is not among them."""
         return replace(self, units=tuple(known.get(name, "") for name in self.names))

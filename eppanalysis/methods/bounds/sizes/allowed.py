@@ -118,7 +118,7 @@ class Allowed(PlainData):
             raise EppError(
                 f"allow: the loop has no signal {shown(signal)}; expected a signal of it: {hint.rstrip('?')}."
             )
-        unit = dict(zip(names, system.signals.units or [""] * len(names), strict=True))[signal]
+        unit = system.signals.units_by_name()[signal]
         try:
             value = parse_quantity(size.strip(), unit)
         except QuantityError as error:

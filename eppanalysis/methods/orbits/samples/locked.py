@@ -293,7 +293,7 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
     shape = analyse_period(marks, system.delays, start.time_scale, system.signals.names, sample)
     values, many = found.multipliers, found.one_of_many
     drifting = many and drifts(found.derivative, found.scale)
-    n, names = start.n_plant, system.signals.names
+    n = start.n_plant
     noise = found.residual + np.finfo(float).eps * np.sqrt(last + 1.0)
     error = float("nan")
     if values is not None:
@@ -318,7 +318,7 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
         memory=remembered(start, start.x0, start.H0, start.modes0),
         mean_state=found.rows[:-1, :n].mean(axis=0),
         event_states=found.rows[:-1, :n].copy(),
-        units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
+        units=system.signals.units_by_name(),
         note=f"locked to the samples: {found.n * strobe.every} of {strobe.controllers[0].sample_time:g} s",
         provenance=Provenance(
             EXACT_ORBIT, {"system": system.name, "samples": found.n * strobe.every}, {"residual": CLOSED}
