@@ -97,11 +97,6 @@ class MeanAndGain(NamedTuple):
     """What a describing function gives: the mean of the output, and the complex gain of its fundamental.
 
     As one complex number, which is what python-control takes it for, it is the gain; with a mean it is none.
-
-    Parameters
-    ----------
-    mean : array
-    gain : array of complex
     """
 
     mean: NDArray[np.float64]

@@ -14,6 +14,8 @@ from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import DAMPING, IN, SLOPE, Nonlinearity
 from eppanalysis.models.elements.phases import (
+    NOT_NEGATIVE,
+    POSITIVE,
     SMALLEST_AMPLITUDE,
     broadcast_with_frequency,
     distances,
@@ -72,10 +74,7 @@ class LockPin(Nonlinearity, kind="lock_pin"):
     model: Literal["unilateral", "classical"] = "unilateral"
 
     def __post_init__(self) -> None:
-        require_numbers(self, "gap", "stiffness", "damping")
-        require(self, "gap", self.gap >= 0, "zero or more")
-        require(self, "stiffness", self.stiffness > 0, "a positive number")
-        require(self, "damping", self.damping >= 0, "zero or more")
+        require_numbers(self, gap=NOT_NEGATIVE, stiffness=POSITIVE, damping=NOT_NEGATIVE)
         require(
             self,
             "model",
@@ -176,10 +175,7 @@ class NordinShaft(Nonlinearity, kind="nordin_shaft"):
     damping: float
 
     def __post_init__(self) -> None:
-        require_numbers(self, "gap", "stiffness", "damping")
-        require(self, "gap", self.gap >= 0, "zero or more")
-        require(self, "stiffness", self.stiffness > 0, "a positive number")
-        require(self, "damping", self.damping > 0, "a positive number")
+        require_numbers(self, gap=NOT_NEGATIVE, stiffness=POSITIVE, damping=POSITIVE)
 
     def output(self, x: Any, memory: Any = None) -> tuple[Array, Any]:
         """Torque and rate of the contact angle (trailing axis); `memory` is unused, the state is the third input."""

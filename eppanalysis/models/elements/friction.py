@@ -17,6 +17,7 @@ from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import OUT, Nonlinearity
 from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import (
+    NOT_NEGATIVE,
     SMALLEST_AMPLITUDE,
     angle,
     broadcast,
@@ -65,13 +66,11 @@ class Friction(Nonlinearity, kind="friction"):
     stribeck: float = 0.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "coulomb", "stribeck")
-        require(self, "coulomb", self.coulomb >= 0, "zero or more")
-        require(self, "stribeck", self.stribeck >= 0, "zero or more")
+        require_numbers(self, ("coulomb", "stribeck"), coulomb=NOT_NEGATIVE, stribeck=NOT_NEGATIVE)
         if self.static is None:
             require(self, "static", self.stribeck == 0, "a positive number, as stribeck is given")
             return
-        require_numbers(self, "static")
+        require_numbers(self, ("static",))
         if self.stribeck > 0:
             require(self, "static", self.static > 0, "a positive number")
         else:

@@ -15,6 +15,7 @@ from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, OUT, Nonlinearity
 from eppanalysis.models.elements.exact import Named, Reading
 from eppanalysis.models.elements.phases import (
+    POSITIVE,
     amplitude_and_bias,
     angle,
     distances,
@@ -87,7 +88,7 @@ class HysteresisRelay(_Levels, kind="hysteresis_relay"):
     high: float = 1.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "lower", "upper", "low", "high")
+        require_numbers(self)
         require(self, "upper", self.upper >= self.lower, "at least lower", "lower")
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Array]:
@@ -149,8 +150,7 @@ class HysteresisRelayDeadZone(_Levels, kind="hysteresis_relay_dead_zone"):
     level: float = 1.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "on", "off", "level")
-        require(self, "on", self.on > 0, "a positive number")
+        require_numbers(self, on=POSITIVE)
         require(self, "off", 0 <= self.off <= self.on, "zero to on", "on")
         require(self, "level", self.level > 0, "a positive number")
 

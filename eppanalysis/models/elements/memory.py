@@ -24,6 +24,8 @@ from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, RATIO, SLOPE, Nonlinearity
 from eppanalysis.models.elements.exact import Named, Reading
 from eppanalysis.models.elements.phases import (
+    NOT_NEGATIVE,
+    POSITIVE,
     amplitude_and_bias,
     angle,
     distances,
@@ -93,8 +95,7 @@ class Play(Nonlinearity, kind="play"):
     gap: float
 
     def __post_init__(self) -> None:
-        require_numbers(self, "gap")
-        require(self, "gap", self.gap >= 0, "zero or more")
+        require_numbers(self, gap=NOT_NEGATIVE)
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Array]:
         """Output, which is also the memory; without memory it starts from zero, or as near to it as the gap lets it."""
@@ -184,9 +185,7 @@ class BacklashCompensator(_Sticking, kind="backlash_compensator"):
     travel: float = 0.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "gap", "travel")
-        require(self, "gap", self.gap >= 0, "zero or more")
-        require(self, "travel", self.travel >= 0, "zero or more")
+        require_numbers(self, gap=NOT_NEGATIVE, travel=NOT_NEGATIVE)
 
     @property
     def _steep(self) -> float:
@@ -275,10 +274,7 @@ class JumpAndFollow(_Sticking, kind="jump_and_follow"):
     slope: float = 1.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "stick_band", "slip_jump", "slope")
-        require(self, "stick_band", self.stick_band >= 0, "zero or more")
-        require(self, "slip_jump", self.slip_jump >= 0, "zero or more")
-        require(self, "slope", self.slope > 0, "a positive number")
+        require_numbers(self, stick_band=NOT_NEGATIVE, slip_jump=NOT_NEGATIVE, slope=POSITIVE)
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Slip]:
         """Output and memory; a plain number as memory is the value stuck at, none is zero."""
@@ -385,9 +381,7 @@ class StictionPulley(_Sticking, kind="stiction_pulley"):
     kinetic_ratio: float
 
     def __post_init__(self) -> None:
-        require_numbers(self, "harness_stiffness", "forearm_stiffness", "friction", "kinetic_ratio")
-        for name in ("harness_stiffness", "forearm_stiffness"):
-            require(self, name, getattr(self, name) > 0, "a positive number")
+        require_numbers(self, harness_stiffness=POSITIVE, forearm_stiffness=POSITIVE)
         require(self, "friction", 0 < self.friction < 1, "a number between 0 and 1")
         require(self, "kinetic_ratio", 0 <= self.kinetic_ratio <= 1, "0 to 1")
 

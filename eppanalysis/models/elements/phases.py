@@ -6,6 +6,8 @@ Phases are measured from a peak of the input: level ``x`` is crossed at the angl
 
 from __future__ import annotations
 
+import operator
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,9 @@ from eppanalysis.errors import ModelError
 
 Array = NDArray[np.float64]
 
+#: What a number may be expected to be, in the words in which it is refused.
+POSITIVE, NOT_NEGATIVE, NOT_ZERO = "a positive number", "zero or more", "a number other than zero"
+_HOLDS = {POSITIVE: operator.gt, NOT_NEGATIVE: operator.ge, NOT_ZERO: operator.ne}
 #: Steps of a quantiser on each side: each is a piece of its table, and a mode of the loop.
 _MOST_LEVELS = 100_000
 #: Stands for an amplitude of zero, so that quotients by the amplitude keep their limit.
@@ -41,16 +46,20 @@ def require(element: Any, field: str, holds: bool, expected: str, beside: str = 
         raise ModelError(type(element).__name__, getattr(element, field), expected, field=field, beside=other)
 
 
-def require_numbers(element: Any, *fields: str) -> None:
-    """Refuse an element unless each of `fields` is a finite real number.
+def require_numbers(element: Any, fields: Iterable[str] = (), /, **expected: str) -> None:
+    """Refuse an element unless each of `fields` (by default all that have a unit) is a finite real number.
+
+    Fields that are given by name are to be `POSITIVE`, `NOT_NEGATIVE` or `NOT_ZERO`.
 
     Raises
     ------
     ModelError
         If one is not.
     """
-    for name in fields:
+    for name in fields or element.units:
         require(element, name, is_number(getattr(element, name)), "a finite number")
+    for name, words in expected.items():
+        require(element, name, _HOLDS[words](getattr(element, name), 0), words)
 
 
 def require_steps(quantiser: Any) -> None:
@@ -61,8 +70,7 @@ def require_steps(quantiser: Any) -> None:
     ModelError
         If one is not.
     """
-    require_numbers(quantiser, "step", "levels")
-    require(quantiser, "step", quantiser.step > 0, "a positive number")
+    require_numbers(quantiser, step=POSITIVE)
     whole = quantiser.levels == int(quantiser.levels) and 1 <= quantiser.levels <= _MOST_LEVELS
     expected = f"a positive whole number of {_MOST_LEVELS} or less (those that the input meets)"
     require(quantiser, "levels", whole, expected)

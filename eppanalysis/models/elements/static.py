@@ -19,7 +19,15 @@ from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Nonlinearity
 from eppanalysis.models.elements.exact import Half, Pieces, Reading
-from eppanalysis.models.elements.phases import broadcast, require, require_numbers, require_steps
+from eppanalysis.models.elements.phases import (
+    NOT_NEGATIVE,
+    NOT_ZERO,
+    POSITIVE,
+    broadcast,
+    require,
+    require_numbers,
+    require_steps,
+)
 from eppanalysis.models.elements.piecewise import PiecewiseLinear
 
 __all__ = [
@@ -78,7 +86,7 @@ class FiveBandLaw(PiecewiseLinear, kind="five_band_law"):
     offset_voltage: float = 0.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "slack", "low", "high", "max", "supply_voltage", "offset_voltage")
+        require_numbers(self)
         require(self, "low", self.low > self.slack, "more than slack", "slack")
         require(self, "high", self.high > self.low, "more than low", "low")
         require(self, "max", self.max > self.high, "more than high", "high")
@@ -118,8 +126,7 @@ class Saturation(PiecewiseLinear, kind="saturation"):
     slope: float = 1.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "lower", "upper", "slope")
-        require(self, "slope", self.slope > 0, "a positive number")
+        require_numbers(self, slope=POSITIVE)
         require(self, "upper", self.upper > self.lower, "more than lower", "lower")
         edges = [self.lower / self.slope, self.upper / self.slope]
         self._set_pieces(edges, [0.0, self.slope, 0.0], [self.lower, 0.0, self.upper])
@@ -148,8 +155,7 @@ class DeadZone(PiecewiseLinear, kind="dead_zone"):
     slope: float = 1.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "lower", "upper", "slope")
-        require(self, "slope", self.slope != 0, "a number other than zero")
+        require_numbers(self, slope=NOT_ZERO)
         require(self, "upper", self.upper > self.lower, "more than lower", "lower")
         offsets = [-self.slope * self.lower, 0.0, -self.slope * self.upper]
         self._set_pieces([self.lower, self.upper], [self.slope, 0.0, self.slope], offsets)
@@ -181,10 +187,7 @@ class DeadZoneSaturation(PiecewiseLinear, kind="dead_zone_saturation"):
     limit: float
 
     def __post_init__(self) -> None:
-        require_numbers(self, "dead_zone", "slope", "limit")
-        require(self, "dead_zone", self.dead_zone >= 0, "zero or more")
-        require(self, "slope", self.slope > 0, "a positive number")
-        require(self, "limit", self.limit > 0, "a positive number")
+        require_numbers(self, dead_zone=NOT_NEGATIVE, slope=POSITIVE, limit=POSITIVE)
         d, top, k = self.dead_zone, self.dead_zone + self.limit / self.slope, self.slope
         if d == 0:
             self._set_pieces([-top, top], [0.0, k, 0.0], [-self.limit, 0.0, self.limit])
@@ -217,7 +220,7 @@ class Relay(PiecewiseLinear, kind="relay"):
     threshold: float = 0.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "low", "high", "threshold")
+        require_numbers(self)
         require(self, "high", self.high != self.low, "other than low", "low")
         self._set_pieces([self.threshold], [0.0, 0.0], [self.low, self.high])
 
@@ -238,8 +241,7 @@ class RelayDeadZone(PiecewiseLinear, kind="relay_dead_zone"):
     level: float = 1.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "threshold", "level")
-        require(self, "threshold", self.threshold > 0, "a positive number")
+        require_numbers(self, threshold=POSITIVE)
         self._set_pieces([-self.threshold, self.threshold], [0.0, 0.0, 0.0], [-self.level, 0.0, self.level])
 
 
@@ -259,7 +261,7 @@ class Preload(PiecewiseLinear, kind="preload"):
     slope: float
 
     def __post_init__(self) -> None:
-        require_numbers(self, "level", "slope")
+        require_numbers(self)
         self._set_pieces([0.0], [self.slope, self.slope], [-self.level, self.level])
 
 
@@ -280,7 +282,7 @@ class Coulomb(PiecewiseLinear, kind="coulomb"):
     level: float
 
     def __post_init__(self) -> None:
-        require_numbers(self, "level")
+        require_numbers(self)
         self._set_pieces([0.0], [0.0, 0.0], [-self.level, self.level])
 
     def linear_gain(self) -> Array:
@@ -320,8 +322,7 @@ class FrictionCompensator(PiecewiseLinear, kind="friction_compensator"):
     ramp: float = 0.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "level", "ramp")
-        require(self, "ramp", self.ramp >= 0, "zero or more")
+        require_numbers(self, ramp=NOT_NEGATIVE)
         if self.ramp:
             edges, slopes = [-self.ramp, self.ramp], [0.0, self.level / self.ramp, 0.0]
             self._set_pieces(edges, slopes, [-self.level, 0.0, self.level])
@@ -404,7 +405,7 @@ class Sine(Nonlinearity, kind="sine"):
     LEAST_RATIO: ClassVar[float] = -0.21723362821122166
 
     def __post_init__(self) -> None:
-        require_numbers(self, "scale")
+        require_numbers(self)
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
         """Output for any array `x`; `memory` is handed through unused."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -56,26 +56,32 @@ class BilinearSpring(PiecewiseLinear, kind="bilinear_spring"):
     preload: float = 0.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "lower", "upper", "outer", "inner", "preload")
+        require_numbers(self)
         require(self, "upper", self.upper > self.lower, "more than lower", "lower")
         excess = self.inner - self.outer
         offsets = [self.preload + excess * self.lower, self.preload, self.preload + excess * self.upper]
         self._set_pieces([self.lower, self.upper], [self.outer, self.inner, self.outer], offsets)
 
 
+@dataclass(frozen=True)
 class _Quantising(PiecewiseLinear):
-    """Steps of one width and height; at an edge the output is the higher level, not the middle of the step."""
+    """Steps of one width and height; at an edge the output is the higher level, not the middle of the step.
 
+    Levels are the multiples of a step, and `shift` of one.
+    """
+
+    units = MappingProxyType({"step": IN, "levels": RATIO})
     same_unit = True
+    shift: ClassVar[float] = 0.0
+
     step: float
     levels: int
 
-    def _set_steps(self, shift: float) -> None:
-        """Check the fields and store the steps: levels are the multiples of one, and `shift` of it."""
+    def __post_init__(self) -> None:
         require_steps(self)
         n = int(self.levels)
-        edges = np.arange(1 - n, n if shift else n + 1)
-        levels = -n + shift + np.arange(edges.size + 1)
+        edges = np.arange(1 - n, n if self.shift else n + 1)
+        levels = -n + self.shift + np.arange(edges.size + 1)
         self._set_pieces(self.step * edges, np.zeros(edges.size + 1), self.step * levels)
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
@@ -108,14 +114,6 @@ class FloorQuantiser(_Quantising, kind="floor_quantiser"):
     [0.0, 0.5, -0.5, 2.0]
     """
 
-    units = MappingProxyType({"step": IN, "levels": RATIO})
-
-    step: float
-    levels: int
-
-    def __post_init__(self) -> None:
-        self._set_steps(0.0)
-
 
 @dataclass(frozen=True)
 class MidRiseQuantiser(_Quantising, kind="mid_rise_quantiser"):
@@ -140,10 +138,4 @@ class MidRiseQuantiser(_Quantising, kind="mid_rise_quantiser"):
     [0.25, 0.75, -0.25, 1.75]
     """
 
-    units = MappingProxyType({"step": IN, "levels": RATIO})
-
-    step: float
-    levels: int
-
-    def __post_init__(self) -> None:
-        self._set_steps(0.5)
+    shift = 0.5

@@ -15,7 +15,7 @@ from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Nonlinearity
 from eppanalysis.models.elements.exact import Half, Pieces, Reading
-from eppanalysis.models.elements.phases import broadcast, layers, require, require_numbers, with_nan
+from eppanalysis.models.elements.phases import NOT_NEGATIVE, broadcast, layers, require, require_numbers, with_nan
 from eppanalysis.models.elements.static import Coulomb
 
 Array = NDArray[np.float64]
@@ -86,9 +86,7 @@ class ViscousCoulomb(_Sliding, kind="viscous_coulomb"):
     viscous: float
 
     def __post_init__(self) -> None:
-        require_numbers(self, "coulomb", "viscous")
-        require(self, "coulomb", self.coulomb >= 0, "zero or more")
-        require(self, "viscous", self.viscous >= 0, "zero or more")
+        require_numbers(self, coulomb=NOT_NEGATIVE, viscous=NOT_NEGATIVE)
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
         """Force while slipping at the velocity `x` (zero at rest, where the loop sets it); `memory` is unused."""
@@ -157,8 +155,7 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
     shape: float = 2.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "coulomb", "static", "velocity", "viscous", "shape")
-        require(self, "coulomb", self.coulomb >= 0, "zero or more")
+        require_numbers(self, coulomb=NOT_NEGATIVE)
         require(self, "static", self.static >= self.coulomb, "at least coulomb", "coulomb")
         require(self, "velocity", self.velocity > 0, "a positive number")
         require(self, "viscous", self.viscous >= 0, "zero or more")

@@ -16,7 +16,7 @@ from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
 from eppanalysis.models.elements.base import OUT, RATIO, SLOPE, Nonlinearity
 from eppanalysis.models.elements.exact import Named, Reading
-from eppanalysis.models.elements.phases import broadcast, layers, require, require_numbers, with_nan
+from eppanalysis.models.elements.phases import POSITIVE, broadcast, layers, require_numbers, with_nan
 
 Array = NDArray[np.float64]
 Answer = tuple[Array, NDArray[np.complex128]]
@@ -31,7 +31,7 @@ class _Power(Nonlinearity):
     scale: float
 
     def __post_init__(self) -> None:
-        require_numbers(self, "scale")
+        require_numbers(self)
 
     def slope_bounds(self) -> tuple[float, float]:
         """Least and greatest slope; one of them is infinite."""
@@ -273,9 +273,7 @@ class _Saturating(Nonlinearity):
     slope: float = 1.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "level", "slope")
-        require(self, "level", self.level > 0, "a positive number")
-        require(self, "slope", self.slope > 0, "a positive number")
+        require_numbers(self, level=POSITIVE, slope=POSITIVE)
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """The amplitude at which a line would reach the level."""

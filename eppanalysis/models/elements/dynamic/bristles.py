@@ -20,6 +20,7 @@ from eppanalysis.models.elements.base import IN, OUT, SLOPE, SLOPE_PER_TIME, Own
 from eppanalysis.models.elements.dynamic.presliding import DahlLaw, PreslidingLaw, Spring
 from eppanalysis.models.elements.dynamic.state import POLE, StateOutput
 from eppanalysis.models.elements.phases import (
+    POSITIVE,
     SMALLEST_AMPLITUDE,
     broadcast_with_frequency,
     require,
@@ -252,9 +253,7 @@ class LuGreFriction(StateOutput, kind="lugre_friction"):
     viscous: float = 0.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, *self.units)
-        for name in ("stiffness", "coulomb", "velocity"):
-            require(self, name, getattr(self, name) > 0, "a positive number")
+        require_numbers(self, stiffness=POSITIVE, coulomb=POSITIVE, velocity=POSITIVE)
         require(self, "static", self.static >= self.coulomb, "at least coulomb", "coulomb")
         for name in ("damping", "viscous"):
             require(self, name, getattr(self, name) >= 0, "zero or more")

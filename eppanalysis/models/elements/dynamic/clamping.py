@@ -20,6 +20,7 @@ from eppanalysis.models.elements.base import DAMPING, OUT, SLOPE, SLOPE_PER_TIME
 from eppanalysis.models.elements.dynamic.controller import LimitedPID
 from eppanalysis.models.elements.dynamic.state import POLE
 from eppanalysis.models.elements.phases import (
+    NOT_ZERO,
     SMALLEST_AMPLITUDE,
     broadcast_with_frequency,
     distances,
@@ -91,8 +92,7 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
     filter_time: float = 0.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, *self.units)
-        require(self, "kp", self.kp != 0, "a number other than zero")
+        require_numbers(self, kp=NOT_ZERO)
         require(self, "ki", self.ki * np.sign(self.kp) > 0, "a number of the sign of kp", "kp")
         self._require_limits()
         self._set_states(self._states())

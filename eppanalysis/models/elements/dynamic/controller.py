@@ -9,7 +9,7 @@ import numpy as np
 
 from eppanalysis.models.elements.base import DAMPING, OUT, SLOPE, SLOPE_PER_TIME, TIME, Nonlinearity, OwnStates
 from eppanalysis.models.elements.own import AutomatonElement
-from eppanalysis.models.elements.phases import require, require_numbers
+from eppanalysis.models.elements.phases import POSITIVE, require, require_numbers
 from eppanalysis.models.elements.piecewise import UNITY, PiecewiseLinear
 
 
@@ -104,8 +104,7 @@ class AntiWindupPID(LimitedPID, PiecewiseLinear, kind="anti_windup_pid"):
     filter_time: float = 0.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, *self.units)
-        require(self, "tracking_time", self.tracking_time > 0, "a positive number")
+        require_numbers(self, tracking_time=POSITIVE)
         self._require_limits()
         self._set_pieces([self.lower, self.upper], [0.0, 1.0, 0.0], [self.lower, 0.0, self.upper])
         self._set_states(self._states())

@@ -20,10 +20,10 @@ from eppanalysis.models.elements.base import OUT, SLOPE_PER_TIME, Nonlinearity
 from eppanalysis.models.elements.dynamic.state import POLE, StateOutput, lag, state_of_law
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.phases import (
+    POSITIVE,
     SMALLEST_AMPLITUDE,
     broadcast,
     broadcast_with_frequency,
-    require,
     require_numbers,
 )
 from eppanalysis.models.elements.piecewise import UNITY
@@ -204,9 +204,7 @@ class DahlFriction(StateOutput, kind="dahl_friction"):
     coulomb: float
 
     def __post_init__(self) -> None:
-        require_numbers(self, "stiffness", "coulomb")
-        require(self, "stiffness", self.stiffness > 0, "a positive number")
-        require(self, "coulomb", self.coulomb > 0, "a positive number")
+        require_numbers(self, stiffness=POSITIVE, coulomb=POSITIVE)
         spring = Spring(UNITY.automaton(), lag(0.0, self.stiffness))
         self._set_parts(state_of_law(POLE), DahlLaw(self.stiffness, self.coulomb), spring)
 

@@ -19,7 +19,7 @@ from eppanalysis.arguments import floats
 from eppanalysis.models.elements.base import OUT_PER_TIME, PER_TIME, Nonlinearity, OwnStates, RateLimit
 from eppanalysis.models.elements.dynamic.state import StateOutput, lag
 from eppanalysis.models.elements.own import AutomatonElement
-from eppanalysis.models.elements.phases import broadcast, broadcast_with_frequency, require, require_numbers
+from eppanalysis.models.elements.phases import POSITIVE, broadcast, broadcast_with_frequency, require_numbers
 from eppanalysis.models.elements.piecewise import UNITY, PiecewiseLinear
 
 Array = NDArray[np.float64]
@@ -144,8 +144,7 @@ class RateLimiter(_RateLimited, kind="rate_limiter"):
     rate: float
 
     def __post_init__(self) -> None:
-        require_numbers(self, "rate")
-        require(self, "rate", self.rate > 0, "a positive number")
+        require_numbers(self, rate=POSITIVE)
         self._set_chase(np.inf, UNITY)
 
 
@@ -181,7 +180,5 @@ class RateLimitedServo(_RateLimited, kind="rate_limited_servo"):
     rate: float
 
     def __post_init__(self) -> None:
-        require_numbers(self, "bandwidth", "rate")
-        require(self, "bandwidth", self.bandwidth > 0, "a positive number")
-        require(self, "rate", self.rate > 0, "a positive number")
+        require_numbers(self, bandwidth=POSITIVE, rate=POSITIVE)
         self._set_chase(self.bandwidth, AutomatonElement(UNITY.automaton(), lag(self.bandwidth, self.bandwidth)))

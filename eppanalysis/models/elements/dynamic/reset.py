@@ -20,10 +20,10 @@ from eppanalysis.models.elements.base import PER_TIME, SLOPE_PER_TIME, Nonlinear
 from eppanalysis.models.elements.dynamic.state import POLE, StateOutput, lag, state_of_law
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.phases import (
+    POSITIVE,
     SMALLEST_AMPLITUDE,
     broadcast,
     broadcast_with_frequency,
-    require,
     require_numbers,
 )
 from eppanalysis.models.elements.piecewise import UNITY
@@ -209,8 +209,7 @@ class CleggIntegrator(_Reset, kind="clegg_integrator"):
     gain: float = 1.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "gain")
-        require(self, "gain", self.gain > 0, "a positive number")
+        require_numbers(self, gain=POSITIVE)
         self._set_law(self.gain, 0.0)
 
 
@@ -251,7 +250,5 @@ class FirstOrderReset(_Reset, kind="first_order_reset"):
     gain: float = 1.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "pole", "gain")
-        require(self, "pole", self.pole > 0, "a positive number")
-        require(self, "gain", self.gain > 0, "a positive number")
+        require_numbers(self, pole=POSITIVE, gain=POSITIVE)
         self._set_law(self.gain, self.pole)
