@@ -10,7 +10,7 @@ tolerance. What the data cannot identify is taken from the case as known to its 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -373,6 +373,36 @@ def _estimates(solution: _Solution, names: Sequence[str]) -> tuple[Estimate, ...
     return tuple(out)
 
 
+def _doubt(solution: _Solution) -> str:
+    """The parameter that is not fitted and that the residuals ask for, in a sentence; empty where they ask for none."""
+    apart = (*_APART, *(u.name for u in solution.response.unknowns))
+    asked = suspects(local(solution.response, solution.q)[0], solution.q, apart)
+    name = max(asked, key=lambda n: asked[n][1], default="")
+    if not (name and asked[name][1] > _ASKED):
+        return ""
+    change, deviations = asked[name]
+    return (
+        f"The residuals are no noise: they ask for {name} by {100 * change:+.2g} % ({deviations:.2g} standard "
+        "deviations), which is not fitted; the intervals hold for the value that it has in the case."
+    )
+
+
+def _objections(solution: _Solution, doubt: str, worst: float, shares: Mapping[str, float]) -> Iterator[str]:
+    """What speaks against a fit, in sentences."""
+    if not solution.converged:
+        yield "The sum of squares is so rough that its draws have not settled: take the intervals as a guess."
+    if doubt:
+        yield doubt
+    if worst > _WORST_FIT:
+        yield (
+            f"The residuals are {worst:.3g} times the noise of the record: the model does not describe this motion; "
+            "the intervals count that as wander."
+        )
+    for role, share in shares.items():
+        if share < LEAST_SHARE:
+            yield f"Of the {role} only {100 * max(share, 0.0):.2g} % are explained."
+
+
 def _result(recording: Recording, solution: _Solution, names: Sequence[str], seed: int) -> BenchFit:
     response = solution.response
     now = response.signals(solution.q)
@@ -394,31 +424,11 @@ def _result(recording: Recording, solution: _Solution, names: Sequence[str], see
     if max(shares.values()) < LEAST_SHARE:
         left_over = ", ".join(f"{100 * max(share, 0.0):.2g} % of the {role}" for role, share in shares.items())
         raise EppError(f"{recording.source}: the best fit explains {left_over}; expected the response of such a case.")
-    notes = recording.sentences()
-    notes.append(f"{response.runs} simulated candidates from {STARTS} starts.")
-    if not solution.converged:
-        notes.append("The sum of squares is so rough that its draws have not settled: take the intervals as a guess.")
-    apart = (*_APART, *(u.name for u in response.unknowns))
-    asked = suspects(local(response, solution.q)[0], solution.q, apart)
-    name = max(asked, key=lambda n: asked[n][1], default="")
-    doubted = bool(name) and asked[name][1] > _ASKED
-    if doubted:
-        change, deviations = asked[name]
-        notes.append(
-            f"The residuals are no noise: they ask for {name} by {100 * change:+.2g} % ({deviations:.2g} standard "
-            "deviations), which is not fitted; the intervals hold for the value that it has in the case."
-        )
-    if worst > _WORST_FIT:
-        notes.append(
-            f"The residuals are {worst:.3g} times the noise of the record: the model does not describe this motion; "
-            "the intervals count that as wander."
-        )
-    notes += [
-        f"Of the {role} only {100 * max(share, 0.0):.2g} % are explained."
-        for role, share in shares.items()
-        if share < LEAST_SHARE
-    ]
-    identified = solution.converged and not doubted and worst <= _WORST_FIT and min(shares.values()) >= LEAST_SHARE
+    # Counted before the residuals are asked, which takes further runs.
+    notes = [*recording.sentences(), f"{response.runs} simulated candidates from {STARTS} starts."]
+    doubt = _doubt(solution)
+    notes += _objections(solution, doubt, worst, shares)
+    identified = solution.converged and not doubt and worst <= _WORST_FIT and min(shares.values()) >= LEAST_SHARE
     status = Status.CONVERGED if identified else Status.NOT_CONVERGED
     settings = {"seed": seed, "starts": STARTS, "fit": list(names), "rows": recording.n_rows}
     return BenchFit(

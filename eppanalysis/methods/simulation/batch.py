@@ -168,10 +168,6 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
     max_events : int
         A run with more stops there and says so.
 
-    Returns
-    -------
-    BatchResult
-
     Raises
     ------
     EppError
@@ -191,8 +187,7 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
         raise EppError(f"simulate_batch: t_end is {t_end}; expected a positive number of seconds.")
     if threads < 1:
         raise EppError(f"simulate_batch: threads is {threads}; expected 1 or more.")
-    from eppanalysis.kernels.cells import SAMPLES, Outcome, run_cells
-    from eppanalysis.kernels.engine.workspace import make_event_buffer, make_progress, make_samples, make_workspaces
+    from eppanalysis.kernels.cells import Outcome, run_cells
 
     announce_compilation(run_cells)
     n, n_y = stack.n_cells, len(stack.signal_names)
@@ -201,8 +196,27 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
         np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n), np.full(n, np.nan),
         np.full((n, 2), np.nan), mean, low, high, rms, np.zeros(1, np.int64),
     )  # fmt: skip
-    base = 2.0 * stack.time_scale
+    _run_all(stack, t_end, threads, max_events, out)
+    status = tuple(EARLY.get(int(c)) or VERDICTS[int(v)] for c, v in zip(out.code, out.verdict, strict=True))
+    return BatchResult(
+        status=status,
+        period=out.period,
+        mean={k: out.mean[:, i] for i, k in enumerate(stack.signal_names)},
+        peak_to_peak={k: out.high[:, i] - out.low[:, i] for i, k in enumerate(stack.signal_names)},
+        rms={k: out.rms[:, i] for i, k in enumerate(stack.signal_names)},
+        events=out.events,
+        last_event=out.since,
+        change=out.change[:, 1],
+        provenance=Provenance("event-exact simulation", {"t_end": t_end, "max_events": max_events}),
+    )
 
+
+def _run_all(stack: HybridStack, t_end: float, threads: int, max_events: int, out: Any) -> None:
+    """Run all cells on threads, each of which takes some at a time; an interrupt stops them."""
+    from eppanalysis.kernels.cells import SAMPLES, run_cells
+    from eppanalysis.kernels.engine.workspace import make_event_buffer, make_progress, make_samples, make_workspaces
+
+    n, n_y, base = stack.n_cells, len(stack.signal_names), 2.0 * stack.time_scale
     one = type(stack.model)(*(a[0] for a in stack.model))
     spare: list[tuple[Any, ...]] = []
 
@@ -216,9 +230,8 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
             samples = make_samples(np.zeros(0), n_y), make_samples(np.zeros(SAMPLES + 1), n_y)
             workspaces = *make_workspaces(one), *samples, buffer, make_progress(t_end, 0.0, max_events)
         run_cells(
-            stack.model, *workspaces, stack.x0, stack.modes0, stack.H0, stack.compared, base, first, min(first + CHUNK,
-            n),
-            out,
+            stack.model, *workspaces, stack.x0, stack.modes0, stack.H0, stack.compared, base, first,
+            min(first + CHUNK, n), out,
         )  # fmt: skip
         spare.append(workspaces)
 
@@ -229,15 +242,3 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
         except BaseException:
             out.stop[0] = 1
             raise
-    status = tuple(EARLY.get(int(c)) or VERDICTS[int(v)] for c, v in zip(out.code, out.verdict, strict=True))
-    return BatchResult(
-        status=status,
-        period=out.period,
-        mean={k: out.mean[:, i] for i, k in enumerate(stack.signal_names)},
-        peak_to_peak={k: out.high[:, i] - out.low[:, i] for i, k in enumerate(stack.signal_names)},
-        rms={k: out.rms[:, i] for i, k in enumerate(stack.signal_names)},
-        events=out.events,
-        last_event=out.since,
-        change=out.change[:, 1],
-        provenance=Provenance("event-exact simulation", {"t_end": t_end, "max_events": max_events}),
-    )

@@ -202,30 +202,15 @@ class _Packer:
         self.n_H = n_memory + len(self.input_signals) + 1
 
     def pack(self) -> HybridSystem:
-        system = self.system
+        from eppanalysis.kernels.engine.tables import Model
+
         x0, A, K, V, breakpoints, carrier = self._inputs()
-        n = A.shape[0]
-        nz, nw = system.C.shape[0], system.B.shape[1]
-        B, C = np.zeros((n, self.n_w)), np.zeros((self.n_z, n))
-        D, Kz = np.zeros((self.n_z, self.n_w)), np.zeros((self.n_z, self.n_H))
-        B[: self.n, :nw] = system.B
-        C[:nz, : self.n], C[:nz, self.n :] = system.C, system.D_input @ V
-        Kz[:nz, -1] = system.constant_input + system.D_input @ carrier
-        D[:nz, :nw] = system.D
-        if self.n_z > nz:
-            C[nz:], Kz[nz:], D[nz:, :nw] = C[:1], Kz[:1], D[:1, :nw]
+        B, C, D, Kz = self._about_elements(V, carrier)
         S, smooth = self._smooth(B, C, D, Kz)
         acts = self._acts_on(D, B, C)
         # What is late reaches the states through its channel of the past alone.
         B[:, : self.n_w][:, self._delayed()] = 0.0
-        modes, guards = self._modes(B, C, D, smooth["count"])
-        s = system.signals
-        Yw = np.zeros((len(s.names), self.n_w))
-        Yw[:, :nw] = s.D
-        YH = np.zeros((len(s.names), self.n_H))
-        YH[:, -1] = s.constant + s.D_input @ carrier
-        from eppanalysis.kernels.engine.tables import Model
-
+        modes, guards = self._modes(B, C, D, S.shape[1])
         model = Model(
             A=A,
             B=B,
@@ -239,21 +224,35 @@ class _Packer:
             reach=self._reach(acts),
             **modes,
             **guards,
-            smooth_kind=smooth["kind"],
-            smooth_x=smooth["x"],
-            smooth_H=smooth["H"],
-            smooth_s=smooth["s"],
-            smooth_scale=smooth["scale"],
-            smooth_w=smooth["w"],
-            smooth_delay=smooth["delay"],
-            Yx=np.hstack([s.C, s.D_input @ V]),
-            Yw=Yw,
-            YH=YH,
+            **smooth,
+            **self._signals(V, carrier),
             **breakpoints,
         )
         # One memory layout for all loops, so that the kernels are compiled once.
         model = Model(*(np.array(a, order="C") for a in model))
-        return self._around(model, x0).begun(system.x0, system.memory)
+        return self._around(model, x0).begun(self.system.x0, self.system.memory)
+
+    def _about_elements(self, V: Array, carrier: Array) -> tuple[Array, Array, Array, Array]:
+        """B, C, D and Kz between the elements' outputs and inputs; an observer sees the first input."""
+        system, n = self.system, self.n + self.n_exo
+        nz, nw = system.C.shape[0], system.B.shape[1]
+        B, C = np.zeros((n, self.n_w)), np.zeros((self.n_z, n))
+        D, Kz = np.zeros((self.n_z, self.n_w)), np.zeros((self.n_z, self.n_H))
+        B[: self.n, :nw] = system.B
+        C[:nz, : self.n], C[:nz, self.n :] = system.C, system.D_input @ V
+        Kz[:nz, -1] = system.constant_input + system.D_input @ carrier
+        D[:nz, :nw] = system.D
+        if self.n_z > nz:
+            C[nz:], Kz[nz:], D[nz:, :nw] = C[:1], Kz[:1], D[:1, :nw]
+        return B, C, D, Kz
+
+    def _signals(self, V: Array, carrier: Array) -> dict[str, Array]:
+        """Rows of the named signals on states, outputs and memory."""
+        s = self.system.signals
+        Yw, YH = np.zeros((len(s.names), self.n_w)), np.zeros((len(s.names), self.n_H))
+        Yw[:, : s.D.shape[1]] = s.D
+        YH[:, -1] = s.constant + s.D_input @ carrier
+        return {"Yx": np.hstack([s.C, s.D_input @ V]), "Yw": Yw, "YH": YH}
 
     def _around(self, model: Model, x0: Array) -> HybridSystem:
         """The flat tables with their start, their names, and which states repeat on a cycle."""
@@ -417,14 +416,13 @@ class _Packer:
         for j, w in enumerate(delayed, start=len(kinds)):
             S[:, j], outputs[j], delay[j] = B[:, w], w, self.system.delays[w]
         return S, {
-            "count": n_s,
-            "kind": np.array([*kinds, *([DELAY_LINE] * len(delayed))], np.int64),
-            "x": x_rows,
-            "H": H_rows,
-            "s": on_smooth,
-            "scale": np.array([*scales, *([1.0] * len(delayed))], float),
-            "w": outputs,
-            "delay": delay,
+            "smooth_kind": np.array([*kinds, *([DELAY_LINE] * len(delayed))], np.int64),
+            "smooth_x": x_rows,
+            "smooth_H": H_rows,
+            "smooth_s": on_smooth,
+            "smooth_scale": np.array([*scales, *([1.0] * len(delayed))], float),
+            "smooth_w": outputs,
+            "smooth_delay": delay,
         }
 
     def _modes(self, B: Array, C: Array, D: Array, n_s: int) -> tuple[dict, dict]:

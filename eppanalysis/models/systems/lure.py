@@ -9,7 +9,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
@@ -416,44 +416,19 @@ def with_own_states(system: LureSystem) -> LureSystem:
         If an element with states of its own has a dead time behind it or stands in discrete time, or the algebraic
         loop through one has no solution.
     """
-    labels = system.element_names
     first = slices([ports(e)[1] for e in system.elements])
     _require_room_for_own_states(system, first)
     own = stacked(system.elements)
+    rate, z, seen, cuts = _rows_with_own_states(system, own)
     n, k, nw, nv = len(system.A), len(own["A"]), own["B_w"].shape[1], len(system.v0)
-    ends = np.cumsum([0, n, k, nw, nv, 1])
-    zero = np.zeros
-
-    def row(*blocks: Array) -> Array:
-        return np.hstack(blocks)
-
-    x_given = row(
-        system.C, system.D @ own["C_y"], system.D @ own["D_yw"], system.D_input, system.constant_input[:, None]
-    )
-    closed = np.eye(len(system.C)) - system.D @ own["D_yx"]
-    if np.linalg.cond(closed) > 1e14:
-        raise ModelError(f"{system.name}: the algebraic loop through {', '.join(labels)} has no unique solution.")
-    x = np.linalg.solve(closed, x_given)
-
-    def of(states: Array, outputs: Array, inputs: Array) -> Array:
-        """Rows on own states, automata's outputs and signals before the elements."""
-        m = len(states)
-        return row(zero((m, n)), states, outputs, zero((m, nv + 1))) + inputs @ x
-
-    y, z = of(own["C_y"], own["D_yw"], own["D_yx"]), of(own["C_z"], own["D_zw"], own["D_zx"])
-    p = row(system.A, zero((n, k + nw)), system.B_input, system.constant_state[:, None]) + system.B @ y
-    rate = np.vstack([p, of(own["A"], own["B_w"], own["B_x"])])
-    rate[n:, -1] += own["rate"][:, 0]
-    s = system.signals
-    seen = row(s.C, zero((len(s.C), k + nw)), s.D_input, s.constant[:, None]) + s.D @ y
-    cuts = system.cuts and system.cuts.with_own_states(own, system.B, closed, y[:, : ends[3]])
-    states, outputs, inputs, one = slice(0, ends[2]), slice(ends[2], ends[3]), slice(ends[3], ends[4]), ends[4]
+    states, outputs, inputs, one = slice(0, n + k), slice(n + k, n + k + nw), slice(n + k + nw, n + k + nw + nv), -1
     delays = [
-        system.delays[place] if passes_outputs(e) else zero(e.n_outputs)
+        system.delays[place] if passes_outputs(e) else np.zeros(e.n_outputs)
         for e, place in zip(system.elements, first, strict=True)
     ]
-    names = (f"{label}_{i}" for e, label in zip(system.elements, labels, strict=True) for i in range(own_count(e)))
-    x0, memory = started(system.elements, system.memory)
+    labels = zip(system.elements, system.element_names, strict=True)
+    names = (f"{label}_{i}" for e, label in labels for i in range(own_count(e)))
+    s, (x0, memory) = system.signals, started(system.elements, system.memory)
     made = replace(
         system,
         elements=tuple(e.inside or e for e in system.elements),
@@ -474,6 +449,31 @@ def with_own_states(system: LureSystem) -> LureSystem:
         cuts=cuts,
     )
     return _on_one_clock(made, n)
+
+
+def _rows_with_own_states(system: LureSystem, own: Mapping[str, Array]) -> tuple[Array, Array, Array, Cuts | None]:
+    """Rows on (p, s, w, v, 1) of all states' rates, of z and of the named signals, and the cuts."""
+    n, k, nw, nv = len(system.A), len(own["A"]), own["B_w"].shape[1], len(system.v0)
+    zero, D, s = np.zeros, system.D, system.signals
+    closed = np.eye(len(system.C)) - D @ own["D_yx"]
+    if np.linalg.cond(closed) > 1e14:
+        through = ", ".join(system.element_names)
+        raise ModelError(f"{system.name}: the algebraic loop through {through} has no unique solution.")
+    given = np.hstack([system.C, D @ own["C_y"], D @ own["D_yw"], system.D_input, system.constant_input[:, None]])
+    x = np.linalg.solve(closed, given)
+
+    def of(states: Array, outputs: Array, inputs: Array) -> Array:
+        """Rows on own states, automata's outputs and signals before the elements."""
+        m = len(states)
+        return np.hstack([zero((m, n)), states, outputs, zero((m, nv + 1))]) + inputs @ x
+
+    y, z = of(own["C_y"], own["D_yw"], own["D_yx"]), of(own["C_z"], own["D_zw"], own["D_zx"])
+    p = np.hstack([system.A, zero((n, k + nw)), system.B_input, system.constant_state[:, None]]) + system.B @ y
+    rate = np.vstack([p, of(own["A"], own["B_w"], own["B_x"])])
+    rate[n:, -1] += own["rate"][:, 0]
+    seen = np.hstack([s.C, zero((len(s.C), k + nw)), s.D_input, s.constant[:, None]]) + s.D @ y
+    cuts = system.cuts and system.cuts.with_own_states(own, system.B, closed, y[:, : n + k + nw])
+    return rate, z, seen, cuts
 
 
 def _on_one_clock(system: LureSystem, n: int) -> LureSystem:
