@@ -174,6 +174,11 @@ def reasons(by_place: Iterable[tuple[str, str]]) -> str:
     return " ".join(f"At {listed(at)}: {sentence}" for sentence, at in places.items())
 
 
+def one_line(text: str) -> str:
+    """A text without line breaks, words one blank apart."""
+    return " ".join(text.split())
+
+
 def with_unit(text: str, unit: str) -> str:
     """What is shown, with its unit in brackets where it has one.
 

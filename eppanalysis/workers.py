@@ -42,6 +42,11 @@ class Workers(ProcessPoolExecutor):
             process.terminate()
 
 
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 @contextmanager
 def workers(n: int) -> Iterator[Executor | None]:
     """Processes, or None for one worker; they are ended at once where the block does not end well."""

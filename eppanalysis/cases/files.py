@@ -134,6 +134,14 @@ class RawCase:
         return value if isinstance(found, Missing) else found
 
 
+def own_or_shipped(path: Path) -> Path:
+    """The file of measured data, or where there is none the one of that name that ships as an example."""
+    if path.exists() or path.name != str(path):
+        return path
+    shipped = shipped_cases_folder() / "measured" / path.name
+    return shipped if shipped.is_file() else path
+
+
 def shipped_cases_folder() -> Path:
     """Folder of the cases that ship: inside the installed package, or beside it in the repository.
 

@@ -52,10 +52,6 @@ class Mistakes(NamedTuple):
 def mistakes_in(path: str | Path) -> Mistakes:
     """The mistakes of a case file; none where it is valid.
 
-    Parameters
-    ----------
-    path : str or Path
-
     Raises
     ------
     CaseError

@@ -18,12 +18,14 @@ from eppanalysis.cli.common import (
     Output,
     Prove,
     Settings,
+    Workers,
     answer,
     check_output,
     load_case,
     print_table,
     progress,
     within_of,
+    write_output,
 )
 from eppanalysis.cli.manual import Manuals, Step, step_for_manual, write_manual
 from eppanalysis.readable import count
@@ -37,7 +39,6 @@ Field = Annotated[str, typer.Option("--over", metavar="FIELD", help="The paramet
 Limit = Annotated[
     str, typer.Option("--limit", metavar="FIELD", help="The parameter that is bounded, as in lock_pin.backlash.")
 ]
-Workers = Annotated[int | None, typer.Option("--workers", help="Processes. [one a core]", show_default=False)]
 
 
 def bounds(
@@ -69,10 +70,10 @@ def bounds(
     step: Step = None,
 ) -> None:
     """Bound a parameter over another one: exact folds, with first order beside them, tested on both sides."""
-    from eppanalysis.methods.bounds.design import cores, design_bounds
+    from eppanalysis.methods.bounds.design import design_bounds
+    from eppanalysis.workers import cores
 
-    if output is not None:
-        check_output(output)
+    check_output(output)
     found = load_case(case, settings)
     rounding = step_for_manual(found, limit, manuals, step)
     with progress(f"bounds {found.name}") as advance:
@@ -95,10 +96,7 @@ def bounds(
             progress=advance,
         )
     answer("bounds", found, settings, as_json, result.to_dict, lambda: _show(found, result))
-    if output is not None:
-        from eppanalysis.tables.files import write_result
-
-        write_result(result, bounds_columns, output)
+    write_output(output, result, bounds_columns)
     if certificates is not None:
         result.write_certificates(certificates)
     write_manual(result, manuals, rounding)

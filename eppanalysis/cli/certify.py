@@ -51,8 +51,7 @@ def certify(
     from eppanalysis.methods.certificates.certify import certify as prove
     from eppanalysis.tables.files import PICTURES
 
-    if output is not None:
-        check_output(output, (".json", *PICTURES))
+    check_output(output, (".json", *PICTURES))
     found = load_case(case, settings)
     result = prove(found, statement or Asked.ROOTS)
     answer("certify", found, settings, as_json, result.to_dict, lambda: _show(result))

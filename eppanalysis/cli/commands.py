@@ -277,8 +277,7 @@ def schema(
     output: Annotated[Path | None, file_option("Write it to a file (.json).")] = None,
 ) -> None:
     """Print the JSON schema of case files, with which editors complete and check them."""
-    if output is not None:
-        check_output(output, (".json",))
+    check_output(output, (".json",))
     from eppanalysis.cases.editors import case_schema
 
     text = json.dumps(case_schema(), indent=2)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from eppanalysis.cases import Case
+    from eppanalysis.tables.files import Table as FileTable
 
 #: Default of options that may be repeated.
 NOTHING: list[str] = []
@@ -49,6 +50,7 @@ Picture = Annotated[Path | None, file_option("Write a picture (.png, .svg, .pdf)
 Prove = Annotated[
     bool, typer.Option("--prove", help="Prove what can be proved on both sides of every bound; seconds each.")
 ]
+Workers = Annotated[int | None, typer.Option("--workers", help="Processes. [one a core]", show_default=False)]
 Certificates = Annotated[
     Path | None,
     typer.Option(
@@ -163,10 +165,6 @@ def within_of(text: str | None) -> tuple[str, str] | None:
 def progress(what: str) -> Iterator[Progress | None]:
     """A bar on the terminal; nothing elsewhere.
 
-    Yields
-    ------
-    callable or None
-
     Raises
     ------
     EppError
@@ -210,12 +208,13 @@ def _as_taken(name: str, value: str, case: Case | None) -> str:
     return f"{name} = {value.strip()} {unit}" if unit and plain else f"{name} = {value}"
 
 
-def check_output(path: Path, suffixes: Sequence[str] | None = None, stands_for: Sequence[str] = ()) -> None:
+def check_output(path: Path | None, suffixes: Sequence[str] | None = None, stands_for: Sequence[str] = ()) -> None:
     """Refuse a file that cannot be written, or whose name holds braces that stand for nothing.
 
     Parameters
     ----------
-    path : Path
+    path : Path, optional
+        None where nothing is to be written.
     suffixes : sequence of str, optional
         Pictures and tables by default.
     stands_for : sequence of str
@@ -228,11 +227,21 @@ def check_output(path: Path, suffixes: Sequence[str] | None = None, stands_for: 
     """
     from eppanalysis.tables.files import PICTURES, TABLES, check_target
 
+    if path is None:
+        return
     known = [f"{{{name}}}" for name in stands_for]
     for found in re.findall(r"\{[^{}]*\}", path.name):
         if found not in known:
             raise EppError(f"{path}: {found} stands for nothing; expected {' or '.join(known) or 'a name without it'}.")
     check_target(path, PICTURES + TABLES if suffixes is None else suffixes)
+
+
+def write_output(path: Path | None, result: Any, to_table: Callable[[Any], FileTable], **options: Any) -> None:
+    """Write a result where a file is asked for: its picture, drawn with these options, or its table."""
+    if path is not None:
+        from eppanalysis.tables.files import write_result
+
+        write_result(result, to_table, path, **options)
 
 
 def print_table(table: Table) -> None:

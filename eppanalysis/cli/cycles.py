@@ -19,6 +19,7 @@ from eppanalysis.cli.common import (
     check_output,
     load_case,
     progress,
+    write_output,
 )
 from eppanalysis.errors import EppError
 from eppanalysis.readable import DIGITS, count, number, quantity, readable, words
@@ -40,12 +41,11 @@ def cycles(
     output: Output = None,
 ) -> None:
     """Find all limit cycles exactly, stable and unstable, and how completeness was sought."""
-    if output is not None:
-        check_output(output)
+    check_output(output)
     found = load_case(case, settings)
     from eppanalysis.methods.search.find import find_limit_cycles
     from eppanalysis.methods.search.trigger import trigger
-    from eppanalysis.tables.files import cycle_table, write_result
+    from eppanalysis.tables.files import cycle_table
 
     with progress(f"cycles {found.name}") as advance:
         search = find_limit_cycles(found, progress=advance)
@@ -55,8 +55,7 @@ def cycles(
         return {**search.to_dict(), "triggers": [hit.to_dict() for hit in hits]}
 
     answer("cycles", found, settings, as_json, data, lambda: _show_cycles(found, search, hits))
-    if output is not None:
-        write_result(search, lambda result: cycle_table(result.cycles), output)
+    write_output(output, search, lambda result: cycle_table(result.cycles))
 
 
 def branch(
@@ -73,8 +72,7 @@ def branch(
     from eppanalysis.methods.continuation.branch import continue_branch
     from eppanalysis.tables.files import PICTURES, write_figure
 
-    if output is not None:
-        check_output(output, PICTURES)
+    check_output(output, PICTURES)
     if points < 1:
         raise EppError(f"--points {points}: is no number of orbits; expected 1 or more.")
     found = load_case(case, settings)

@@ -18,6 +18,7 @@ from eppanalysis.cli.common import (
     Json,
     Prove,
     Settings,
+    Workers,
     answer,
     check_output,
     file_option,
@@ -79,9 +80,7 @@ def guide(
     samples: Annotated[int, typer.Option("--samples", help="Draws for the probabilities.")] = 400,
     starts: Annotated[int, typer.Option("--starts", help="Runs that test each bound.")] = 1000,
     seed: Annotated[int, typer.Option("--seed", help="Seed of runs and draws.")] = 20050901,
-    workers: Annotated[
-        int | None, typer.Option("--workers", help="Processes. [one a core]", show_default=False)
-    ] = None,
+    workers: Workers = None,
     prove: Prove = False,
     certificates: Certificates = None,
     as_json: Json = False,
@@ -96,7 +95,7 @@ def guide(
     from eppanalysis.guides.files import FILES, check_file, title
     from eppanalysis.guides.guideline import design_guide, pair_of
     from eppanalysis.guides.result import GAIN
-    from eppanalysis.methods.bounds.design import cores
+    from eppanalysis.workers import cores
 
     for path in outputs:
         check_output(path, FILES)

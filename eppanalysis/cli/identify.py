@@ -24,6 +24,7 @@ from eppanalysis.cli.common import (
     print_json,
     print_table,
     progress,
+    write_output,
 )
 from eppanalysis.errors import EppError
 from eppanalysis.readable import quantity
@@ -95,6 +96,7 @@ def identify(
     outputs: Outputs = NO_FILES,
 ) -> None:
     """Identify parameters with intervals from measured CSV files; what the data cannot identify is named."""
+    from eppanalysis.cases.files import own_or_shipped
     from eppanalysis.identify import identify as run
     from eppanalysis.identify.response import layout_of
 
@@ -104,7 +106,7 @@ def identify(
     angle, torque = _quantity("--wrap", wrap, "rad"), _quantity("--press", press, "N*m")
     base = load_case(case, settings)
     chosen = _choices(columns, "column", ("time", *layout_of(base).units)) if columns else {}
-    tray, backlash, step = (None if path is None else _measured(path) for path in (tray, backlash, step))
+    tray, backlash, step = (None if path is None else own_or_shipped(path) for path in (tray, backlash, step))
     with progress("identify") as advance:
         found = run(
             base, tray=tray, backlash=backlash, step=step, columns=chosen, wrap=angle, press=torque,
@@ -117,16 +119,6 @@ def identify(
             _show(part)
     for output in outputs:
         _write(found, output, benches)
-
-
-def _measured(path: Path) -> Path:
-    """The file, or where there is none the recording of that name that ships as an example."""
-    from eppanalysis.cases import shipped_cases_folder
-
-    if path.exists() or path.name != str(path):
-        return path
-    shipped = shipped_cases_folder() / "measured" / path.name
-    return shipped if shipped.is_file() else path
 
 
 def _choices(texts: Sequence[str], what: str, names: Collection[str]) -> dict[str, tuple[str, str]]:
@@ -211,19 +203,17 @@ def diagnose(
     output: Output = None,
 ) -> None:
     """Say which element explains a recorded oscillation, how large it is, and what the record cannot tell."""
+    from eppanalysis.cases.files import own_or_shipped
     from eppanalysis.diagnose import diagnose as run
+    from eppanalysis.tables.files import diagnosis_table
 
-    if output is not None:
-        check_output(output)
+    check_output(output)
     found = load_case(case, settings)
     chosen = _choices(columns, "signal", ("time", *found.to_system().signals.names))
     with progress(f"diagnose {found.name}") as advance:
-        result = run(found, _measured(record), columns=chosen, model_error=model_error, progress=advance)
+        result = run(found, own_or_shipped(record), columns=chosen, model_error=model_error, progress=advance)
     answer("diagnose", found, settings, as_json, result.to_dict, lambda: _show_diagnosis(result))
-    if output is not None:
-        from eppanalysis.tables.files import diagnosis_table, write_result
-
-        write_result(result, diagnosis_table, output)
+    write_output(output, result, diagnosis_table)
 
 
 def _show_diagnosis(result: Diagnosis) -> None:

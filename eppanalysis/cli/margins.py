@@ -38,8 +38,7 @@ def margins(
     from eppanalysis.tables.console import all_margins_table
     from eppanalysis.tables.files import PICTURES, write_figure
 
-    if output is not None:
-        check_output(output, PICTURES)
+    check_output(output, PICTURES)
     found = load_case(case, settings)
     names = list(at) or list(places_of(found))
     if output is not None and len(names) > 1:

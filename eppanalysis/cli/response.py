@@ -18,6 +18,7 @@ from eppanalysis.cli.common import (
     print_table,
     progress,
     range_of,
+    write_output,
 )
 from eppanalysis.errors import EppError
 
@@ -47,18 +48,15 @@ def response(
 ) -> None:
     """Say how a loop answers a sine: periodic responses, stable and unstable, and over a range their folds."""
     from eppanalysis.methods.driven.result import ForcedResponse
-    from eppanalysis.tables.files import response_table, write_result
+    from eppanalysis.tables.files import response_table
 
-    if output is not None:
-        check_output(output)
+    check_output(output)
     found = load_case(case, settings)
     name, shown = signal or found.expected.signal, [signal] if signal else list(found.named_signals)
     with progress(f"response {found.name}"):
         result = _asked(found, input, name, amplitude, frequency)
     answer("response", found, settings, as_json, result.to_dict, lambda: _show(result, shown))
-    if output is not None:
-        at_one = {"signals": shown} if isinstance(result, ForcedResponse) else {}
-        write_result(result, response_table, output, **at_one)
+    write_output(output, result, response_table, **({"signals": shown} if isinstance(result, ForcedResponse) else {}))
 
 
 def _asked(found: Case, input: str | None, signal: str | None, amplitude: str | None, frequency: str | None) -> Any:

@@ -13,6 +13,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.guides.manual import manual_table, source
 from eppanalysis.guides.result import Side, in_words
 from eppanalysis.plotting import figure_of
+from eppanalysis.readable import one_line
 from eppanalysis.shown import png
 from eppanalysis.tables.files import PICTURES, atomic, check_target, csv_cell, write_figure
 from eppanalysis.tables.manual import size_rows
@@ -85,7 +86,7 @@ def _markdown(guide: Guide, path: Path) -> None:
     frame = guide.rounded().map(lambda text: text.replace("|", "\\|"))
     table = frame.to_markdown(index=False, disable_numparse=True)
     lines = "\n".join(f"* {s}" for s in guide.sentences())
-    path.write_text(f"# {_one_line(title(guide))}\n\n{table}\n\n{lines}\n\n{source(guide)}\n", encoding="utf-8")
+    path.write_text(f"# {one_line(title(guide))}\n\n{table}\n\n{lines}\n\n{source(guide)}\n", encoding="utf-8")
 
 
 def _csv(guide: Guide, path: Path) -> None:
@@ -105,7 +106,7 @@ def _latex(guide: Guide, path: Path) -> None:
         return style.to_latex(hrules=head, environment="longtable", column_format=columns)
 
     frame = guide.rounded()
-    texts = pandas.DataFrame({"text": [_one_line(t) for t in (title(guide), *guide.sentences(), source(guide))]})
+    texts = pandas.DataFrame({"text": [one_line(t) for t in (title(guide), *guide.sentences(), source(guide))]})
     # Every column has a gap on both sides of it.
     width = f"\\dimexpr{1.0 / len(frame.columns):.4f}\\linewidth-2\\tabcolsep"
     numbers = f">{{\\raggedleft\\arraybackslash}}p{{{width}}}" * len(frame.columns)
@@ -125,7 +126,7 @@ def _html(guide: Guide, path: Path) -> None:
     table = style.to_html()
     image = base64.b64encode(png(figure_of(guide.plot()), 160)).decode()
     lines = "".join(f"<li>{html.escape(s)}</li>" for s in guide.sentences())
-    name = html.escape(_one_line(title(guide)))
+    name = html.escape(one_line(title(guide)))
     path.write_text(
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{name}</title>'
         f"<style>{_STYLE}</style></head>"
@@ -160,10 +161,6 @@ def _excel(guide: Guide, path: Path) -> None:
                 for cell in column:
                     cell.alignment = Alignment(wrap_text=True, vertical="top")
             size_rows(cells)
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())
 
 
 def _word(guide: Guide, path: Path) -> None:

@@ -5,7 +5,6 @@ Only a few blocks are under way at a time, so that memory stays flat however man
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
@@ -17,7 +16,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.sweep.analyses import Columns, Task
 from eppanalysis.sweep.store import Bounds, MemoryStore, ZarrStore, cells_in
 from eppanalysis.sweep.work import Work
-from eppanalysis.workers import interrupts_wait
+from eppanalysis.workers import cores, interrupts_wait
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -78,14 +77,10 @@ def run_blocks(
     if workers is not None:
         check_counts("sweep", {"workers": (workers, 1)})
     if scheduler == Scheduler.THREADS:
-        _on_threads(Work.of(task), blocks, store, workers or _cores(), advance)
+        _on_threads(Work.of(task), blocks, store, workers or cores(), advance)
         return
     with _client(scheduler, workers) as client:
         _on_cluster(client, task, blocks, store, advance)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _on_threads(work: Work, blocks: Sequence[Bounds], store: Store, workers: int, advance: Advance) -> None:
@@ -134,7 +129,7 @@ def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
     if scheduler == Scheduler.PROCESSES:
         with interrupts_wait():  # they are the parent's: a worker that hears one dies with a traceback
             local = LocalCluster(
-                n_workers=workers or _cores(),
+                n_workers=workers or cores(),
                 threads_per_worker=1,
                 processes=True,
                 dashboard_address="localhost:0",  # with None, a server of its own warns where its fixed port is taken

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from eppanalysis.errors import EppError
+from eppanalysis.readable import one_line
 from eppanalysis.tables.files import atomic, check_target, csv_cell
 
 #: Most that is given away by rounding, relative to the smallest value of a column.
@@ -152,11 +153,7 @@ def to_step(value: float, step: Decimal, *, up: bool = False) -> Decimal:
 
 def _printed(cell: Decimal | str) -> str:
     """A cell on one line; a number without powers of ten."""
-    return f"{cell:f}" if isinstance(cell, Decimal) else _one_line(cell)
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())
+    return f"{cell:f}" if isinstance(cell, Decimal) else one_line(cell)
 
 
 def _markdown(table: ManualTable) -> str:
@@ -170,7 +167,7 @@ def _markdown(table: ManualTable) -> str:
 
 
 def _latex_text(text: str) -> str:
-    return "".join(_LATEX.get(character, character) for character in _one_line(text))
+    return "".join(_LATEX.get(character, character) for character in one_line(text))
 
 
 def _latex(table: ManualTable) -> str:
@@ -214,7 +211,7 @@ def _html_table(table: ManualTable) -> str:
         f"<tr>{''.join(cell(i, text, shade) for i, text in enumerate(row))}</tr>" for row, shade in table.shaded()
     )
     notes = "".join(f"<li>{html.escape(note)}</li>" for note in table.notes)
-    caption = html.escape(_one_line(table.title))
+    caption = html.escape(one_line(table.title))
     return (
         f"<table><caption>{caption}</caption>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}\n</tbody></table>"
         f"\n<ul>{notes}</ul>"
@@ -223,7 +220,7 @@ def _html_table(table: ManualTable) -> str:
 
 def _html(table: ManualTable) -> str:
     return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{html.escape(_one_line(table.title))}'
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{html.escape(one_line(table.title))}'
         f"</title><style>{_STYLE}</style></head>\n<body>\n{_html_table(table)}\n</body></html>"
     )
 
@@ -235,7 +232,7 @@ def _word(table: ManualTable, path: Path) -> None:
     from docx.oxml.ns import qn
 
     document = Document()
-    document.add_heading(_one_line(table.title), level=2)
+    document.add_heading(one_line(table.title), level=2)
     grid = document.add_table(rows=1, cols=len(table.columns), style="Table Grid")
     for cell, name in zip(grid.rows[0].cells, table.columns, strict=True):
         cell.paragraphs[0].add_run(name).bold = True
@@ -274,14 +271,14 @@ def _excel(table: ManualTable, path: Path) -> None:
     book = Workbook()
     sheet = book.active
     sheet.title = "guideline"
-    sheet.append([csv_cell(_one_line(table.title))])
+    sheet.append([csv_cell(one_line(table.title))])
     sheet["A1"].font = Font(bold=True, size=13)
     sheet.append([csv_cell(name) for name in table.columns])
     line = Side(style="thin", color="999999")
     wrapped = Alignment(wrap_text=True, vertical="top")
     shades = [shade for _, shade in table.shaded()]
     for row, shade in zip(table.rows, shades, strict=True):
-        sheet.append([float(cell) if isinstance(cell, Decimal) else csv_cell(_one_line(cell)) for cell in row])
+        sheet.append([float(cell) if isinstance(cell, Decimal) else csv_cell(one_line(cell)) for cell in row])
         for cell, value in zip(sheet[sheet.max_row], row, strict=True):
             if isinstance(value, Decimal):
                 places = max(0, -int(value.as_tuple().exponent))

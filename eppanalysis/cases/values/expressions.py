@@ -136,10 +136,6 @@ class Expression:
     def value(self, values: Mapping[str, Value]) -> Value:
         """What it comes to.
 
-        Parameters
-        ----------
-        values : mapping of str to Value
-
         Raises
         ------
         QuantityError

@@ -22,7 +22,7 @@ from eppanalysis.cases.values.expressions import (
     parse,
     unknown_name,
 )
-from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity, place_of
+from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity, place_of, plain_value
 from eppanalysis.errors import CaseError
 from eppanalysis.readable import written
 from eppanalysis.units import QuantityError, dimensions, format_si, parse_quantity
@@ -64,7 +64,7 @@ def read(
         If it is no such number.
     """
     table = dict(given) if isinstance(given, Mapping) else {"value": given}
-    text = _text(given)
+    text = plain_value(given)
     try:
         if is_expression(text):
             return _computed(parse(text), table, parameters, kind)
@@ -126,11 +126,6 @@ def read_scalar(value: Any, field: str, raw: RawCase) -> Parameter:
         ) from None
 
 
-def _text(given: Any) -> Any:
-    """The value of a field, which may stand in a table."""
-    return given.get("value") if isinstance(given, Mapping) else given
-
-
 def _check_name(name: str) -> None:
     if not _NAME.fullmatch(name) or keyword.iskeyword(name):
         raise QuantityError("a plain name of letters, digits and underscores, which is no word of Python")
@@ -178,7 +173,7 @@ def resolve(tables: Mapping[str, Any], place: str, raw: RawCase) -> dict[str, Na
     """
     used: dict[str, tuple[str, ...]] = {}
     for name, given in tables.items():
-        text = _text(given)
+        text = plain_value(given)
         try:
             _check_name(name)
             used[name] = parse(text).names if is_expression(text) else ()
@@ -199,6 +194,6 @@ def resolve(tables: Mapping[str, Any], place: str, raw: RawCase) -> dict[str, Na
     for name in order:
         named = read(tables[name], f"{place}.{name}", raw, found)
         # What is given is a variable of its own; what is computed hangs on such ones by its slopes.
-        slopes = named.value.gradient if is_expression(_text(tables[name])) else {name: 1.0}
+        slopes = named.value.gradient if is_expression(plain_value(tables[name])) else {name: 1.0}
         found[name] = named._replace(value=replace(named.value, gradient=slopes))
     return {name: found[name] for name in tables}

@@ -76,6 +76,11 @@ def place_of(field: str, error: PydanticCustomError) -> str:
     return f"{field}.{key}" if key else field
 
 
+def plain_value(given: Any) -> Any:
+    """The value of a field, which may stand in a table."""
+    return given.get("value") if isinstance(given, Mapping) else given
+
+
 def plain_text(text: str) -> str:
     """A text of a case, if it has no characters that a terminal obeys; new lines and tabs are none.
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import checked
-from eppanalysis.cases.files import shipped_cases_folder
+from eppanalysis.cases.files import own_or_shipped
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.systems.measured.matrix import MeasuredMatrix
 from eppanalysis.models.systems.measured.response import MeasuredResponse
@@ -77,7 +77,7 @@ def read_response(
     >>> response
     Frequency response at 301 frequencies from 0.1257 to 125.7 rad/s, standard deviation 1 %.
     """
-    path = _found(Path(path))
+    path = own_or_shipped(Path(path))
     source = str(path)
     header, rows = _rows(path, source)
     split = [_split(cell, source) for cell in header]
@@ -125,12 +125,6 @@ def _response(
         raise ModelError(
             f"{source}: {error.what.removeprefix('MeasuredResponse: ')}", expected=error.expected
         ) from None
-
-
-def _found(path: Path) -> Path:
-    """The file, or the shipped one of that name."""
-    shipped = shipped_cases_folder() / "measured" / path.name
-    return shipped if path.name == str(path) and not path.exists() and shipped.is_file() else path
 
 
 def _rows(path: Path, source: str) -> tuple[list[str], Array]:

@@ -7,10 +7,10 @@ radians, whatever is before it. What is given without a unit is taken to fit, an
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from eppanalysis.cases.values.expressions import Unit, alike, is_expression, name_of_unit, times
-from eppanalysis.cases.values.quantities import Parameter
+from eppanalysis.cases.values.quantities import Parameter, plain_value
 from eppanalysis.errors import CaseError
 from eppanalysis.models.diagrams import Block, Diagram
 from eppanalysis.models.diagrams.closing import signals_of_ports
@@ -157,17 +157,12 @@ def _check_part(diagram: Diagram, place: str, typed: Mapping[str, Parameter], si
 
 def _refused(field: str, wanted: str, found: Parameter, raw: RawCase) -> CaseError:
     """The refusal of a number: of the parameter in its place where that was set beside the file, else of the field."""
-    text = _text(raw.typed(field))
+    text = plain_value(raw.typed(field))
     parameter = f"parameters.{text}"
     if text in raw.data.get("parameters", ()) and raw.origin(parameter) != raw.origin(field):
-        return CaseError(raw.origin(parameter), str(text), _text(raw.typed(parameter)), wanted)
+        return CaseError(raw.origin(parameter), str(text), plain_value(raw.typed(parameter)), wanted)
     computed = f": {text} is in {found.unit or 'plain numbers'}" if is_expression(text) else ""
     return CaseError(raw.origin(field), field, text, f"{wanted}{computed}")
-
-
-def _text(given: Any) -> Any:
-    """The value of a field, which may stand in a table."""
-    return given.get("value") if isinstance(given, Mapping) else given
 
 
 def _roles(units: Mapping[str, Role], typed: Mapping[str, Parameter]) -> Iterator[tuple[str, Role, Parameter]]:

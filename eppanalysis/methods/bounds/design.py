@@ -9,7 +9,6 @@ Where a size of cycles is allowed, exact orbits alone are asked (``sized``), of 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
@@ -178,15 +177,10 @@ def design_bounds(
     sweep.turn_to(question)
     settings = Settings(exact, verify and exact, margin, starts, seed, allowed)
     why = why_by_search(case.to_system())
-    asking = Asking(allowed, margin, own_run, why) if why else None
-    if (asking is None and own_run) or (asking is not None and not exact):
-        wanted = "own_run is True for a loop with" if asking is None else "exact is False for a loop without"
-        raise EppError(f"design_bounds: {wanted} a fold; expected own_run where the search is asked, exact elsewhere.")
-    if prove and (asking is not None or allowed is not None or not (exact and verify)):
-        raise EppError("design_bounds: prove is True; expected exact bounds on limit cycles of any size, with tests.")
+    # What is done at each value only this process can tell.
+    asking = Asking(allowed, margin, own_run, why, progress=progress if workers == 1 else None) if why else None
+    _check_asking(settings, asking, own_run, prove)
     if asking is not None:
-        # What is done at each value only this process can tell.
-        asking = replace(asking, progress=progress if workers == 1 else None)
         cells = _each(partial(searched_cell, question, asking=asking), values, workers, progress)
     elif allowed is not None:
         cells = _each(partial(sized_cell, question, settings=settings), values, workers, progress)
@@ -212,6 +206,15 @@ def design_bounds(
         provenance=Provenance("design bounds", facts, case=facts_of(case)),
         operating_point=case.operating_point,
     )
+
+
+def _check_asking(settings: Settings, asking: Asking | None, own_run: bool, prove: bool) -> None:
+    """Refuse what goes with exact folds alone where the search is asked, and what goes with the search elsewhere."""
+    if (asking is None and own_run) or (asking is not None and not settings.exact):
+        wanted = "own_run is True for a loop with" if asking is None else "exact is False for a loop without"
+        raise EppError(f"design_bounds: {wanted} a fold; expected own_run where the search is asked, exact elsewhere.")
+    if prove and (asking is not None or settings.allowed is not None or not settings.verify):
+        raise EppError("design_bounds: prove is True; expected exact bounds on limit cycles of any size, with tests.")
 
 
 def _values(case: CaseLike, over: str, start: object, stop: object, points: int) -> list[float]:
@@ -352,11 +355,6 @@ def sized_cell(question: Question, value: float, settings: Settings) -> BoundCel
     message = " ".join(text for text in (found.note, cell.message) if text and text not in found.note)
     size = float("nan") if cell.orbit is None else settings.allowed.size_of(cell.orbit)
     return replace(cell, size=size, message=message or cell.message)
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass(frozen=True, eq=False)
