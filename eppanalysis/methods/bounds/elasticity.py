@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.fold import Fold, Programmes, anchored
+from eppanalysis.methods.bounds.fold import Fold, Programmes
 from eppanalysis.methods.bounds.harmonic import Question, steady_loop
 from eppanalysis.methods.bounds.numbers import Plan, gather
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
@@ -29,6 +29,7 @@ from eppanalysis.methods.continuation.branch import steady_case
 from eppanalysis.methods.continuation.families import slope_of
 from eppanalysis.methods.continuation.labels import linear_arc
 from eppanalysis.methods.continuation.steps import Point
+from eppanalysis.methods.harmonic.series import anchored
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, solve
 from eppanalysis.models.systems.hybrid import HybridSystem

@@ -32,6 +32,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.methods.bounds.numbers import DEGREE, Dependence, ElementNumbers, LoopNumbers, Plan
 from eppanalysis.methods.harmonic.series import TURN, Array
 from eppanalysis.models.elements.automaton import LEAST
+from eppanalysis.models.systems.signals import slices
 
 _NODES_MOST = 40
 
@@ -59,15 +60,13 @@ class Layout:
     @cached_property
     def phases(self) -> tuple[slice, ...]:
         """Places of the switching phases of each element."""
-        ends = self.omega + 1 + np.cumsum([0, *self.switches])
-        return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+        return slices(self.switches, self.omega + 1)
 
     @cached_property
     def holds(self) -> tuple[slice, ...]:
         """Places of the memory values behind each switch, for each element."""
         sizes = [s * h for s, h in zip(self.switches, self.memory, strict=True)]
-        ends = self.omega + 1 + sum(self.switches) + np.cumsum([0, *sizes])
-        return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+        return slices(sizes, self.omega + 1 + sum(self.switches))
 
     @property
     def size(self) -> int:

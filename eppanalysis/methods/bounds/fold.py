@@ -25,7 +25,7 @@ from eppanalysis.methods.bounds.numbers import Dependence, Numbers, Plan, gather
 from eppanalysis.methods.harmonic.balance import settled
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop
-from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, orders
+from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, anchored, orders
 from eppanalysis.models.systems.means import mean_state
 
 _MOST_PROGRAMMES, _MOST_HOPS = 40, 3
@@ -158,13 +158,6 @@ def balanced(numbers: Numbers, value: float, near: Cycle) -> Cycle | None:
     """The cycle of the balance at a value to which Newton's method comes from one that is near; None where it fails."""
     true = settled(numbers.loop(value), near.Z, near.omega)
     return None if true is None else Cycle(value, *true)
-
-
-def anchored(Z: ComplexArray) -> tuple[ComplexArray, int]:
-    """The motion begun where the fundamental of the first input that moves is a rising sine, and that input."""
-    pivot = int(np.argmax(np.abs(Z[:, 1]) > 0))
-    turn = -np.pi / 2 - np.angle(Z[pivot, 1])
-    return Z * np.exp(1j * turn * orders(Z.shape[1] - 1)), pivot
 
 
 def extreme(

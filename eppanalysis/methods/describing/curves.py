@@ -6,13 +6,14 @@ Pairs of roots near a fold are found because every local extremum is located bef
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.methods.describing.balance import ON_THE_WAY, Array, Balance, newton
-from eppanalysis.roots import GOLDEN, between, least
+from eppanalysis.roots import between, least
 
 #: Steps between nodes that an extremum may lie beyond the nearest node; of a parabola it is a quarter.
 _REACH = 4.0
@@ -49,10 +50,10 @@ def roots_at_once(f: Callable[[Array], Array], x: Array, y: Array, accept: float
     return np.unique(roots[np.abs(f(roots)) < accept]) if roots.size else roots
 
 
-def _within_reach(x: Array, y: Array) -> NDArray[np.bool_]:
+def _within_reach(x: Array, y: Array, reach: float = _REACH, narrowest: float = 1e-12) -> NDArray[np.bool_]:
     """Whether minima (3, n) that are above zero may lie below it."""
     rise = np.maximum(y[0], y[2]) - y[1]
-    return (y[1] >= 0) & (y[1] < _REACH * rise) & (x[2] - x[0] > 1e-12)
+    return (y[1] >= 0) & (y[1] < reach * rise) & (x[2] - x[0] > narrowest)
 
 
 def _changes(y: Array) -> NDArray[np.bool_]:
@@ -73,7 +74,7 @@ def _dips(y: Array) -> NDArray[np.intp]:
     return np.flatnonzero(middle & same & lower & (np.abs(y[1:-1]) < _REACH * way)) + 1
 
 
-def contour_lines(x: Array, y: Array, values: Array) -> list[Array]:
+def contour_lines(values: Array) -> list[Array]:
     """Zero contours of `values` (nx, ny) as polylines (n, 2) in fractional indices; not-a-number is left out."""
     from contourpy import FillType, LineType, SerialContourGenerator, ZInterp
 
@@ -87,7 +88,7 @@ def contour_lines(x: Array, y: Array, values: Array) -> list[Array]:
     if inner.shape[1] < 2:
         return []
     # The class and not its `contour_generator`, which looks for values that are none again and takes as long.
-    places = np.meshgrid(np.arange(used.start, used.stop, dtype=float), np.arange(len(y), dtype=float))
+    places = np.meshgrid(np.arange(used.start, used.stop, dtype=float), np.arange(values.shape[1], dtype=float))
     plane: list[Any] = [*places, inner, None if known.all() else ~known]
     generator = SerialContourGenerator(
         *plane,
@@ -180,29 +181,19 @@ def _split_at_extrema(balance: Balance, left: Array, middle: Array, right: Array
     taken to be less than twice the way from there up to the ends (of a smooth curve it soon is a small part of it).
     """
     sign = np.where(middle[:, -1] < 0, -1.0, 1.0)
-    low, high = -np.ones(len(left)), np.ones(len(left))
-    f_low, f_best, f_high = (sign * X[:, -1] for X in (left, middle, right))
-    best, X_best = np.zeros(len(left)), middle.copy()
+    heights = np.array([sign * X[:, -1] for X in (left, middle, right)])
+    X_best, f_best = middle.copy(), heights[1].copy()
 
-    def searched() -> NDArray[np.intp]:
-        rise = np.maximum(f_low, f_high) - f_best
-        return np.flatnonzero((f_best >= 0) & (f_best < 2.0 * rise) & (high - low > 1e-9))
-
-    for _ in range(60):
-        k = searched()
-        if not k.size:
-            break
-        after = high[k] - best[k] > best[k] - low[k]
-        u = best[k] + (1.0 - GOLDEN) * np.where(after, high[k] - best[k], low[k] - best[k])
+    def height(u: Array, k: NDArray[np.intp]) -> Array:
         weights = [0.5 * u * (u - 1.0), (1.0 - u) * (1.0 + u), 0.5 * u * (u + 1.0)]
         X, ok = _between(balance, [left[k], middle[k], right[k]], weights, right[k] - left[k])
         f = np.where(ok, sign[k] * X[:, -1], np.inf)
         better = f < f_best[k]
-        # The better of the two points stays inside, the other one becomes the end on its side.
-        for end, f_end, side in ((low, f_low, after == better), (high, f_high, after != better)):
-            end[k[side]] = np.where(better, best[k], u)[side]
-            f_end[k[side]] = np.where(better, f_best[k], f)[side]
-        best[k[better]], f_best[k[better]], X_best[k[better]] = u[better], f[better], X[better]
+        X_best[k[better]], f_best[k[better]] = X[better], f[better]
+        return f
+
+    places = np.repeat([[-1.0], [0.0], [1.0]], len(left), axis=1)
+    least(height, places, heights, partial(_within_reach, reach=2.0, narrowest=1e-9))
     turned = np.flatnonzero(f_best < 0)
     return [pair for i in turned for pair in ((left[i], X_best[i]), (X_best[i], right[i]))]
 

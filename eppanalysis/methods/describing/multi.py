@@ -90,7 +90,7 @@ def search_several(balance: Balance) -> Found:
             # The sine of the phase and not the imaginary part: gains differ by decades over the grid, and would bend
             # its contours.
             sine = loop.imag / np.abs(loop)
-        for path in contour_lines(amplitude, omega, sine):
+        for path in contour_lines(sine):
             pieces += _pieces(X, loop, path)
     limits = [(float(np.log(g[0])), float(np.log(g[-1]))) for g in (amplitude, omega)]
     box = Box(limits[0], limits[1], _GAIN_RANGE)

@@ -311,7 +311,7 @@ def _branches(balance: Balance, amplitude: Array, bias: Array, symmetric: bool) 
         grid = grid / bias
     return [
         np.stack([np.exp(at_index(np.log(amplitude), line[:, 0])), at_index(bias, line[:, 1])], -1)
-        for line in contour_lines(amplitude, bias, grid)
+        for line in contour_lines(grid)
         if len(line) > 1
     ]
 
@@ -442,7 +442,7 @@ def _on_phase_curves(
             n, g = N / np.abs(N), L / np.abs(L)
         sine = np.outer(n.imag, g.real)
         sine += np.outer(n.real, g.imag)
-        for path in contour_lines(line, omega, sine):
+        for path in contour_lines(sine):
             pieces += _phase_pieces(line, N, omega, L, path)
     curves = settle(balance, pieces, 1)
     return crossings(balance, curves), curves

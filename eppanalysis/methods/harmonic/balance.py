@@ -21,7 +21,7 @@ from eppanalysis.methods.harmonic.averaged import LEFT_OUT, of_samples
 from eppanalysis.methods.harmonic.elements import Regime, Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of, order_one
 from eppanalysis.methods.harmonic.newton import Iterate, newton
-from eppanalysis.methods.harmonic.series import TURN, ComplexArray, extrema, orders, sampled
+from eppanalysis.methods.harmonic.series import TURN, ComplexArray, anchored, extrema, orders, sampled
 from eppanalysis.methods.harmonic.states import without_held_states
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state
@@ -36,7 +36,7 @@ from eppanalysis.results.provenance import Provenance
 AUTOMATIC = (1, 3, 5, 9, 15, 25, 41, 65)
 TOLERANCE = 1e-4
 _MOST_SHARES = 8
-_SEEDS = 1 / 3  # and below which it may lead to an exact orbit
+_SEEDS, _HIGHEST_SEED = 1 / 3, 25  # and below which it may lead to an exact orbit, up to this order
 #: Estimate below which a balance need not be compared with a yet higher order, and the highest that low ones are.
 _FINE, _MOST_COMPARED = 1e-6, 65
 #: Of a distance between orders, and of the estimate at the higher one, what is added for what is beyond it: where the
@@ -120,16 +120,8 @@ def harmonic_balance(
             return replace(guess, method=method, status=Status.NOT_CONVERGED, operating_point=at)
 
 
-def balances_of(system: LureSystem, guess: LimitCycle, at: OperatingPoint, highest: int = 25) -> Iterator[LimitCycle]:
+def balances_of(system: LureSystem, guess: LimitCycle, at: OperatingPoint) -> Iterator[LimitCycle]:
     """Balances of rising order that may be trusted a little, as starts for an exact orbit; until one order fails.
-
-    Parameters
-    ----------
-    system : LureSystem
-    guess : LimitCycle
-    at : OperatingPoint
-    highest : int
-        Orders end there.
 
     Yields
     ------
@@ -143,7 +135,7 @@ def balances_of(system: LureSystem, guess: LimitCycle, at: OperatingPoint, highe
     """
     with np.errstate(all="ignore"):
         loop, start = _begin(system, guess, at)
-        for point in _rising(loop, start, highest):
+        for point in _rising(loop, start, _HIGHEST_SEED):
             if not point.converged and point.order > 1:
                 return
             if point.converged and point.error < _SEEDS:
@@ -202,14 +194,11 @@ class _Point:
 
 
 def _anchored(Z: ComplexArray, omega: float) -> _Point:
-    """The same motion, begun where the fundamental of the pivot, the first input that moves, is a rising sine."""
-    amplitude = np.abs(Z[:, 1])
-    moves = np.flatnonzero(amplitude > 0)
-    if not moves.size:
+    """The same motion, with the phase in which it is compared."""
+    if not np.any(np.abs(Z[:, 1]) > 0):
         raise ModelError("harmonic_balance: the guess does not oscillate at the input of any element.")
-    pivot = int(moves[0])
-    turn = -np.pi / 2 - np.angle(Z[pivot, 1])
-    return _Point(Z * np.exp(1j * turn * orders(Z.shape[1] - 1)), omega, pivot, False)
+    turned, pivot = anchored(Z)
+    return _Point(turned, omega, pivot, False)
 
 
 def _fixed(loop: Loop, start: _Point, order: int) -> tuple[_Point, list[_Point]]:

@@ -24,6 +24,13 @@ def orders(n: int) -> Array:
     return k
 
 
+def anchored(Z: ComplexArray) -> tuple[ComplexArray, int]:
+    """A motion, begun where the fundamental of the first input that moves is a rising sine, and that input."""
+    pivot = int(np.argmax(np.abs(Z[:, 1]) > 0))
+    turn = -np.pi / 2 - np.angle(Z[pivot, 1])
+    return Z * np.exp(1j * turn * orders(Z.shape[1] - 1)), pivot
+
+
 def values(c: ComplexArray, phi: Array) -> Array:
     """Values of series (..., n + 1) at phases (m,), shape (..., m)."""
     waves = np.exp(1j * np.outer(orders(c.shape[-1] - 1), phi))

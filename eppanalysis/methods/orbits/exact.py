@@ -22,7 +22,7 @@ from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.delayed.smooth import closed_behind_delay, is_smooth_delayed
 from eppanalysis.methods.orbits.mirrored import mirrored_orbits
 from eppanalysis.methods.orbits.orbit import Orbit
-from eppanalysis.methods.orbits.samples.locked import locked_orbit
+from eppanalysis.methods.orbits.samples.locked import locked_orbit, unclosed
 from eppanalysis.methods.orbits.samples.sampled import sampled_orbit
 from eppanalysis.methods.orbits.shooting import orbits_near, same_orbit
 from eppanalysis.methods.simulation.effort import Spent, allotted
@@ -34,7 +34,7 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
-from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
+from eppanalysis.results import LimitCycle
 
 Array = NDArray[np.float64]
 
@@ -123,20 +123,14 @@ def exact_orbit(
         return replace(to_limit_cycle(system, orbit), operating_point=at)
     note = start.note if work.left else "the steps allowed ended before an orbit was closed"
     note = f"the orbit that was found {found[-1].difference}" if found else note
-    return replace(_unclosed(start, note), operating_point=at)
-
-
-def _unclosed(start: LimitCycle, note: str) -> LimitCycle:
-    return replace(
-        start, method=EXACT_ORBIT, status=Status.NOT_CONVERGED, stable=None, residual=float("nan"), note=note
-    )
+    return replace(unclosed(start, note), operating_point=at)
 
 
 def _behind_delay(system: LureSystem, hybrid: HybridSystem, start: LimitCycle, at: OperatingPoint) -> LimitCycle:
     with suppress(Spent), allotted(_MOST_WORK):
         closed, note = closed_behind_delay(system, hybrid, start, at)
-        return closed or _unclosed(start, note)
-    return _unclosed(start, "no harmonic balance leads to it within the steps allowed")
+        return closed or unclosed(start, note)
+    return unclosed(start, "no harmonic balance leads to it within the steps allowed")
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +276,7 @@ def _once_round(hybrid: HybridSystem, cycle: LimitCycle) -> Run:
     return run_hybrid(replace(hybrid, x0=x, H0=memory), cycle.period, np.zeros(0), step, 60_000, 1)
 
 
-def start_of(hybrid: HybridSystem, cycle: LimitCycle, state: Array | None = None) -> tuple[Array, Array]:
-    """State with inputs, and memory values, at the begin of a cycle (or at another state with its memory)."""
-    start = hybrid.begun(cycle.state if state is None else state, cycle.memory)
+def start_of(hybrid: HybridSystem, cycle: LimitCycle) -> tuple[Array, Array]:
+    """State with inputs, and memory values, at the begin of a cycle."""
+    start = hybrid.begun(cycle.state, cycle.memory)
     return start.x0, start.H0

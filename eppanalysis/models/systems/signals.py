@@ -94,9 +94,9 @@ def _unique(names: list[str]) -> list[str]:
     return [n if names.count(n) == 1 else f"{n}_{names[:i].count(n) + 1}" for i, n in enumerate(names)]
 
 
-def slices(sizes: Sequence[int]) -> tuple[slice, ...]:
-    """Places of parts of given sizes that stand behind each other."""
-    ends = np.cumsum([0, *sizes])
+def slices(sizes: Sequence[int], first: int = 0) -> tuple[slice, ...]:
+    """Places of parts of given sizes that stand behind each other, from the first place on."""
+    ends = first + np.cumsum([0, *sizes])
     return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
 
 

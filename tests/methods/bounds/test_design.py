@@ -14,13 +14,14 @@ from eppanalysis.methods.bounds import harmonic
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch, checked_bound, design_bounds
 from eppanalysis.methods.bounds.equations import write
 from eppanalysis.methods.bounds.exact import ExactBound, correct
-from eppanalysis.methods.bounds.fold import Cycle, anchored, unknowns_of
+from eppanalysis.methods.bounds.fold import Cycle, unknowns_of
 from eppanalysis.methods.bounds.harmonic import Finding, HarmonicSweep, Question, look, steady_loop
 from eppanalysis.methods.bounds.numbers import Numbers, gather, plan_of
 from eppanalysis.methods.bounds.tolerances.bound import quantile, tolerance_bound
 from eppanalysis.methods.bounds.verify import verify
 from eppanalysis.methods.harmonic.balance import harmonic_balance
 from eppanalysis.methods.harmonic.loop import inputs_of
+from eppanalysis.methods.harmonic.series import anchored
 from eppanalysis.methods.search.result import CycleSearch
 from tests import made_bounds
 

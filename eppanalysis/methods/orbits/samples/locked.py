@@ -329,16 +329,16 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
 def locked_orbit(system: LureSystem, hybrid: HybridSystem, strobe: Strobe, start: LimitCycle) -> LimitCycle:
     """The orbit of a loop with sampled controllers nearest to an approximate one; see ``exact_orbit``."""
     if strobe.forgets:
-        return _none(start, "orbits through a dead time are not closed in loops with sampled controllers")
+        return unclosed(start, "orbits through a dead time are not closed in loops with sampled controllers")
     if not strobe.every:
-        return _none(start, "its samples never come round together, so no cycle is locked to them")
+        return unclosed(start, "its samples never come round together, so no cycle is locked to them")
     best = [locked_cycle(system, found) for found in rounds_near(hybrid, strobe, start)]
     alike = [c for c in best if away(c, start) < np.log(2.0)]
     fit = [c for c in alike if start.stable in (None, c.stable)] or alike
     if fit:
         return min(fit, key=lambda c: away(c, start))
     length = start.period / strobe.period
-    return _none(start, f"no orbit that is locked to the samples was found near {length:.6g} of {strobe.period:g} s")
+    return unclosed(start, f"no orbit that is locked to the samples was found near {length:.6g} of {strobe.period:g} s")
 
 
 def rounds_near(hybrid: HybridSystem, strobe: Strobe, start: LimitCycle) -> Iterator[Round]:
@@ -366,7 +366,8 @@ def lengths_near(length: float) -> list[int]:
     return within[np.argsort(np.abs(within - length), kind="stable")][:_MOST_LENGTHS].tolist()
 
 
-def _none(start: LimitCycle, why: str) -> LimitCycle:
+def unclosed(start: LimitCycle, why: str) -> LimitCycle:
+    """The cycle as it was given, where no orbit was closed from it, with the reason."""
     return replace(start, method=EXACT_ORBIT, status=Status.NOT_CONVERGED, stable=None, residual=float("nan"), note=why)
 
 
