@@ -142,7 +142,7 @@ def mark_events(ax: Axes, times: Array) -> None:
 
 def draw_nyquist(ax: Axes, response: ComplexArray, locus: ComplexArray, meets: Sequence[complex]) -> None:
     """G(j omega) and -1/N(A) with their directions, in a window that shows where they meet."""
-    box = nyquist_window(response, locus, meets)
+    box = nyquist_window(locus, meets)
     ax.axhline(0.0, color=GREY, linewidth=0.5)
     ax.axvline(0.0, color=GREY, linewidth=0.5)
     ax.plot(response.real, response.imag, color=BLUE, linewidth=1.3, label=r"$G(j\omega)$, growing frequency")
@@ -158,9 +158,7 @@ def draw_nyquist(ax: Axes, response: ComplexArray, locus: ComplexArray, meets: S
     ax.set_ylabel("imaginary part")
 
 
-def nyquist_window(
-    response: ComplexArray, locus: ComplexArray, meets: Sequence[complex]
-) -> tuple[float, float, float, float]:
+def nyquist_window(locus: ComplexArray, meets: Sequence[complex]) -> tuple[float, float, float, float]:
     """Limits that show the origin and every cycle (where there is none, -1 and the locus's nearest point).
 
     Curves that run to infinity are cut.

@@ -140,7 +140,7 @@ class NyquistPicture:
             self.response.data = self.locus.data = self.first.data = self.run.data = _NOTHING
             self.figure.title.text = "Nyquist: an element has no gain to draw"
             return
-        box = self._frame(nyquist_window(loop.response, loop.locus, [] if loop.point is None else [loop.point]))
+        box = self._frame(nyquist_window(loop.locus, [] if loop.point is None else [loop.point]))
         self.response.data = _curve(loop.response, box)
         self.locus.data = _curve(loop.locus, box)
         _put(self.first, _mark(loop.point if quick.first_order else None))

@@ -33,12 +33,7 @@ _LIKED = (
 
 @dataclass(frozen=True, eq=False)
 class ShownTable:
-    """A table for people: HTML in a notebook, text elsewhere.
-
-    Attributes
-    ----------
-    content : rich.table.Table
-    """
+    """A table for people: HTML in a notebook, text elsewhere."""
 
     content: Table
 

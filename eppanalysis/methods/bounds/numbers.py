@@ -46,7 +46,7 @@ class Sequence:
     steps: tuple[tuple[int, int, int, bool], ...] = ()
 
     @classmethod
-    def of(cls, element: PeriodicElement, regime: Regime) -> tuple[Sequence, int]:
+    def of(cls, regime: Regime) -> tuple[Sequence, int]:
         """The sequence of a periodic regime, and the number of the switch with which it begins.
 
         Of all the switches that do not follow another one at once the first is chosen so that equal cycles of switches
@@ -280,7 +280,7 @@ def plan_of(loop: Loop, Z: NDArray[np.complex128], omega: float) -> tuple[Plan, 
     sequences, phases, memory = [], [], []
     for element, z in zip(loop.elements, Z, strict=True):
         regime = element.regime(z[None], omega)
-        sequence, first = Sequence.of(element, regime)
+        sequence, first = Sequence.of(regime)
         phi = np.array([s.phase for s in regime.switches])
         values = np.array([s.memory for s in regime.switches]).reshape(phi.size, element.automaton.n_memory)
         sequences.append(sequence)

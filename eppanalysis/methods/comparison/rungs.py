@@ -165,7 +165,7 @@ def climb(
     rows = (*first, *balances, *exact, *_belonging((last,), truth, signal))
     near = _foreseen(prediction[0], search, signal)
     missed = tuple(i for i, known in near.items() if not known)
-    return Climb(rows, search, search_seconds, _sentence(system, search, why_not), missed, any(near.values()))
+    return Climb(rows, search, search_seconds, _sentence(search, why_not), missed, any(near.values()))
 
 
 def _foreseen(prediction: Prediction | None, search: CycleSearch | None, signal: str) -> dict[int, bool]:
@@ -191,7 +191,7 @@ def _search(system: LureSystem, at: OperatingPoint, prediction: Prediction | Non
         return None, str(error)
 
 
-def _sentence(system: LureSystem, search: CycleSearch | None, why_not: str) -> str:
+def _sentence(search: CycleSearch | None, why_not: str) -> str:
     if search is None:
         return why_not
     if not len(search) and search.left_open:

@@ -38,7 +38,7 @@ def plot_design(design: Design, ax: Axes | None = None) -> Figure:
     (other,) = others
     (x_unit, x), (y_unit, y) = design.readable[other], design.readable[design.limit]
     known, best = design.optimum.evaluated, design.optimum
-    figure, ax = _axes(design, ax, with_unit(words(other), x_unit), with_unit(words(design.limit), y_unit))
+    figure, ax = _axes(ax, with_unit(words(other), x_unit), with_unit(words(design.limit), y_unit))
     ax.update_datalim([(x * end, y * best.at[design.limit]) for end in design.tune[other]])
     ax.plot(x * known[:, 0], y * known[:, 1], ".-", color=BLUE, linewidth=1.4, label="exact bound")
     rule = "on the safe side of it (tested at the optimum)"
@@ -67,9 +67,7 @@ def _front(design: Design, ax: Axes | None) -> Figure:
     rows = [(value, o) for value, o in design.front if o.feasible]
     if not rows:
         raise EppError(f"{design.case}: no design of the front is feasible, so there is nothing to draw.")
-    figure, ax = _axes(
-        design, ax, with_unit(words(design.front_over), x_unit), with_unit(words(design.objective), y_unit)
-    )
+    figure, ax = _axes(ax, with_unit(words(design.front_over), x_unit), with_unit(words(design.objective), y_unit))
     places = x * np.array([value for value, _ in rows])
     best = y * np.array([design.value_of(o) for _, o in rows])
     ax.plot(places, best, "-", color=BLUE, linewidth=1.4, label=f"{design.goal} {words(design.objective)}")
@@ -84,7 +82,7 @@ def _front(design: Design, ax: Axes | None) -> Figure:
     return figure
 
 
-def _axes(design: Design, ax: Axes | None, x_label: str, y_label: str) -> tuple[Figure, Axes]:
+def _axes(ax: Axes | None, x_label: str, y_label: str) -> tuple[Figure, Axes]:
     figure, ax = place_of(ax, 4.2)
     ax.set_xlabel(x_label)
     ax.set_ylabel(y_label)

@@ -43,6 +43,8 @@ _PARTING, _NO_RATE = 300, 0.02
 _SLOW = 0.9
 #: Two responses whose states at phase zero are nearer than this, relative to the motion, are one.
 _SAME = 1e-6
+#: Responses that a range begins with at most.
+_SOME = 8
 _FOLLOWS, _EVERY = "comes to follow the input", "repeats itself every {} periods"
 _PARTS = {
     Motion.IRREGULAR: "does not repeat itself: neighbouring motions part by a factor {0:.3g} each period of the input",
@@ -435,10 +437,10 @@ def _sentence(
     )
 
 
-def some_responses(drive: Drive, most: int = 8) -> list[Orbit]:
-    """Responses of one period, from the loop's own start and from first order, at most so many."""
+def some_responses(drive: Drive) -> list[Orbit]:
+    """Some responses of one period, from the loop's own start and from first order."""
     search = Search(drive, 1)
     first = sinusoids(drive)
     search.run(drive.hybrid)
     search.from_first_order(first)
-    return list(islice((orbit for n, orbit in search.found if n == 1), most))
+    return list(islice((orbit for n, orbit in search.found if n == 1), _SOME))

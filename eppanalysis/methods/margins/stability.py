@@ -80,7 +80,7 @@ def _by_turns(loop: Linear, rates: ComplexArray) -> bool | None:
                 [0.0],
                 np.geomspace(1e-3 * aside, 20.0 * loop.n * norm, 4000),
                 (np.abs(rates.imag)[:, None] + np.abs(rates.real)[:, None] * np.linspace(-3.0, 3.0, 25)).ravel(),
-                _as_long_as_it_counts(loop, norm),
+                _as_long_as_it_counts(loop),
             ]
         )
     )
@@ -113,7 +113,7 @@ def _phase(loop: Linear, aside: float, omega: Array, norm: float) -> ComplexArra
     return np.asarray(sign / turned**loop.n, complex)
 
 
-def _as_long_as_it_counts(loop: Linear, norm: float) -> Array:
+def _as_long_as_it_counts(loop: Linear) -> Array:
     """Evenly spaced frequencies that show every turn of the longest dead time as far as what is late counts."""
     step = 0.1 / loop.longest_delay
     late = float(sum(np.linalg.norm(A, 2) for delay, A, _ in loop.terms if delay))

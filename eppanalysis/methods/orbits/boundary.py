@@ -33,6 +33,8 @@ _TURNS, _SAMPLES = 4.0, 24
 _TOGETHER = 0.05
 #: Turns that two runs must keep together before an orbit is closed, and the factor on them after a failure.
 _ENOUGH_TURNS, _MORE = 1.5, 1.3
+#: How often an orbit is closed at most, from ever closer to the basin boundary.
+_MOST_ATTEMPTS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +46,7 @@ class _Side:
     grows: bool
 
 
-def orbits_on_boundary(
-    hybrid: HybridSystem, x: Array, centre: Array, memory: Array, period: float, attempts: int = 4
-) -> Iterator[Orbit]:
+def orbits_on_boundary(hybrid: HybridSystem, x: Array, centre: Array, memory: Array, period: float) -> Iterator[Orbit]:
     """Unstable orbits near the basin boundary between decay and growth on the line from `centre` through `x`.
 
     Parameters
@@ -58,8 +58,6 @@ def orbits_on_boundary(
         Memory values of the elements at `x`.
     period : float
         As predicted [s].
-    attempts : int
-        How often an orbit is closed at most, from ever closer to the basin boundary.
 
     Yields
     ------
@@ -70,7 +68,7 @@ def orbits_on_boundary(
     pair = line.bracket()
     if pair is None:
         return
-    turns = _ENOUGH_TURNS
+    attempts, turns = _MOST_ATTEMPTS, _ENOUGH_TURNS
     for _ in range(_MOST_HALVINGS):
         together = _time_together(hybrid, *pair)
         # As long as both runs keep together they are near the unstable cycle; their last turn is closed.

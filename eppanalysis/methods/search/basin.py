@@ -117,10 +117,6 @@ def basin(
         Where the external inputs are held, or some of them by name [SI]; by default that of the search.
     threads : int
 
-    Returns
-    -------
-    Basin
-
     Raises
     ------
     EppError
