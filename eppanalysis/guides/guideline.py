@@ -136,31 +136,12 @@ def design_guide(
     allowed = _allowed(case, allow, {"tolerances": tolerances, "branch": branch, "prove": prove or None})
     counts = {"samples": (samples, 0), "starts": (starts, 1), "workers": (workers, 1), "seed": (seed, 0)}
     check_counts("guide", counts)
-    names = tuple(variants or {})
-    combinations = [dict(zip(names, values, strict=True)) for values in itertools.product(*(variants or {}).values())]
-    clash = next((name for name in names if name in (over, limit)), None)
-    if clash is not None:
-        raise EppError(f"guide: {clash} makes variants and is {over} or {limit} as well; expected another parameter.")
+    combinations = _combinations(variants or {}, over, limit)
     tests = (samples, starts, workers, seed, branch, prove)
     work = _Work(over, limit, ranges, given, tolerances, within, *tests, allow, allowed)
     for combination in combinations:
         work.check(case.with_values(combination) if combination else case)
-    rows: list[GuideRow] = []
-    open_ends: dict[str, None] = {}
-    each = 1 + work.is_under_tolerances(case)  # a row's bound, and that under its tolerances
-    total = each * len(ranges) * len(combinations)
-    sweep = HarmonicSweep(work.question(case))  # of all variants, which are neighbours
-    for combination in combinations:
-        done = each * len(rows)
-
-        def advance(count: int, of: int | None, doing: str, done: int = done) -> None:
-            if progress is not None:
-                progress(done + count, total, doing)
-
-        here = case.with_values(combination) if combination else case
-        found, not_covered = work.rows(here, tuple(combination), sweep, advance)
-        rows += found
-        open_ends[not_covered] = None
+    rows, said = work.all_rows(case, combinations, progress)
     settings: dict[str, Any] = {
         "over": over,
         "limit": limit,
@@ -171,8 +152,15 @@ def design_guide(
     settings |= {"tolerances": {name: str(width) for name, width in tolerances.items()}} if tolerances else {}
     settings |= {} if allowed is None else {"allowed": allowed.to_dict()}
     made_by = Provenance("design guide", settings, case=case.provenance())
-    said = " ".join(text for text in open_ends if text)
-    return Guide(case, over, limit, names, tuple(rows), given, said, allowed, provenance=made_by)
+    return Guide(case, over, limit, tuple(variants or {}), tuple(rows), given, said, allowed, provenance=made_by)
+
+
+def _combinations(variants: Mapping[str, Sequence[object]], over: str, limit: str) -> list[dict[str, object]]:
+    """Values of the parameters that make the variants, each combination by name."""
+    clash = next((name for name in variants if name in (over, limit)), None)
+    if clash is not None:
+        raise EppError(f"guide: {clash} makes variants and is {over} or {limit} as well; expected another parameter.")
+    return [dict(zip(variants, values, strict=True)) for values in itertools.product(*variants.values())]
 
 
 def pair_of(case: Case, over: str | None, limit: str | None) -> tuple[str, str]:
@@ -252,6 +240,28 @@ class _Work:
     prove: bool
     allow: str | None
     allowed: Allowed | None
+
+    def all_rows(
+        self, case: Case, combinations: Sequence[Mapping[str, object]], progress: Progress | None
+    ) -> tuple[list[GuideRow], str]:
+        """The rows of all variants, and in sentences what bounds of sampled loops do not cover."""
+        rows: list[GuideRow] = []
+        open_ends: dict[str, None] = {}
+        each = 1 + self.is_under_tolerances(case)  # a row's bound, and that under its tolerances
+        total = each * len(self.ranges) * len(combinations)
+        sweep = HarmonicSweep(self.question(case))  # of all variants, which are neighbours
+        for combination in combinations:
+            done = each * len(rows)
+
+            def advance(count: int, of: int | None, doing: str, done: int = done) -> None:
+                if progress is not None:
+                    progress(done + count, total, doing)
+
+            here = case.with_values(combination) if combination else case
+            found, not_covered = self.rows(here, tuple(combination), sweep, advance)
+            rows += found
+            open_ends[not_covered] = None
+        return rows, " ".join(text for text in open_ends if text)
 
     def check(self, case: Case) -> None:
         """Refuse tolerances that one variant cannot have, before anything is computed."""

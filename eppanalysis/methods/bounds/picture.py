@@ -59,13 +59,38 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     # A single value has no width: what is drawn of it is a strip around it.
     over = x if x.size > 1 else x * np.array([0.98, 1.02])
     figure, ax = place_of(ax, 4.2)
-    curves = (("first_order", "first order", ORANGE, ":", 1.6), ("harmonic", "harmonic balance", SKY, "--", 1.6))
-    for name, text, colour, style, width in curves:
+    _draw_approximate(ax, over, y_factor, bounds)
+    _draw_best(ax, x, y_factor, bounds)
+    _draw_tests(ax, x, y_factor, bounds)
+    _draw_proofs(ax, x, y_factor, bounds)
+    sign = next(c.sign for c in bounds if np.isfinite(c.bound))
+    best = y_factor * bounds.array("bound")
+    edge = ax.get_ylim()[0 if sign > 0 else 1]
+    free = "free of limit cycles" if bounds.allowed is None else "no larger stable cycle"
+    free = "no such limit cycle found" if bounds.not_covered else free
+    free += ", straight between the points" * (len(bounds) > 1)
+    ax.fill_between(over, np.broadcast_to(best, over.shape), edge, color=GREEN, alpha=0.12, linewidth=0, label=free)
+    ax.set_xlabel(with_unit(words(bounds.over), x_unit))
+    ax.set_ylabel(with_unit(words(bounds.limit), y_unit))
+    ax.spines[["top", "right"]].set_visible(False)
+    put_legend(ax)
+    return figure
+
+
+def _draw_approximate(ax: Axes, over: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:
+    """The lines of first order and of harmonic balance."""
+    for name, text, colour, style in (
+        ("first_order", "first order", ORANGE, ":"),
+        ("harmonic", "harmonic balance", SKY, "--"),
+    ):
         if not np.any(np.isfinite(bounds.array(name))) and (bounds.allowed is not None or bounds.not_covered):
             continue  # a higher harmonic balance is not asked for sizes, none of a sampled loop
         values = np.broadcast_to(y_factor * bounds.array(name), over.shape)
-        ax.plot(over, values, style, color=colour, linewidth=width, label=text)
-    _draw_best(ax, x, y_factor, bounds)
+        ax.plot(over, values, style, color=colour, linewidth=1.6, label=text)
+
+
+def _draw_tests(ax: Axes, x: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:
+    """Circles on the safe side of the bounds, and diamonds where an orbit was found on the other."""
     verified = np.array([c.verified for c in bounds])
     safe, other = y_factor * bounds.array("safe_value"), y_factor * bounds.array("other_value")
     tested = np.isfinite(safe)
@@ -83,19 +108,6 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
         diamond: dict[str, Any] = {"linestyle": "none", "marker": "D", "markersize": 4, "color": VERMILLION}
         what = "limit cycle found" if bounds.not_covered else "exact orbit"
         ax.plot(x[there], other[there], **diamond, label=what if bounds.allowed is None else f"{what}, too large")
-    _draw_proofs(ax, x, y_factor, bounds)
-    sign = next(c.sign for c in bounds if np.isfinite(c.bound))
-    best = y_factor * bounds.array("bound")
-    edge = ax.get_ylim()[0 if sign > 0 else 1]
-    free = "free of limit cycles" if bounds.allowed is None else "no larger stable cycle"
-    free = "no such limit cycle found" if bounds.not_covered else free
-    free += ", straight between the points" * (len(bounds) > 1)
-    ax.fill_between(over, np.broadcast_to(best, over.shape), edge, color=GREEN, alpha=0.12, linewidth=0, label=free)
-    ax.set_xlabel(with_unit(words(bounds.over), x_unit))
-    ax.set_ylabel(with_unit(words(bounds.limit), y_unit))
-    ax.spines[["top", "right"]].set_visible(False)
-    put_legend(ax)
-    return figure
 
 
 def _draw_best(ax: Axes, x: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:
