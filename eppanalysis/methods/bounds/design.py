@@ -154,17 +154,10 @@ def design_bounds(
     case = require_case(case, "design_bounds")
     allowed = None if allow is None else Allowed.read(case.to_system(), allow)
     if allowed is not None and not exact:
-        raise EppError(
-            f"design_bounds: allow is {allow!r} and exact is False; expected exact orbits, which have sizes."
-        )
+        raise EppError(f"design_bounds: allow is {allow!r} and exact is False; expected exact orbits with sizes.")
     check_verification(margin, starts)
-    least = {
-        "points": (points, 1),
-        "workers": (workers, 1),
-        "starts": (starts, int(verify and exact)),
-        "seed": (seed, 0),
-    }
-    check_counts("design_bounds", least)
+    check_counts("design_bounds", {"points": (points, 1), "workers": (workers, 1), "seed": (seed, 0)})
+    check_counts("design_bounds", {"starts": (starts, int(verify and exact))})
     if over == limit:
         raise EppError(f"design_bounds: {over} is to run and to be bounded; expected two different parameters.")
     values = _values(case, over, start, stop, points) if at is None else [case.si(over, v) for v in at]
