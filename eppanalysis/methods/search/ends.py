@@ -51,6 +51,8 @@ _QUIET_TURN, _SEEN = 2, 3.0
 _FAR = 1e6
 #: Share of its largest value above which a state that oscillates and grows is met; what decays is far below it.
 _GROWN = 1e-3
+#: Least growth in three times the time: a ramp grows threefold, a cycle not at all.
+_GROWS = 1.5
 #: A run that seems to settle is made this many times longer, for friction may creep towards its next slip far more
 #: slowly than the linear part moves; a state that drifts is followed this far at most.
 _LATE, _LATEST = 100.0, 1e6
@@ -214,9 +216,10 @@ class Ends:
         return beside
 
     def _end_of(self, start: HybridSystem) -> End | int:
-        t = self.horizon
+        t, peak = self.horizon, np.zeros(start.x0.size)
         for turn in range(8):
             run = self._run(start, t)
+            before, peak = peak, np.maximum(np.abs(run.low), np.abs(run.high))
             status, facts = judge(start, run, t)
             if repeats_undecided(status, facts):
                 return End.BENEATH_ROUNDING
@@ -234,16 +237,17 @@ class Ends:
             if known is not End.UNDECIDED:
                 return known
             # Each turn is three times as long.
-            if turn >= 3 and status is not Status.LIMIT_CYCLE and (last := self._at_last(start, run, t)) is not None:
+            last = self._at_last(start, run, t, before) if turn >= 3 and status is not Status.LIMIT_CYCLE else None
+            if last is not None:
                 return last
             t *= 3.0
-        return End.DIVERGENCE if self._has_gone(start, run, t) else End.UNDECIDED
+        return End.DIVERGENCE if self._has_gone(start, run, t, before) else End.UNDECIDED
 
-    def _at_last(self, start: HybridSystem, run: Run, t: float) -> End | int | None:
+    def _at_last(self, start: HybridSystem, run: Run, t: float, before: Array) -> End | int | None:
         """The outcome of a long run where a longer one would tell nothing: far out, where elements switch by rounding
         alone, or after many switches that do not become smaller, as they do for long beside a fold. None where it may.
         """
-        if self._has_gone(start, run, t):
+        if self._has_gone(start, run, t, before):
             return End.DIVERGENCE
         if run.count <= _ENOUGH_EVENTS or dwindles(start, run)[0]:
             return None
@@ -318,12 +322,16 @@ class Ends:
             self.rest = _end_of_run(start, run)
         return End.REST
 
-    def _has_gone(self, start: HybridSystem, run: Run, t: float) -> bool:
-        """Whether a run has diverged: it is far beyond all cycles and still moves. Integrators pass no fixed bound."""
+    def _has_gone(self, start: HybridSystem, run: Run, t: float, before: Array) -> bool:
+        """Whether a run has diverged: it is far beyond all cycles, farther than a third of it came, and still moves.
+
+        Integrators pass no fixed bound. `before` has the largest values of that third, shape (n,).
+        """
         n = start.n_plant
         here, size = np.abs(run.x_end[:n]), np.maximum(self._sizes()[:n], np.abs(start.x0[:n]))
-        # What has been far larger before does not grow.
-        grown = here > _GROWN * np.maximum(np.abs(run.low), np.abs(run.high))[:n]
+        # What has been far larger before does not grow, nor what has been as large in a third of the time.
+        peak = np.maximum(np.abs(run.low), np.abs(run.high))[:n]
+        grown = (here > _GROWN * peak) & (peak > _GROWS * before[:n])
         moves = np.abs(run.rate_end[:n]) * t > 0.5 * here
         far = (here > _FAR * size) & (size > 0) & grown & moves
         return bool(np.any(far) and np.any(far & (here > _FAR * self._least_sizes)))
