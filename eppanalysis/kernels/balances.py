@@ -59,6 +59,57 @@ def shift(X, places, pivot, of_outputs, relative, inputs, a, b, omega, steps):
             steps[0, i, j], steps[1, i, j], steps[2, i, j] = relative, max(b[e, 2, i] - b[e, 0, i], 1e-290), relative
 
 
+@njit(**_INNER)
+def balance_at(x, places, owner, pivot, static, of_elements, inputs, L, dL, J, R):
+    """Residual and Jacobian of one point; arguments are its shares of those of :func:`assemble`."""
+    on_bias, on_mean, prescribed = static
+    mean, gain, by_mean, by_gain = of_elements
+    m, moves = places.size, len(dL) > 0
+    for r in range(m):
+        real, imaginary, level = J[r], J[m + r], J[2 * m + r]
+        front = (math.exp(x[3 * m]) if r == pivot else 1.0) / inputs[r]
+        total, off = complex(0.0, 0.0), -prescribed[r]
+        for j in range(owner.size):
+            o, share = owner[j], on_mean[r, j]
+            place, z = places[o], inputs[o]
+            response = L[r, j] * front
+            output = gain[j] * z
+            loop = response * output
+            total += loop
+            off += share * mean[j]
+            # By the logarithm of an amplitude and by a phase an output changes by itself, and by itself times j:
+            # what the slope of the gain adds is all that has to be differenced (docs/theory/index.md, Several
+            # elements).
+            if o != pivot:
+                real[place + 1] -= loop.imag
+                imaginary[place + 1] += loop.real
+            response *= z
+            for k in range(3 if moves else 2):
+                by = response * by_gain[k, j]
+                c = place
+                if k == 0:
+                    by += loop
+                elif k == 1:
+                    c = 2 * m + o
+                else:
+                    by += dL[r, j] * front * output
+                    c = 1
+                real[c] += by.real
+                imaginary[c] += by.imag
+                level[c] += share * by_mean[k, j]
+        real[places[r]] -= total.real
+        imaginary[places[r]] -= total.imag
+        if r == pivot:
+            real[3 * m], imaginary[3 * m] = total.real, total.imag
+        else:
+            real[places[r] + 1] += total.imag
+            imaginary[places[r] + 1] -= total.real
+        for k in range(m):
+            off += on_bias[r, k] * x[2 * m + k]
+            level[2 * m + k] += on_bias[r, k]
+        R[r], R[m + r], R[2 * m + r] = total.real - 1.0, total.imag, off
+
+
 @njit(**_COMPILED)
 def assemble(X, places, owner, pivot, static, of_elements, inputs, L, dL, J, R):
     """Fill the residuals R (n, 3 m) and Jacobians J (n, 3 m, 3 m + 1), which are zeros, of n balances.
@@ -75,103 +126,96 @@ def assemble(X, places, owner, pivot, static, of_elements, inputs, L, dL, J, R):
         Responses of the linear part and their derivatives by ln omega; none of these, (0, m, nw), where omega stands
         still.
     """
-    on_bias, on_mean, prescribed = static
     mean, gain, by_mean, by_gain = of_elements
-    m, moves = places.size, len(dL) > 0
+    none = np.empty((0, 0), np.complex128)
     for i in range(len(R)):
-        for r in range(m):
-            real, imaginary, level = J[i, r], J[i, m + r], J[i, 2 * m + r]
-            front = (math.exp(X[i, 3 * m]) if r == pivot else 1.0) / inputs[i, r]
-            total, off = complex(0.0, 0.0), -prescribed[r]
-            for j in range(owner.size):
-                o, share = owner[j], on_mean[r, j]
-                place, z = places[o], inputs[i, o]
-                response = L[i, r, j] * front
-                here = gain[i, j]
-                loop = response * (here * z)
-                total += loop
-                off += share * mean[i, j]
-                # By the logarithm of an amplitude and by a phase an output changes by itself, and by itself times j:
-                # what the slope of the gain adds is all that has to be differenced (docs/theory/index.md, Several
-                # elements).
-                if o != pivot:
-                    real[place + 1] -= loop.imag
-                    imaginary[place + 1] += loop.real
-                response *= z
-                for k in range(3 if moves else 2):
-                    by = response * by_gain[k, i, j]
-                    c = place
-                    if k == 0:
-                        by += loop
-                    elif k == 1:
-                        c = 2 * m + o
-                    else:
-                        by += dL[i, r, j] * front * (here * z)
-                        c = 1
-                    real[c] += by.real
-                    imaginary[c] += by.imag
-                    level[c] += share * by_mean[k, i, j]
-            real[places[r]] -= total.real
-            imaginary[places[r]] -= total.imag
-            if r == pivot:
-                real[3 * m], imaginary[3 * m] = total.real, total.imag
-            else:
-                real[places[r] + 1] += total.imag
-                imaginary[places[r] + 1] -= total.real
-            for k in range(m):
-                off += on_bias[r, k] * X[i, 2 * m + k]
-                level[2 * m + k] += on_bias[r, k]
-            R[i, r], R[i, m + r], R[i, 2 * m + r] = total.real - 1.0, total.imag, off
+        at = mean[i], gain[i], by_mean[:, i], by_gain[:, i]
+        balance_at(X[i], places, owner, pivot, static, at, inputs[i], L[i], dL[i] if len(dL) else none, J[i], R[i])
 
 
 @njit(**_INNER)
-def _take(J, R, rows, columns, border, edge, matrix, right):
+def room_for(size):
+    """Workspace for a linear system: its matrix, the right side as one column more, zeros up to a multiple of four."""
+    return np.zeros((size, size + 4 - size % 4))
+
+
+@njit(**_INNER)
+def _take(J, R, rows, columns, border, edge, matrix):
     """Rows and columns of a linear system, and its border, each row divided by its largest entry.
 
     Returns whether that leaves finite numbers.
     """
-    for r in range(columns.size):
+    n = columns.size
+    for r in range(n):
         size, total = 0.0, R[rows[r]] if r < rows.size else edge
-        right[r] = total
+        row = matrix[r]
+        row[n] = total
         line = J[rows[r]] if r < rows.size else border
-        for c in range(columns.size):
+        for c in range(n):
             value = line[columns[c]]
-            matrix[r, c] = value
+            row[c] = value
             size = max(size, abs(value))
             total += value
         # A sum is finite where all that is added is.
         if not (size > 0.0 and math.isfinite(total)):
             return False
         share = 1.0 / size
-        right[r] *= share
-        for c in range(columns.size):
-            matrix[r, c] *= share
+        for c in range(row.size):
+            row[c] *= share
     return True
 
 
 @njit(**_INNER)
-def _eliminate(matrix, right):
-    """Bring a linear system to an upper triangle, with the largest entry of each column as its pivot."""
-    n = right.size
+def _eliminate(matrix):
+    """Bring a linear system to an upper triangle, with the largest entry of each column as its pivot.
+
+    What is left of the triangle is not cleared.
+    """
+    n, width = matrix.shape
     for k in range(n):
-        best = k
+        best, most = k, abs(matrix[k, k])
         for r in range(k + 1, n):
-            if abs(matrix[r, k]) > abs(matrix[best, k]):
-                best = r
+            size = abs(matrix[r, k])
+            if size > most:
+                best, most = r, size
+        top = matrix[k]
         if best != k:
-            right[k], right[best] = right[best], right[k]
-            for c in range(k, n):
-                matrix[k, c], matrix[best, c] = matrix[best, c], matrix[k, c]
-        if matrix[k, k] == 0.0:
-            matrix[k, k] = _SINGULAR
-        top, share = matrix[k], 1.0 / matrix[k, k]
+            row = matrix[best]
+            for c in range(width):
+                top[c], row[c] = row[c], top[c]
+        if top[k] == 0.0:
+            top[k] = _SINGULAR
+        share = 1.0 / top[k]
         for r in range(k + 1, n):
             row = matrix[r]
             factor = row[k] * share
             if factor != 0.0:
-                right[r] -= factor * right[k]
-                for c in range(k + 1, n):
-                    row[c] -= factor * top[c]
+                # Four at a time, all of them before the first is written: that is one instruction each.
+                for c in range((k + 1) // 4 * 4, width, 4):
+                    first, second = row[c] - factor * top[c], row[c + 1] - factor * top[c + 1]
+                    third, fourth = row[c + 2] - factor * top[c + 2], row[c + 3] - factor * top[c + 3]
+                    row[c], row[c + 1], row[c + 2], row[c + 3] = first, second, third, fourth
+
+
+@njit(**_INNER)
+def solve_at(J, R, rows, columns, border, edge, matrix, step):
+    """One of the systems of :func:`solve`, in a matrix from :func:`room_for`; returns whether it is regular."""
+    step[:] = 0.0
+    if not _take(J, R, rows, columns, border, edge, matrix):
+        return False
+    _eliminate(matrix)
+    n, regular = columns.size, True
+    for k in range(n - 1, -1, -1):
+        row = matrix[k]
+        value = row[n]
+        for c in range(k + 1, n):
+            value -= row[c] * matrix[c, n]
+        row[n] = value / row[k]
+        step[columns[k]] = row[n]
+        regular = regular and math.isfinite(row[n])
+    if not regular:
+        step[:] = 0.0
+    return regular
 
 
 @njit(**_COMPILED)
@@ -189,22 +233,26 @@ def solve(J, R, rows, columns, border, edge, step, regular):
     step, regular : array and bool array, shapes (n, c), (n,)
         Are filled; zeros in columns that are not taken.
     """
-    size = columns.size
-    matrix, right = np.empty((size, size)), np.empty(size)
+    matrix = room_for(columns.size)
     for i in range(len(R)):
-        step[i] = 0.0
-        ok = _take(J[i], R[i], rows, columns, border[i], edge, matrix, right)
-        if ok:
-            _eliminate(matrix, right)
-            for k in range(size - 1, -1, -1):
-                for c in range(k + 1, size):
-                    right[k] -= matrix[k, c] * right[c]
-                right[k] /= matrix[k, k]
-                step[i, columns[k]] = right[k]
-                ok = ok and math.isfinite(right[k])
-        regular[i] = ok
-        if not ok:
-            step[i] = 0.0
+        regular[i] = solve_at(J[i], R[i], rows, columns, border[i], edge, matrix, step[i])
+
+
+@njit(**_INNER)
+def move_at(x, places, step, longest):
+    """One of the steps of :func:`move`; returns its whole length and whether the point is sound."""
+    m, length, far = places.size, 0.0, 0.0
+    for c in range(3 * m + 1):
+        size = 3.0 if c == 3 * m else 1.0
+        if 2 * m <= c < 3 * m:
+            size = math.exp(x[places[c - 2 * m]]) + 0.1 * abs(x[c])
+        length = max(length, abs(step[c]) / size)
+    share = min(1.0, longest / max(length, 1e-300))
+    for c in range(3 * m + 1):
+        x[c] -= step[c] * share
+        far = max(far, abs(x[c])) if c < 2 * m else far
+        far = far if math.isfinite(x[c]) else math.inf
+    return length, far < _FAR
 
 
 @njit(**_COMPILED)
@@ -222,17 +270,5 @@ def move(X, places, step, longest, largest, sound):
     largest, sound : array and bool array, shape (n,)
         Are filled: lengths of the whole steps, and whether a point has numbers that can be worked with.
     """
-    m = places.size
     for i in range(len(X)):
-        length, far = 0.0, 0.0
-        for c in range(3 * m + 1):
-            size = 3.0 if c == 3 * m else 1.0
-            if 2 * m <= c < 3 * m:
-                size = math.exp(X[i, places[c - 2 * m]]) + 0.1 * abs(X[i, c])
-            length = max(length, abs(step[i, c]) / size)
-        share = min(1.0, longest / max(length, 1e-300))
-        for c in range(3 * m + 1):
-            X[i, c] -= step[i, c] * share
-            far = max(far, abs(X[i, c])) if c < 2 * m else far
-            far = far if math.isfinite(X[i, c]) else math.inf
-        largest[i], sound[i] = length, far < _FAR
+        largest[i], sound[i] = move_at(X[i], places, step[i], longest)

@@ -70,6 +70,37 @@ def _substitute(matrix, pivots, x):
                 x[r, j] *= matrix[r, r]
 
 
+@njit(**_INNER)
+def room_for_answers(n, w):
+    """Workspace for a matrix, its pivots, and the states that w inputs bring about."""
+    return np.empty((n, n), np.complex128), np.empty(n, np.int64), np.empty((n, w), np.complex128)
+
+
+@njit(**_INNER)
+def answer_at(A, B, C, s, ds, room, out):
+    """One of the answers of :func:`response_and_slope`, with workspace from :func:`room_for_answers`."""
+    matrix, pivots, x = room
+    n, w = B.shape
+    beside = 0.0
+    for _ in range(2):
+        size = _subtracted(A, s, beside, matrix)
+        if _factored(matrix, pivots):
+            break
+        beside = 2.0**-52 * (size if size > 0.0 else 1.0)
+    for turn in range(len(out)):
+        for r in range(n):
+            for j in range(w):
+                # The derivative of the resolvent is its square.
+                x[r, j] = -ds * x[r, j] if turn else complex(B[r, j], 0.0)
+        _substitute(matrix, pivots, x)
+        for r in range(len(C)):
+            for j in range(w):
+                total = complex(0.0, 0.0)
+                for c in range(n):
+                    total += C[r, c] * x[c, j]
+                out[turn, r, j] = total
+
+
 @njit(**_COMPILED)
 def response_and_slope(A, B, C, s, ds, out):
     """Fill `out` with ``C (s - A)^-1 B``, and then with its derivative by what s has the derivative ds by.
@@ -82,24 +113,6 @@ def response_and_slope(A, B, C, s, ds, out):
     s, ds : complex array, shape (k,)
     out : complex array, shape (1 or 2, k, z, w)
     """
-    n, w = B.shape
-    matrix, pivots, x = np.empty((n, n), np.complex128), np.empty(n, np.int64), np.empty((n, w), np.complex128)
+    room = room_for_answers(len(B), B.shape[1])
     for i in range(s.size):
-        beside = 0.0
-        for _ in range(2):
-            size = _subtracted(A, s[i], beside, matrix)
-            if _factored(matrix, pivots):
-                break
-            beside = 2.0**-52 * (size if size > 0.0 else 1.0)
-        for turn in range(len(out)):
-            for r in range(n):
-                for j in range(w):
-                    # The derivative of the resolvent is its square.
-                    x[r, j] = -ds[i] * x[r, j] if turn else complex(B[r, j], 0.0)
-            _substitute(matrix, pivots, x)
-            for r in range(len(C)):
-                for j in range(w):
-                    total = complex(0.0, 0.0)
-                    for c in range(n):
-                        total += C[r, c] * x[c, j]
-                    out[turn, i, r, j] = total
+        answer_at(A, B, C, s[i], ds[i], room, out[:, i])

@@ -161,6 +161,25 @@ def _push(a, inside, q):
     return a * (levers + damper), real, imaginary
 
 
+@njit(**_INNER)
+def lock_pin_at(gap, stiffness, damping, unilateral, a, b, omega):
+    """Mean and gain of one input to :func:`lock_pin`."""
+    q = damping / stiffness * omega
+    if math.isnan(a + b + q):
+        return math.nan, complex(math.nan, 0.0)
+    # The other side sees the twist mirrored: its mean is subtracted, its gain the same way round
+    # (docs/theory/lock_pin.md).
+    if unilateral:
+        up, up_real, up_imaginary = _push(a, b - gap / 2.0, q)
+        down, down_real, down_imaginary = _push(a, -b - gap / 2.0, q)
+    else:
+        up, up_real, up_imaginary = _hold(a, b - gap / 2.0, q)
+        down, down_real, down_imaginary = _hold(a, -b - gap / 2.0, q)
+    factor = stiffness / math.pi
+    gain = complex(factor * (up_real + down_real), factor * (up_imaginary + down_imaginary))
+    return stiffness / (2.0 * math.pi) * (up - down), gain
+
+
 @njit(**_COMPILED)
 def lock_pin(gap, stiffness, damping, unilateral, amplitude, bias, omega, mean, gain):
     """Torque of a spring and a damper outside a gap.
@@ -177,18 +196,4 @@ def lock_pin(gap, stiffness, damping, unilateral, amplitude, bias, omega, mean, 
         Are filled.
     """
     for i in range(amplitude.size):
-        a, b, q = amplitude[i], bias[i], damping / stiffness * omega[i]
-        if math.isnan(a + b + q):
-            mean[i], gain[i] = math.nan, complex(math.nan, 0.0)
-            continue
-        # The other side sees the twist mirrored: its mean is subtracted, its gain the same way round
-        # (docs/theory/lock_pin.md).
-        if unilateral:
-            up, up_real, up_imaginary = _push(a, b - gap / 2.0, q)
-            down, down_real, down_imaginary = _push(a, -b - gap / 2.0, q)
-        else:
-            up, up_real, up_imaginary = _hold(a, b - gap / 2.0, q)
-            down, down_real, down_imaginary = _hold(a, -b - gap / 2.0, q)
-        mean[i] = stiffness / (2.0 * math.pi) * (up - down)
-        factor = stiffness / math.pi
-        gain[i] = complex(factor * (up_real + down_real), factor * (up_imaginary + down_imaginary))
+        mean[i], gain[i] = lock_pin_at(gap, stiffness, damping, unilateral, amplitude[i], bias[i], omega[i])

@@ -163,7 +163,7 @@ def _reach(amplitude, bias):
 
 
 @njit(**PART)
-def _describe(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain, by):
+def describe(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain, by):
     """One chunk: only pieces that some of its inputs reach are visited."""
     _start(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain, by)
     bottom, top, lowest, highest = _reach(amplitude, bias)
@@ -205,4 +205,4 @@ def biased_sinusoid(breakpoints, slopes, intercepts, jumps, amplitude, bias, mea
     """
     for i in range(0, amplitude.size, CHUNK):
         j = min(i + CHUNK, amplitude.size)
-        _describe(breakpoints, slopes, intercepts, jumps, amplitude[i:j], bias[i:j], mean[i:j], gain[i:j], by[:, i:j])
+        describe(breakpoints, slopes, intercepts, jumps, amplitude[i:j], bias[i:j], mean[i:j], gain[i:j], by[:, i:j])

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba.core import config
 
 from eppanalysis.kernels.engine.delays import LINE_CAPACITY
 from eppanalysis.kernels.engine.periodicity import MOST_EVENTS
@@ -129,7 +130,8 @@ PROGRESS = np.dtype(
     ],
     align=True,
 )  # fmt: skip
-_RECORD = np.dtype((np.record, PROGRESS))
+#: Its parts are attributes where no kernel is compiled; a compiled one takes longer to find a record that has them.
+_RECORD = np.dtype((np.record, PROGRESS)) if config.DISABLE_JIT else PROGRESS
 
 
 @by_address
@@ -180,10 +182,9 @@ def make_workspace(model: Model) -> Workspace:
     return Workspace(**numbers, **{name: np.zeros(shape, np.int64) for name, shape in places.items()})
 
 
-def make_progress(t_end: float, base_step: float, max_events: int, most_steps: float = MOST_STEPS) -> np.record:
+def make_progress(t_end: float, base_step: float, max_events: int, most_steps: float = MOST_STEPS) -> np.void:
     """What a run is asked for; the rest of the record it fills itself."""
     now = np.zeros(1, _RECORD)[0]
-    # By item: to set an attribute of a record takes ten times as long.
     now["t_end"], now["base_step"], now["max_events"], now["watch"] = t_end, base_step, max_events, True
     now["slice"], now["most_steps"] = SLICE, most_steps
     return now

@@ -30,6 +30,8 @@ _LARGEST_STEP = 0.7  # in one Newton step, of logarithms and phases
 #: A point is lost after so many steps in a row that are so many times longer than one may be: none of them can have
 #: been towards a solution nearby, and what is far away is another point's.
 _LOST, _LONG = 3, 100.0
+#: Two steps in a row below this are as good as one below the tolerance.
+_AS_GOOD = 1e-9
 #: Last step of Newton's method for points of a curve that are only steps on the way to a limit cycle.
 ON_THE_WAY = 1e-7
 
@@ -213,6 +215,37 @@ class Balance:
         on_bias, on_mean = (np.ascontiguousarray(part, float) for part in (self.on_bias, self.on_mean))
         return on_bias, on_mean, self.prescribed
 
+    def newton_compiled(
+        self,
+        X: Array,
+        normal: Array,
+        iterations: int,
+        limits: tuple[float, ...],
+        parts: tuple[NDArray[np.intp], NDArray[np.intp]],
+        L: ComplexArray,
+        jacobian: Array,
+        found: NDArray[np.bool_],
+    ) -> Array:
+        """Newton's method in one kernel, see :func:`eppanalysis.kernels.newton.newton`; returns the residuals."""
+        from eppanalysis.kernels.newton import newton
+
+        residual, (elements, linear) = np.full((len(X), 3 * self.m), np.nan), self.closed_forms
+        of_balance = self.places, self.pivot, self._of_means, elements, linear
+        newton(X, normal, iterations, (_STEP, *limits), parts, *of_balance, L, residual, jacobian, found)
+        return residual
+
+    @cached_property
+    def closed_forms(self) -> tuple[tuple[Any, ...], tuple[Array, ...]] | None:
+        """Elements and linear part as the kernel of Newton's method takes them; None where it has no closed form."""
+        s, forms = self.system, [e.closed_form for e in self.system.elements]
+        known = [form for form in forms if form is not None]
+        if type(s) is not LureSystem or s.time_step or np.any(s.delays) or len(known) < len(forms):
+            return None
+        first = np.cumsum([0, *(form.pieces[0].size for form in known)])
+        maps = tuple(np.concatenate(part) for part in zip(*(form.pieces for form in known), strict=True))
+        linear = tuple(np.ascontiguousarray(part, float) for part in (s.A, s.B, s.C[self.rows], s.D[self.rows]))
+        return (first, maps, np.array([form.pin for form in known], float)), linear
+
     def _static(self, b: Array, mean: Array) -> Array:
         return b @ self.on_bias.T + mean @ self.on_mean.T - self.prescribed
 
@@ -271,6 +304,11 @@ def newton_and_jacobian(
     """:func:`newton`, and the Jacobian (nb, 3 m, 3 m + 1) with which each point made its last step."""
     jacobian = np.zeros((len(X), 3 * balance.m, X.shape[1]))
     X, done = X.copy(), np.zeros(len(X), bool)
+    if balance.closed_forms is not None:
+        limits, every = (_LARGEST_STEP, _LONG, _LOST, tolerance, _AS_GOOD), np.arange(X.shape[1])
+        still = np.empty((0, balance.m, balance.m), complex)
+        balance.newton_compiled(X, normal, iterations, limits, (every[:-1], every), still, jacobian, done)
+        return X, done, jacobian
     settled, lost = np.zeros(len(X), bool), np.zeros(len(X), int)
     alive = np.all(np.isfinite(X), -1)
     with np.errstate(all="ignore"):
@@ -287,7 +325,7 @@ def newton_and_jacobian(
             lost[todo] = np.where(largest > _LONG, lost[todo] + 1, 0)
             alive[todo] = regular & sound & (lost[todo] < _LOST)
             # Rounding may keep the last steps above the tolerance; two small ones in a row are as good.
-            small = (largest < 1e-9) & regular
+            small = (largest < _AS_GOOD) & regular
             done[todo] = ((largest < tolerance) & regular) | (small & settled[todo])
             settled[todo] = small
     return X, done & alive, jacobian

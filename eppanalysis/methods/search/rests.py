@@ -21,8 +21,8 @@ from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-#: By its modes: state and memory values with which a combination was met.
-Met = dict[tuple[int, ...], tuple[Array, Array]]
+#: By the bytes of its modes: state and memory values with which a combination was met.
+Met = dict[bytes, tuple[Array, Array]]
 
 #: Combinations that are asked, of those that were met.
 _MOST = 64
@@ -39,14 +39,17 @@ _LEFT = 1e-9
 
 def note_modes(met: Met, start: HybridSystem, run: Run) -> None:
     """Add the combinations of modes that a run has met."""
-    met.setdefault(tuple(start.modes0.tolist()), (start.x0, start.H0))
-    modes = run.modes[run.order]
-    # As `np.unique` of rows, which takes longer than the run: the first of each in the order of the modes.
-    rows = np.lexsort(modes.T[::-1])
-    new = np.ones(rows.size, bool)
-    new[1:] = np.any(modes[rows[1:]] != modes[rows[:-1]], axis=1)
-    for i in run.order[rows[new]]:
-        met.setdefault(tuple(run.modes[i].tolist()), (run.state[i].copy(), run.memory_values[i].copy()))
+    met.setdefault(start.modes0.tobytes(), (start.x0, start.H0))
+    # Nearly all rows are met already: as one value each they are looked up in less time than they are sorted in.
+    rows = run.modes[run.order]
+    seen = rows.view(f"V{rows.itemsize * rows.shape[1]}").ravel().tolist()
+    for modes in sorted(set(seen) - met.keys(), key=_in_order):
+        i = run.order[seen.index(modes)]
+        met[modes] = run.state[i].copy(), run.memory_values[i].copy()
+
+
+def _in_order(modes: bytes) -> list[int]:
+    return np.frombuffer(modes, np.int64).tolist()
 
 
 def towards_rests(hybrid: HybridSystem, met: Met) -> Iterator[tuple[Array, Array, float]]:
@@ -58,7 +61,7 @@ def towards_rests(hybrid: HybridSystem, met: Met) -> Iterator[tuple[Array, Array
     if late.size < model.smooth_kind.size:  # with smooth elements no combination is affine
         return
     for modes, (x, H) in list(met.items())[:_MOST]:
-        arcs = _arcs(hybrid, np.array(modes))
+        arcs = _arcs(hybrid, np.frombuffer(modes, np.int64))
         if arcs is None:
             continue
         # At rest what comes out of a dead time is what goes in, which is constant where there are arcs.

@@ -29,8 +29,7 @@ class Work:
     @property
     def left(self) -> float:
         """What may still be spent."""
-        left: float = float("inf")
-        work: Work | None = self
+        left, work = self.most - self.used, self.outer
         while work is not None:
             left, work = min(left, work.most - work.used), work.outer
         return max(left, 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,7 +36,7 @@ from eppanalysis.results.events import Events
 from eppanalysis.results.provenance import Provenance
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.engine.workspace import Workspace
+    from eppanalysis.kernels.engine.workspace import Samples, Workspace
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -176,11 +177,22 @@ def _with_point(run: Trajectory, at: OperatingPoint) -> Trajectory:
     return replace(run, limit_cycle=None if cycle is None else replace(cycle, operating_point=at), operating_point=at)
 
 
-def _steps_at_once(hybrid: HybridSystem) -> bool:
-    """Whether inputs step at the start, before which a dead time still has what the elements put out until then."""
-    model = hybrid.model
-    late = model.smooth_kind.size and np.any(model.smooth_kind == DELAY_LINE)
-    return bool(late and np.any(model.breakpoint_time <= 0.0))
+@of_model
+def _of_smooth(hybrid: HybridSystem) -> tuple[bool, float]:
+    """Whether inputs step at the start, before which a dead time still has what the elements put out until then, and
+    what a step is worth.
+    """
+    model, late = hybrid.model, hybrid.model.smooth_kind == DELAY_LINE
+    cost = (_DELAYED if np.all(late) else _SMOOTH) if late.size else 1.0
+    return bool(np.any(late) and np.any(model.breakpoint_time <= 0.0)), cost
+
+
+@cache
+def _without_samples(n_y: int) -> Samples:
+    """Workspace for signals at no times, which nothing is written to."""
+    from eppanalysis.kernels.engine.workspace import make_samples
+
+    return make_samples(np.zeros(0), n_y)
 
 
 def _without_memory(hybrid: HybridSystem) -> NDArray[np.bool_]:
@@ -216,6 +228,7 @@ def run_hybrid(
     from eppanalysis.kernels.engine.workspace import (
         HISTORY,
         PAUSED,
+        PROGRESS,
         SINGULAR,
         STEP_LIMIT,
         make_progress,
@@ -228,27 +241,27 @@ def run_hybrid(
         of_thread.workspaces(hybrid, base),
         of_thread.buffer(hybrid, max(1, min(keep, max_events))),
     )
-    n, n_y, past_known = hybrid.x0.size, hybrid.model.Yx.shape[0], _steps_at_once(hybrid)
+    n, n_y, (past_known, cost) = hybrid.x0.size, hybrid.model.Yx.shape[0], _of_smooth(hybrid)
     _begin(hybrid, workspace, hybrid.modes0)
     if past_known:
         # A run of an instant with the inputs where they were settles the modes of what has no memory: what these
         # elements put out until the start is still on its way.
         before = make_progress(_INSTANT * base, base, max_events, _MOST_STEPS)
         before["watch"] = False  # the inputs are held
-        run(hybrid.model, compiled, work, workspace, make_samples(np.zeros(0), n_y), buffer, before)
+        run(hybrid.model, compiled, work, workspace, _without_samples(n_y), buffer, before)
         settled = workspace.modes.copy()
         workspace.x[:n] = hybrid.x0
         lines_before(hybrid.model, compiled, workspace, before["q"])
         _begin(hybrid, workspace, np.where(_without_memory(hybrid), settled, hybrid.modes0))
-    smooth = hybrid.model.smooth_kind
-    cost = (_DELAYED if np.all(smooth == DELAY_LINE) else _SMOOTH) if smooth.size else 1.0
     most = min(float(max_steps), left() / cost)
-    samples, now = make_samples(times, n_y), make_progress(t_end, base, max_events, most)
+    samples = make_samples(times, n_y) if times.size else _without_samples(n_y)
+    now = make_progress(t_end, base, max_events, most)
     now["past_known"] = past_known
     code = PAUSED
     while code == PAUSED:  # between the calls an interrupt is heard
         code = run(hybrid.model, compiled, work, workspace, samples, buffer, now)
-    made = float(now["series_steps"] + now["refused_series"] + now["fast_steps"] / _FAST_STEPS)
+    told = dict(zip(PROGRESS.names, now.item(), strict=True))
+    made = told["series_steps"] + told["refused_series"] + told["fast_steps"] / _FAST_STEPS
     spend(cost * (most if code == STEP_LIMIT else made))
     if code == SINGULAR:
         raise EppError(
@@ -259,10 +272,10 @@ def run_hybrid(
         raise EppError(
             "simulate: the dead time spans more switches than its history holds; expected a shorter dead time."
         )
-    count = int(now["count"])
+    count = told["count"]
     t, guard, states, rates, memory, passed = (a[: max(1, count)].copy() for a in buffer)
     low, high, x_end, rate_end = (a[:n].copy() for a in (workspace.low, workspace.high, workspace.x, workspace.rate))
-    stats = np.array([now[name] for name in _COUNTED], float)
+    stats = np.array([told[name] for name in _COUNTED], float)
     return Run(
         code, samples.out[:, :n_y], count, t, guard, states, rates, memory, passed, low, high, x_end, rate_end, stats
     )  # fmt: skip

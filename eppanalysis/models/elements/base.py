@@ -128,6 +128,21 @@ class RateLimit(NamedTuple):
     bandwidth: float
 
 
+class ClosedForm(NamedTuple):
+    """What kernels compute mean and gain of an element from: its map in pieces, or the numbers of a lock pin.
+
+    Attributes
+    ----------
+    pieces : arrays, shapes (k,), (k + 1,), (k + 1,), (k,)
+        Breakpoints, slopes, intercepts and jumps.
+    pin : tuple of float
+        Gap, stiffness, damping, and whether it only pushes; zeros for a map.
+    """
+
+    pieces: tuple[NDArray[np.float64], ...] = (np.zeros(0), np.zeros(1), np.zeros(1), np.zeros(0))
+    pin: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+
+
 class _OfMore(MeanAndGain):
     """The same of an element whose gain hangs on more than an amplitude."""
 
@@ -324,6 +339,11 @@ class Nonlinearity(ABC):
         Of a map without memory at amplitudes above zero, where there is a closed form; None for any other element. The
         gain's own derivatives follow: by the amplitude 2 (by bias - gain) / A, by the bias 2 (by amplitude) / A.
         """
+        return None
+
+    @property
+    def closed_form(self) -> ClosedForm | None:
+        """What kernels compute its mean and gain from; None where no kernel can."""
         return None
 
     def linear_gain(self) -> NDArray[np.float64]:

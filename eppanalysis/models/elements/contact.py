@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.arguments import floats
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
-from eppanalysis.models.elements.base import DAMPING, IN, SLOPE, Nonlinearity
+from eppanalysis.models.elements.base import DAMPING, IN, SLOPE, ClosedForm, Nonlinearity
 from eppanalysis.models.elements.phases import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -116,6 +116,11 @@ class LockPin(Nonlinearity, kind="lock_pin"):
         fields = map(float, (self.gap, self.stiffness, self.damping))
         lock_pin(*fields, self.model == "unilateral", *(v.flatten() for v in (a, b, w)), mean, gain)
         return mean.reshape(a.shape), gain.reshape(a.shape)
+
+    @property
+    def closed_form(self) -> ClosedForm:
+        """Its numbers."""
+        return ClosedForm(pin=(self.gap, self.stiffness, self.damping, float(self.model == "unilateral")))
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """Distances of both edges of the gap from the bias."""

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.arguments import floats
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
-from eppanalysis.models.elements.base import OUT, Nonlinearity
+from eppanalysis.models.elements.base import OUT, ClosedForm, Nonlinearity
 from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import (
     NOT_NEGATIVE,
@@ -120,6 +120,11 @@ class Friction(Nonlinearity, kind="friction"):
     def described_with_slopes(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array] | None:
         """Of a biased relay, where the friction does not fall."""
         return None if self.stribeck else self._slipping.described_with_slopes(amplitude, bias)
+
+    @property
+    def closed_form(self) -> ClosedForm | None:
+        """That of a biased relay, where the friction does not fall."""
+        return None if self.stribeck else self._slipping.closed_form
 
     @property
     def sticks_and_slips(self) -> bool:

@@ -14,7 +14,7 @@ from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
-from eppanalysis.models.elements.base import IN, OUT, SLOPE, Nonlinearity
+from eppanalysis.models.elements.base import IN, OUT, SLOPE, ClosedForm, Nonlinearity
 from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import broadcast, distances
 
@@ -147,8 +147,13 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
 
     def described_with_slopes(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array] | None:
         """Mean and gain, and what the mean changes by, of the map alone."""
+        return None if self.closed_form is None else self._described(amplitude, bias)
+
+    @property
+    def closed_form(self) -> ClosedForm | None:
+        """Its pieces, of the map alone."""
         alone = type(self).describing_function is PiecewiseLinear.describing_function
-        return self._described(amplitude, bias) if alone else None
+        return ClosedForm((self.breakpoints, self.slopes, self.intercepts, self.jumps)) if alone else None
 
     def _described(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array]:
         from eppanalysis.kernels.describing.piecewise import biased_sinusoid

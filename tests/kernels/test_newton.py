@@ -1,0 +1,63 @@
+"""Newton's method in one kernel beside the same method step by step, to the last bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.methods.describing.balance import Balance, newton_and_jacobian, scales
+from eppanalysis.methods.describing.multi import choose_pivot, inner_newton, search_several
+
+RANDOM = np.random.default_rng(11)
+N_POINTS = 60
+
+
+def a_balance(case: str) -> Balance:
+    loop, _ = epp.case(case).to_system().with_integrators_apart
+    return Balance.of(loop, choose_pivot(loop), np.asarray(loop.v0, float))
+
+
+def step_by_step(balance: Balance) -> Balance:
+    """The same balance, of elements of which no kernel is told the closed form."""
+    other = Balance(balance.system, balance.pivot, balance.static)
+    other.__dict__["closed_forms"] = None
+    return other
+
+
+def points(balance: Balance) -> np.ndarray:
+    """Near limit cycles, far from all of them, and nowhere."""
+    cycles = search_several(balance).cycles
+    near = cycles[RANDOM.integers(len(cycles), size=N_POINTS)]
+    near += 0.03 * scales(balance, near) * RANDOM.normal(size=near.shape)
+    X = np.concatenate([near, near + RANDOM.uniform(-2.0, 2.0, near.shape)])
+    X[1], X[2, 0], X[3, 0] = np.nan, -299.0, np.inf
+    return X
+
+
+@pytest.mark.parametrize("case", ["fig8a_original", "two_mass_damped_shaft_classical"])
+def test_points_go_to_the_same_solutions_in_one_kernel_as_step_by_step(case: str) -> None:
+    balance = a_balance(case)
+    assert balance.closed_forms is not None
+    X = points(balance)
+    normal = RANDOM.normal(size=X.shape)
+    found = newton_and_jacobian(balance, X, normal, 12, 1e-12)
+    wanted = newton_and_jacobian(step_by_step(balance), X, normal, 12, 1e-12)
+    assert 0.2 < found[1].mean() < 0.9
+    assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(found, wanted, strict=True))
+
+
+@pytest.mark.parametrize("case", ["fig8a_original", "two_mass_damped_shaft_classical"])
+def test_the_rest_of_a_loop_is_solved_alike_where_amplitude_and_frequency_of_its_pivot_are_given(case: str) -> None:
+    balance = a_balance(case)
+    X = points(balance)
+    L = balance.linear(np.exp(np.nan_to_num(X[:, 1], nan=0.0)))
+    found, wanted = inner_newton(balance, X, L), inner_newton(step_by_step(balance), X, L)
+    assert 0.2 < found[2].mean() < 0.9
+    assert np.array_equal(found[2], wanted[2])
+    assert all(np.array_equal(a[found[2]], b[found[2]]) for a, b in zip(found, wanted, strict=True))
+
+
+@pytest.mark.parametrize("case", ["sat_plus_backlash", "relay_fopdt_closed", "backlash_discrete_pi"])
+def test_what_no_kernel_knows_is_taken_step_by_step(case: str) -> None:
+    assert a_balance(case).closed_forms is None
