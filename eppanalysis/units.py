@@ -300,6 +300,22 @@ def dimensions(unit: str) -> dict[str, int]:
     return {name: power for name, power in found.items() if power}
 
 
+def is_si(unit: str) -> bool:
+    """Whether one of a unit is one in SI units.
+
+    Raises
+    ------
+    QuantityError
+        If there is no such unit.
+
+    Examples
+    --------
+    >>> is_si("N*m"), is_si("deg")
+    (True, False)
+    """
+    return _factor_and_base(unit)[0] == 1.0
+
+
 def unit_of(exponents: Mapping[str, float]) -> str:
     """The SI unit with these exponents of base units, as people call it where it has a name.
 

@@ -405,3 +405,13 @@ def test_external_inputs_are_signals_in_si_units():
     assert shown["demand"] == "rad"
     found = epp.simulate(case, t_end=0.1)
     assert found.units["demand"] == "rad" and found.signals["demand"][-1] == math.radians(2.5)
+
+
+@pytest.mark.parametrize("unit", ["deg", "deg/s", "mm", "%"])
+def test_a_signal_is_in_si_units_whatever_it_is_shown_in(unit):
+    """A step of 2.9 deg came to rest "at 0.05 deg": the values of a signal are those of its ports."""
+    text = (shipped_cases_folder() / "azimuth_servo.toml").read_text(encoding="utf-8")
+    assert 'unit = "rad"' in text
+    with pytest.raises(epp.CaseError, match=r"signals\.\w+\.unit is .*expected"):
+        epp.case_from_text(text.replace('unit = "rad"', f'unit = "{unit}"'), "servo")
+    assert epp.case_from_text(text.replace('unit = "rad"', 'unit = "turns of the antenna"'), "servo")

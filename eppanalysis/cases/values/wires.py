@@ -16,7 +16,7 @@ from eppanalysis.models.diagrams import Block, Diagram
 from eppanalysis.models.diagrams.closing import signals_of_ports
 from eppanalysis.models.diagrams.wiring import Port, port_names, written
 from eppanalysis.models.elements.base import RATIO, Role
-from eppanalysis.units import KINDS, QuantityError, dimensions
+from eppanalysis.units import KINDS, QuantityError, dimensions, is_si, unit_of
 
 if TYPE_CHECKING:
     from eppanalysis.cases.files import RawCase
@@ -132,6 +132,10 @@ def _check_given(diagram: Diagram, units: Mapping[str, str], signals: _Signals, 
         except QuantityError:
             continue  # a signal may be counted in any word
         external = name in diagram.levels
+        if not external and unit and not is_si(unit):
+            own = unit_of(exponents)
+            expected = f"the SI unit that its values have, {own!r}; tables and pictures show it in one that people read"
+            raise raw.refused(f"signals.{name}.unit", expected if own else "a signal of no unit")
         ports = [(name, "")] if external else [port for _, port in diagram.named[name]]
         for port in ports:
             if unit and signals.join(port, _ONE, exponents) is not None:
