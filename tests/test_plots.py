@@ -185,6 +185,25 @@ def test_angles_are_in_degrees_in_the_ladder():
     assert len(figure.axes[2].patches) == 1
 
 
+def test_a_run_that_rests_where_no_cycle_is_known_is_drawn_once_and_whole(relay_ladder):
+    rests = replace(relay_ladder, run=trajectory(Status.SETTLED), signal="theta", matched=None, search=None)
+    rests = replace(rests, prediction=prediction(0))
+    *runs, nyquist = plot_ladder(rests).axes
+    assert len(runs) == 2 and nyquist.get_xlabel() == "real part"
+    ax = plot_ladder(rests, Figure().add_subplot()).axes[0]
+    drawn = ax.lines[0].get_ydata()
+    assert ax.get_ylim()[0] < min(drawn) and ax.get_ylim()[1] > max(drawn)
+
+
+def test_an_axis_of_few_powers_of_ten_has_plain_numbers():
+    figure = plot_nyquist(prediction_of_several())
+    figure.draw_without_rendering()
+    low, high = figure.axes[0].get_ylim()
+    texts = {text.get_text() for which in ("major", "minor") for text in figure.axes[0].get_yticklabels(which=which)}
+    written = sorted(float(text) for text in texts if text)
+    assert len([value for value in written if low <= value <= high]) > 2
+
+
 def test_ladder_without_prediction_says_so():
     figure = plot_ladder(epp.ladder(of_unknown_response()))
     assert [text.get_text() for text in figure.axes[-1].texts] == ["no describing function"]

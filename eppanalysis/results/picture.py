@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
 from eppanalysis.plotting import (
@@ -43,6 +44,8 @@ _MOST_PANELS = 8
 _FEWEST_IN_PERIOD = 60
 #: Periods side by side whose peaks are seen as a line, and that can be told apart.
 _MANY_PERIODS, _MOST_PERIODS = 60, 300
+#: Highest over lowest value of an axis of powers of ten, below which numbers between them are written, too.
+_NARROW = 30.0
 #: What the shaded part of a run is.
 _STEADY = {Status.SETTLED: "at rest", Status.LIMIT_CYCLE: "on the limit cycle"}
 
@@ -206,6 +209,11 @@ def _draw_loop_gain(ax: Axes, prediction: Prediction) -> None:
     _mark_cycles(ax, points, prediction.cycles)
     ax.set_xlabel(with_unit(f"amplitude at the input of {element}", unit))
     ax.set_ylabel("loop gain (one at a cycle)")
+    low, high = ax.get_ylim()
+    if high < _NARROW * low:  # powers of ten alone would leave its axis without numbers
+        ax.yaxis.set_major_formatter(lambda value, _: number(value))
+        ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 3.0, 5.0)))
+        ax.yaxis.set_minor_formatter(lambda value, _: number(value))
 
 
 def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycle]) -> None:

@@ -97,9 +97,7 @@ def _parts(ladder: Ladder) -> tuple[bool, bool]:
     run, prediction = ladder.run, ladder.prediction
     curves = prediction is None or prediction.curves.get("kind") == "nyquist" or prediction.curves.get("branches")
     cycles = (ladder.search, prediction)
-    more = (
-        run.limit_cycle is not None or bool(run.settled_at) or prediction is None or any(len(c or ()) for c in cycles)
-    )
+    more = run.limit_cycle is not None or prediction is None or any(len(c or ()) for c in cycles)
     return more, bool(curves) or not more
 
 
@@ -184,7 +182,7 @@ def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:
         text = f"exact, {STABILITY[cycle.stable]}" + ", first order misses it" * (i in ladder.missed)
         ax.axhspan(*bands[-1], facecolor="none", **style, label=text)
     label_up(ax, label)
-    if run.settled_at and np.ptp(y) > 0:
+    if bands and run.settled_at and np.ptp(y) > 0:
         edges = [abs(edge - float(y[-1])) for band in bands for edge in band]
         reach = 1.5 * max(0.02 * float(np.ptp(y)), *edges, 0.0)
         near = np.abs(y - y[-1]) < reach
