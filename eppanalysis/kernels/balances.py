@@ -141,23 +141,19 @@ def room_for(size):
 
 @njit(**_INNER)
 def _take(J, R, rows, columns, border, edge, matrix):
-    """Rows and columns of a linear system, and its border, each row divided by its largest entry.
-
-    Returns whether that leaves finite numbers.
-    """
+    """Rows and columns of a linear system, and its border, each divided by its largest entry; False if one is zeros."""
     n = columns.size
     for r in range(n):
-        size, total = 0.0, R[rows[r]] if r < rows.size else edge
-        row = matrix[r]
-        row[n] = total
+        size, row = 0.0, matrix[r]
+        row[n] = R[rows[r]] if r < rows.size else edge
         line = J[rows[r]] if r < rows.size else border
         for c in range(n):
             value = line[columns[c]]
             row[c] = value
-            size = max(size, abs(value))
-            total += value
-        # A sum is finite where all that is added is.
-        if not (size > 0.0 and math.isfinite(total)):
+            value = abs(value)
+            size = value if value > size else size
+        # What is not a number, or infinite, is found in the solution.
+        if not size > 0.0:
             return False
         share = 1.0 / size
         for c in range(row.size):

@@ -270,3 +270,66 @@ def _change(ev_t, ev_x, count, back, keep, p, local, size, compared):
         if scale > 0.0:
             worst = max(worst, abs(ev_x[last % keep, i] - ev_x[(last - p) % keep, i]) / scale)
     return worst
+
+
+@njit(**KERNEL, error_model="numpy")
+def rounding_of_motion(states, memory, moves, period, compared, gains, elements, changes, rounding):
+    """Whether elements see but `rounding` of a motion, and the largest share of it that they change in a period.
+
+    Parameters
+    ----------
+    states, memory, moves : arrays, shapes (events, n), (events, h), (n,)
+        At the events, and how far each state moves at most.
+    period : float
+    compared : bool array, shape (n,)
+        States that belong to the motion.
+    gains : arrays on_states (z, n), on_memory (z, h), sizes (z, n + h)
+        From states and memory values to the elements' inputs, and sizes of both.
+    elements : arrays, shapes (elements, z), (elements,)
+        Largest weights of the inputs in the guards of each element, and its largest threshold.
+    changes : arrays, shapes (n,), (z,)
+        Most by which the outputs change the rates of the states, and the inputs at once.
+    rounding : float
+        Movement of an element's input that is rounding, relative to its thresholds and to its value.
+    """
+    on_states, on_memory, on_inputs = gains
+    (n_z, n), h = on_states.shape, memory.shape[1]
+    most, span = np.empty(n + h), np.empty(n + h)
+    for j in range(n):
+        size = 0.0
+        for i in range(len(states)):
+            size = max(size, abs(states[i, j]))
+        most[j], span[j] = size + moves[j], moves[j]
+    for j in range(h):
+        size, low, high = 0.0, memory[0, j], memory[0, j]
+        for i in range(len(memory)):
+            size, low, high = max(size, abs(memory[i, j])), min(low, memory[i, j]), max(high, memory[i, j])
+        most[n + j], span[n + j] = size, high - low
+    share, place, amplitude = 0.0, np.zeros(n_z), np.zeros(n_z)
+    for j in range(n):
+        if compared[j] and changes[0][j] > 0.0:
+            share = max(share, changes[0][j] * period / most[j])
+    for k in range(n_z):
+        seen = 0.0
+        for j in range(n + h):
+            seen += on_inputs[k, j] * most[j]
+            amplitude[k] += on_inputs[k, j] * span[j]
+        if changes[1][k] > 0.0:
+            share = max(share, changes[1][k] / seen)
+        for i in range(len(states)):
+            value = 0.0
+            for j in range(n):
+                value += on_states[k, j] * states[i, j]
+            for j in range(h):
+                value += on_memory[k, j] * memory[i, j]
+            place[k] = max(place[k], abs(value))
+    weights, levels = elements
+    sees, lost = False, True
+    for e in range(levels.size):
+        size, moved = levels[e], 0.0
+        for k in range(n_z):
+            size += weights[e, k] * place[k]
+            moved += weights[e, k] * amplitude[k]
+        lost = lost and not moved > rounding * size
+        sees = sees or size > 0.0
+    return lost and sees, share

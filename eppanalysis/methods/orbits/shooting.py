@@ -19,7 +19,7 @@ from eppanalysis.methods.orbits.delayed.motion import delayed_motion, is_delayed
 from eppanalysis.methods.orbits.guess import Guess, first_return, make_guess, one_turn, recurrences
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, middle, sample_arcs, solve
 from eppanalysis.methods.simulation.kept import Run
-from eppanalysis.methods.simulation.rounding import SAMPLES, is_lost, is_rounding, may_be_lost, watched
+from eppanalysis.methods.simulation.rounding import SAMPLES, is_lost, left_by_rounding, watched
 from eppanalysis.methods.simulation.simulate import loses_elements, run_hybrid
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
@@ -150,7 +150,8 @@ def moves(orbit: Orbit) -> bool:
     n, compared = orbit.hybrid.x0.size, orbit.hybrid.compared
     both = np.concatenate([orbit.starts, orbit.ends])
     seen = both[:, :n], both[:, orbit.arcs.memory], orbit.scale[:n]
-    if is_rounding(orbit.hybrid, *seen) or (may_be_lost(orbit.hybrid, *seen, orbit.period) and _is_lost(orbit)):
+    rounding, may_be_lost = left_by_rounding(orbit.hybrid, *seen, orbit.period)
+    if rounding or (may_be_lost and _is_lost(orbit)):
         return False
     if orbit.motion is None and _closes_by_rounding(orbit):
         return False

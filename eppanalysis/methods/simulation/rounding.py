@@ -44,22 +44,22 @@ class _Sizes:
 
     Attributes
     ----------
-    on_inputs : array, shape (z, n + h)
-        Sizes of the gains from states and memory values to the elements' inputs.
+    gains : arrays, shapes (z, n), (z, h), (z, n + h)
+        From states and memory values to the elements' inputs, and sizes of both.
     on_rates, straight : arrays, shapes (n, w), (z, w)
         Sizes of the gains from outputs, late ones too, to the rates of the states and to the inputs.
-    elements : tuple of (slice, array, float)
-        Of each element: its inputs, the largest weights of these in its guards, and its largest threshold.
+    elements : arrays, shapes (elements, z), (elements,)
+        Of each element: the largest weights of the inputs in its guards, and its largest threshold.
     modes : tuple of (slice, int)
         Of each element: its modes, and the number of its outputs.
     constant, per_smooth : arrays, shapes (modes, w), (modes, w, channels)
         Most of each output in a mode that does not grow with the inputs, and its gains from smooth channels.
     """
 
-    on_inputs: Array
+    gains: tuple[Array, Array, Array]
     on_rates: Array
     straight: Array
-    elements: tuple[tuple[slice, Array, float], ...]
+    elements: tuple[Array, Array]
     modes: tuple[tuple[slice, int], ...]
     constant: Array
     per_smooth: Array
@@ -70,7 +70,8 @@ class _Sizes:
         m, sampled = hybrid.model, sampled_among(hybrid.elements)
         on_rates, lines = np.abs(m.B), np.flatnonzero(m.smooth_kind == DELAY_LINE)
         on_rates[:, m.smooth_w[lines]] += np.abs(m.S[:, lines])
-        elements, modes, constant = [], [], np.abs(m.mode_w0)
+        modes, constant, count = [], np.abs(m.mode_w0), len(m.first) - 1
+        weights, levels = np.zeros((count, len(m.C))), np.zeros(count)
         for e, ((z, w, _), (z_end, w_end, _)) in enumerate(pairwise(m.first.tolist())):
             own, rows = m.guard_element == e, slice(int(m.mode_first[e]), int(m.mode_first[e + 1]))
             constant[rows] += np.abs(m.mode_wh[rows]) @ np.abs(m.reset_0[own]).max(axis=0, initial=0.0)
@@ -80,11 +81,14 @@ class _Sizes:
                 # An element without levels hands on what it sees, perhaps straight to one that has some; so does a
                 # controller, whose guards see its clock alone.
                 weight, own = np.where(weight > 0.0, 0.0, 1.0), np.zeros_like(own)
-            elements.append((slice(z, z_end), weight, float(np.abs(m.guard_0[own]).max(initial=0.0))))
-        on_inputs = np.abs(np.hstack([m.C, m.Kz]))
-        return cls(
-            on_inputs, on_rates, np.abs(m.D), tuple(elements), tuple(modes), constant, np.abs(m.mode_ws)
-        )  # fmt: skip
+            weights[e, z:z_end], levels[e] = weight, np.abs(m.guard_0[own]).max(initial=0.0)
+        C, Kz = np.ascontiguousarray(m.C), np.ascontiguousarray(m.Kz)
+        gains = C, Kz, np.abs(np.hstack([C, Kz]))
+        return cls(gains, on_rates, np.abs(m.D), (weights, levels), tuple(modes), constant, np.abs(m.mode_ws))
+
+    def changes(self, outputs: Array) -> tuple[Array, Array]:
+        """Most by which outputs of these sizes change the rates of the states, and the inputs of elements at once."""
+        return self.on_rates @ outputs, self.straight @ outputs
 
     def outputs(self, varies: Array) -> Array:
         """Most of each output that does not grow with the inputs, of smooth channels that vary so far."""
@@ -93,16 +97,21 @@ class _Sizes:
         return np.concatenate([most[rows, :count].max(axis=0) for rows, count in self.modes])
 
     @cached_property
-    def still(self) -> Array:
-        """That without smooth channels."""
-        return self.outputs(np.zeros(self.per_smooth.shape[2]))
+    def still(self) -> tuple[Array, tuple[Array, Array]]:
+        """That without smooth channels, and the changes by it."""
+        outputs = self.outputs(np.zeros(self.per_smooth.shape[2]))
+        return outputs, self.changes(outputs)
 
 
 _sizes_of = of_model(_Sizes.of)
 
 
-def is_rounding(hybrid: HybridSystem, states: Array, memory: Array, moves: Array) -> bool:
+def left_by_rounding(
+    hybrid: HybridSystem, states: Array, memory: Array, moves: Array, period: float
+) -> tuple[bool, bool]:
     """Whether what the elements see of a motion is rounding of their thresholds and of where it takes place.
+
+    Besides whether their own sizes are so small beside the motion that :func:`is_lost` has to be asked.
 
     Parameters
     ----------
@@ -111,31 +120,21 @@ def is_rounding(hybrid: HybridSystem, states: Array, memory: Array, moves: Array
         At the events of the motion.
     moves : array, shape (n,)
         How far each state moves at most.
+    period : float
+        [s]
     """
-    model, of = hybrid.model, _sizes_of(hybrid)
-    place = np.abs(states @ model.C.T + memory @ model.Kz.T).max(axis=0)
-    amplitude = of.on_inputs @ np.concatenate([moves, np.ptp(memory, axis=0)])
-    seen = False
-    for inputs, weight, level in of.elements:
-        size = level + float(weight @ place[inputs])
-        if float(weight @ amplitude[inputs]) > _ROUNDING * size:
-            return False
-        seen |= size > 0.0
-    return seen
+    from eppanalysis.kernels.verdict import rounding_of_motion
 
-
-def may_be_lost(hybrid: HybridSystem, states: Array, memory: Array, moves: Array, period: float) -> bool:
-    """Whether the elements' own sizes are so small beside a motion that :func:`is_lost` has to be asked.
-
-    Parameters are those of :func:`is_rounding`, and the period [s].
-    """
-    own = _own_sizes(hybrid, states, memory, moves)
+    of = _sizes_of(hybrid)
+    own, changes = of.still
+    if of.per_smooth.shape[2]:
+        own = of.outputs(_smooth_variation(hybrid, states, memory, moves))
+        changes = of.changes(own)
+    states, memory = np.ascontiguousarray(states), np.ascontiguousarray(memory)
+    numbers = of.gains, of.elements, changes, _ROUNDING
+    rounding, share = rounding_of_motion(states, memory, moves, float(period), hybrid.compared, *numbers)
     # Without any size of its own a loop is homogeneous whatever its motion.
-    if not np.any(own > 0.0):
-        return False
-    sizes = np.abs(states).max(axis=0) + moves
-    seen = _sizes_of(hybrid).on_inputs @ np.concatenate([sizes, np.abs(memory).max(axis=0)])
-    return _share(hybrid, own, sizes, seen, period) < _FELT
+    return rounding, share < _FELT and bool(own.max(initial=0.0) > 0.0)
 
 
 def watched(hybrid: HybridSystem) -> HybridSystem:
@@ -185,12 +184,6 @@ def _unexplained(z: Array, w: Array) -> Array:
     return left
 
 
-def _own_sizes(hybrid: HybridSystem, states: Array, memory: Array, moves: Array) -> Array:
-    """Most of each output that does not grow in proportion to what the element sees, shape (outputs,)."""
-    of = _sizes_of(hybrid)
-    return of.outputs(_smooth_variation(hybrid, states, memory, moves)) if of.per_smooth.shape[2] else of.still
-
-
 def _smooth_variation(hybrid: HybridSystem, states: Array, memory: Array, moves: Array) -> Array:
     """How far each smooth channel may vary on a motion, shape (channels,)."""
     m = hybrid.model
@@ -213,8 +206,9 @@ def _smooth_variation(hybrid: HybridSystem, states: Array, memory: Array, moves:
 
 def _share(hybrid: HybridSystem, outputs: Array, states: Array, inputs: Array, period: float) -> float:
     """Largest share of states, or of what elements see, that outputs of these sizes change in a period."""
-    of, compared = _sizes_of(hybrid), hybrid.compared
-    changes = np.concatenate([(of.on_rates @ outputs * period)[compared], of.straight @ outputs])
-    sizes = np.concatenate([states[compared], inputs])
+    (on_rates, straight), compared = _sizes_of(hybrid).changes(outputs), hybrid.compared
+    changes, sizes = (
+        np.concatenate(both) for both in ([(on_rates * period)[compared], straight], [states[compared], inputs])
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(np.max(np.where(changes > 0.0, changes / sizes, 0.0), initial=0.0))

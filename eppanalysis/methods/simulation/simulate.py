@@ -18,8 +18,7 @@ from eppanalysis.methods.simulation.rounding import (
     BENEATH_ROUNDING,
     SAMPLES,
     is_lost,
-    is_rounding,
-    may_be_lost,
+    left_by_rounding,
     watched,
 )
 from eppanalysis.methods.simulation.samples import judge_samples, locked_or_not, rests_since
@@ -310,9 +309,10 @@ def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
         # States are kept at events alone: how far they go between them is told by the rates there.
         moves = np.ptp(states, axis=0) + np.abs(run.rate[last]).max(axis=0) * found[1]
         held = run.memory_values[last]
-        if is_rounding(hybrid, states, held, moves):
+        rounding, may_be_lost = left_by_rounding(hybrid, states, held, moves, found[1])
+        if rounding:
             return Status.SETTLED, np.zeros(4)
-        if may_be_lost(hybrid, states, held, moves, found[1]) and _loses_elements(hybrid, run, found):
+        if may_be_lost and _loses_elements(hybrid, run, found):
             return Status.UNDECIDED, found
     return status, found
 

@@ -23,7 +23,7 @@ from eppanalysis.methods.orbits.samples.continua import joined
 from eppanalysis.methods.orbits.samples.sampled import BORDER
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.period import analyse_period
-from eppanalysis.methods.simulation.rounding import is_rounding
+from eppanalysis.methods.simulation.rounding import left_by_rounding
 from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
 from eppanalysis.methods.simulation.stability import describe, drifts, is_stable, multipliers
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -117,7 +117,7 @@ class Round:
         n, on = self.start.x0.size, self.strobe.free < self.start.x0.size
         moves = np.zeros(n)
         moves[self.strobe.free[on]] = self.motion[on]
-        return is_rounding(self.start, self.rows[:, :n], self.rows[:, n:], moves)
+        return left_by_rounding(self.start, self.rows[:, :n], self.rows[:, n:], moves, 1.0)[0]
 
     @cached_property
     def scale(self) -> Array:
