@@ -124,18 +124,20 @@ def affine_change(F, by, y, tau, change, end):
     """Change of the state along an affine arc with a parameter, from that at its begin; `by` holds the derivatives.
 
     The rate of change moves with the state's rate by the exponential of [[F, 0], [by, F]], which holds the Frechet
-    derivative of the exponential of F.
+    derivative of the exponential of F. Where the parameter moves constants alone, F stands there by itself.
     """
     n, N = F.shape
-    moving = 1
+    moving, own = 1, 0
     for i in range(n):
         for j in range(n):
             if F[i, j] != 0.0 or by[i, j] != 0.0:
                 moving = max(moving, i + 1, j + 1)
+            own = 1 if by[i, j] != 0.0 else own
     fill(end, change)
     if tau == 0.0:
         return
-    square = np.zeros((8, padded(2 * moving), padded(2 * moving)))
+    own *= moving
+    square = np.zeros((8, padded(own + moving), padded(own + moving)))
     M, integral = square[0], square[1]
     rates = np.zeros(2 * n)
     for i in range(n):
@@ -144,12 +146,15 @@ def affine_change(F, by, y, tau, change, end):
             rates[n + i] += by[i, j] * y[j] + F[i, j] * change[j]
     for i in range(moving):
         for j in range(moving):
-            M[i, j] = M[moving + i, moving + j] = F[i, j]
-            M[moving + i, j] = by[i, j]
+            M[i, j] = M[own + i, own + j] = F[i, j]
+            if own:
+                M[own + i, j] = by[i, j]
     flow(M, tau, growth_rate(M, square[3], square[4]), integral, square[2], square[5], square[6], square[7])
     for i in range(moving):
         for j in range(moving):
-            end[i] += integral[moving + i, j] * rates[j] + integral[moving + i, moving + j] * rates[n + j]
+            end[i] += integral[own + i, own + j] * rates[n + j]
+            if own:
+                end[i] += integral[own + i, j] * rates[j]
     for i in range(moving, n):
         end[i] += tau * rates[n + i]
 

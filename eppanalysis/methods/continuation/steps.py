@@ -101,6 +101,11 @@ class Point:
         return bool(sizes[-1] < _FREE * sizes[0])
 
     @cached_property
+    def weights(self) -> Array:
+        """See :func:`weights`."""
+        return weights(self.orbit, self.family.width)
+
+    @cached_property
     def unknowns(self) -> Array:
         """Free part of the start, dwell times, parameter; shape (m + p + 1,)."""
         return np.concatenate([self.orbit.y[self.orbit.arcs.free], self.orbit.tau, [self.value]])
@@ -130,7 +135,14 @@ def weights(orbit: Orbit, width: float) -> Array:
     return w
 
 
-def make_point(family: Family, value: float, orbit: Orbit, along: Array | None, sign: float = 1.0) -> Point:
+def make_point(
+    family: Family,
+    value: float,
+    orbit: Orbit,
+    along: Array | None,
+    sign: float = 1.0,
+    before: tuple[float, Array, Array] | None = None,
+) -> Point:
     """The point with its tangent, turned along an earlier tangent (or so that the parameter changes by `sign`)."""
     slope = family.slope(orbit, value)
     w = weights(orbit, family.width)
@@ -142,7 +154,7 @@ def make_point(family: Family, value: float, orbit: Orbit, along: Array | None, 
     # Equations and one row across: regular at a fold, where those alone are singular (docs/theory/exact_orbits.md,
     # Branches).
     t = bordered(orbit, slope, row, right)
-    return Point(family, value, orbit, slope, t / np.sqrt(np.sum(w * t * t)))
+    return Point(family, value, orbit, slope, t / np.sqrt(np.sum(w * t * t)), before)
 
 
 def _column_sizes(orbit: Orbit, slope: Array) -> Array:
@@ -174,13 +186,13 @@ def step(point: Point, ds: float) -> Point | None:
 
 def _arrived(point: Point, ds: float, found: _Found) -> Point:
     """The orbit found at a distance from a point, with the direction of the branch there."""
-    new = make_point(point.family, found.value, found.orbit, point.tangent)
-    return replace(new, before=(ds, point.slope, point.tangent)) if ds != 0.0 else new
+    before = (ds, point.slope, point.tangent) if ds != 0.0 else None
+    return make_point(point.family, found.value, found.orbit, point.tangent, before=before)
 
 
 def _along(point: Point) -> Array:
     """Row that measures the distance along the branch."""
-    return weights(point.orbit, point.family.width) * point.tangent
+    return point.weights * point.tangent
 
 
 class _Found(NamedTuple):
@@ -245,7 +257,7 @@ def point_across(point: Point, u: Array, row: Array | None = None) -> Point | No
 
 def bend(old: Point, new: Point) -> float:
     """How much the direction turns between two points."""
-    return turned(weights(new.orbit, new.family.width), old.tangent, new.tangent)
+    return turned(new.weights, old.tangent, new.tangent)
 
 
 def turned(w: Array, old: Array, new: Array) -> float:
@@ -356,7 +368,7 @@ def astray(point: Point, new: Point | None) -> bool:
     """
     if new is None or bend(point, new) > _MOST_BEND:
         return True
-    way, w = new.unknowns - point.unknowns, weights(point.orbit, point.family.width)
+    way, w = new.unknowns - point.unknowns, point.weights
     return bool(np.sum(w * way * way) > _MOST_LENGTH**2 * np.sum(w * point.tangent * way) ** 2)
 
 

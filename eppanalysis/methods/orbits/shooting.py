@@ -277,10 +277,10 @@ def is_met(orbit: Orbit) -> bool:
         return True
     # A turn from the middle of the longest arc, where no guard is near; an orbit that is left within a turn, switch by
     # switch.
-    p, arcs = orbit.arcs.n_arcs, np.flatnonzero(orbit.tau > 1e-9 * orbit.period)
-    k = int(np.argmax(orbit.tau))
-    if _meets(orbit, k, p, (1.0 - 1e-6) * orbit.period):
+    p = orbit.arcs.n_arcs
+    if _meets(orbit, int(np.argmax(orbit.tau)), p, (1.0 - 1e-6) * orbit.period):
         return True
+    arcs = np.flatnonzero(orbit.tau > 1e-9 * orbit.period)
     later = np.append(arcs[1:], arcs[0] + p)
     return arcs.size > 1 and all(
         _meets(orbit, int(a), int(b - a), 0.5 * float(orbit.tau[a] + orbit.tau[b % p]))

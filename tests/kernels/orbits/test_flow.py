@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 import eppanalysis as epp
 from eppanalysis.kernels.orbits.flow import Channels, room
-from eppanalysis.kernels.orbits.sweep import along, sweep
+from eppanalysis.kernels.orbits.sweep import along, sweep, sweep_by
 
 
 @pytest.mark.parametrize(("plant", "clocks", "memory"), [(2, 0, 1), (2, 40, 3), (9, 0, 2), (9, 60, 4), (1, 7, 1)])
@@ -49,3 +49,30 @@ def test_an_orbit_without_smooth_channels_needs_no_code_for_them() -> None:
     case = epp.case("relay_deadzone")
     epp.exact_orbit(case, epp.predict_limit_cycles(case)[-1])
     assert types.none in [kinds[0] for kinds in sweep.signatures]
+
+
+@pytest.mark.parametrize("moves", ["rates", "constants"])
+@pytest.mark.parametrize(("plant", "clocks", "memory"), [(2, 0, 1), (5, 3, 2), (9, 1, 3)])
+def test_change_of_an_arc_with_a_parameter(plant: int, clocks: int, memory: int, moves: str) -> None:
+    """A parameter that moves constants alone, as a gap does, takes an exponential of half the size."""
+    rng = np.random.default_rng(plant)
+    n, N, tau = plant + clocks, plant + clocks + memory, 0.7
+    F, by = np.zeros((2, 1, n, N))
+    for rates in (F, by):
+        rates[0, :plant, :plant] = rng.normal(size=(plant, plant))
+        rates[0, :, n:] = rng.normal(size=(n, memory))
+    if moves == "constants":
+        by[0, :, :n] = 0.0
+    starts, change, none = rng.normal(size=(2, N)), rng.normal(size=N), np.zeros(0)
+    of_none = np.zeros((0, n)), np.zeros((0, memory)), np.zeros((0, 0)), none, np.zeros((1, 0))
+    channels = Channels(np.zeros(0, np.int64), *of_none)
+    S, g, gs, J, no = np.zeros((1, n, 0)), np.zeros((1, N)), np.zeros((1, 0)), np.eye(N)[None], np.zeros(1, np.int64)
+    numbers, end = (S, g, gs, J), change.copy()
+    sweep_by(
+        channels, F, *numbers, no, no, starts, np.array([tau]), no[:0], channels, by, S, g, gs, 0.0 * J, np.zeros(N),
+        end, np.zeros(1),
+    )  # fmt: skip
+    still = np.zeros((memory, N))
+    M, by_parameter = np.vstack([F[0], still]), np.vstack([by[0], still])
+    exact = expm(tau * np.block([[M, np.zeros((N, N))], [by_parameter, M]])) @ np.append(starts[0], change)
+    np.testing.assert_allclose(end, exact[N:], rtol=1e-12, atol=1e-12 * np.abs(exact).max())
