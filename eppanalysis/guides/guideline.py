@@ -249,7 +249,7 @@ class _Work:
         open_ends: dict[str, None] = {}
         each = 1 + self.is_under_tolerances(case)  # a row's bound, and that under its tolerances
         total = each * len(self.ranges) * len(combinations)
-        sweep = HarmonicSweep(self.question(case))  # of all variants, which are neighbours
+        sweep = HarmonicSweep(self.question(case))  # all variants share its programmes
         for combination in combinations:
             done = each * len(rows)
 

@@ -346,8 +346,8 @@ class HarmonicSweep:
     done: int = 0
 
     def turn_to(self, question: Question) -> None:
-        """Go on with another case: its range is scanned anew, its folds are begun from those that are known."""
-        self.question, self.outlook, self.far, self.last_order, self.done = question, None, (), 0, 0
+        """Begin anew with another question, and keep what is written of programmes: loops alike have the same."""
+        vars(self).update(vars(HarmonicSweep(question, programmes=self.programmes)))
 
     def bound(self, value: float) -> tuple[Question, HarmonicBound]:
         """The question and the bound at a value of the parameter that runs."""
