@@ -227,14 +227,16 @@ def close_locked(strobe: Strobe, start: HybridSystem, n: int, size: Array | None
     best: Round | None = None
     now, idle = Round.of(strobe, start, n), 0
     far = _ASTRAY * (1.0 + max(np.abs(start.x0).max(initial=0.0), np.abs(start.H0).max()))
-    while now is not None and idle < _IDLE and not np.any(np.abs(now.rows[0]) > far):
+    while now is not None and not np.any(np.abs(now.rows[0]) > far):
         # Where a step leads to another piece of the map it may worsen first: several have to better nothing.
         idle += 1
         if best is None or now.residual < best.residual:
             idle = 0 if best is None or now.residual < 0.5 * best.residual else idle
             best = now
+        if idle >= _IDLE or now.residual < _EXACT:
+            break
         step = now.newton()
-        if now.residual < _EXACT or not np.all(np.isfinite(step)):
+        if not np.all(np.isfinite(step)):
             break
         now = Round.of(strobe, now.moved(step), n)
     if best is None or best.residual > CLOSED or best.rests:

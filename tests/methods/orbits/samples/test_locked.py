@@ -137,3 +137,17 @@ def test_a_state_of_rest_is_no_orbit_of_its_samples(samples: int) -> None:
     (start,) = starts_on(strobe, run, samples, 1)
     assert abs(start.x0[0]) > 1e-4 and start.x0[1] == 0.0
     assert close_locked(strobe, start, samples) is None
+
+
+def test_an_orbit_that_has_closed_takes_no_further_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A step takes the derivative of the whole way round, most of the work."""
+    hybrid = steady_hybrid(sampled_relay())
+    strobe = Strobe.of(hybrid)
+    assert strobe is not None
+    run = run_hybrid(hybrid, 200.0, np.zeros(0), 2.0 * hybrid.time_scale, 10_000, 10_000)
+    found = [close_locked(strobe, start, n) for n in (24, 26) for start in starts_on(strobe, run, n, 1)]
+    (closed,) = (once for once in found if once is not None)
+    monkeypatch.setattr(type(closed), "newton", lambda once: pytest.fail("a step from a closed orbit"))
+    again = close_locked(strobe, closed.start, closed.n)
+    assert again is not None
+    np.testing.assert_array_equal(again.rows, closed.rows)
