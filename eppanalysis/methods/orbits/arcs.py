@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.simulation.workspaces import of_thread
-from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
+from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
 
 if TYPE_CHECKING:
     from eppanalysis.kernels.engine.tables import Model
@@ -288,8 +288,9 @@ def _constant_outputs(W: Array, outputs: IntArray) -> Array:
     return rows[:, :, -1]
 
 
+@of_model
 def _clock_shift(hybrid: HybridSystem) -> Array:
-    """Memory values that are readings of a clock advance with it."""
+    """What memory values advance by per unit of time that are readings of a clock."""
     model = hybrid.model
     n = model.A.shape[0]
     shift = np.zeros(model.K.shape[1])

@@ -100,7 +100,7 @@ class Strobe:
         times = {i: e.sample_time for i, e in sampled_among(hybrid.elements).items()}
         return cls(hybrid, tuple(sorted(times, key=lambda i: -times[i]))) if times else None
 
-    @property
+    @cached_property
     def controllers(self) -> tuple[SampledController, ...]:
         """The controllers, the slowest one first."""
         controllers = sampled_among(self.hybrid.elements)
