@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -25,6 +25,7 @@ from eppanalysis.methods.orbits.samples.sampled import (
     all_orbits,
     chosen,
     far_from,
+    is_of_many,
     middle_of,
     ready,
     runs,
@@ -34,6 +35,7 @@ from eppanalysis.methods.orbits.samples.sampled import (
 from eppanalysis.methods.orbits.samples.unlocked import unlocked
 from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_elements
 from eppanalysis.methods.search.result import CycleSearch, exists, undecided
+from eppanalysis.methods.search.unmet import MANY, more_of, unmet
 from eppanalysis.methods.simulation.effort import Spent, allotted
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
@@ -58,6 +60,10 @@ _SMALLEST, _LARGEST = 0.05, 3.0
 #: Numbers of samples that are always tried; samples in all numbers near one turn, and near all of them; samples of a
 #: turn from which orbits of its length are sought where runs end on them alone.
 _SHORT, _MOST_NEAR, _MOST_SOUGHT, _LONG = range(2, 9), 8000, 24_000, 500
+#: Difference of the shapes of cycles that are one, relative to their size.
+_ALIKE = 1e-6
+#: How often as many random starts more are made where runs end on ever other cycles, and the share of work for that.
+_MORE, _FOR_MORE = 8, 0.3
 #: Numbers of samples that are sought together.
 _TOGETHER = 16
 #: Steps of the engine, and what is worth as many, after which a search ends.
@@ -65,11 +71,22 @@ _MOST_WORK = 2e7
 
 
 @dataclass
+class _Met:
+    """A cycle of n samples that runs end on: one state on it with its marks, its shape, and how many runs do."""
+
+    n: int
+    state: Array
+    marks: list[Any]
+    shape: Array
+    times: int = 1
+
+
+@dataclass
 class Runs:
     """Runs from many starts: states (samples, m, d) of their first stretch, and what each has come to.
 
     An end is the number of samples after which a run repeats itself (1: it settles), 0 where it does not, -1 where it
-    diverges. `on` counts the runs on `motions`, which are not locked to the samples.
+    diverges. `on` counts the runs on `motions`, which are not locked to the samples; `met` are cycles of others.
     """
 
     step: Step
@@ -81,6 +98,7 @@ class Runs:
     samples: int
     motions: list[LimitCycle]
     on: int = 0
+    met: list[_Met] = field(default_factory=list)
 
     @classmethod
     def of(cls, step: Step, starts: Array, samples: int) -> tuple[Runs, list[Any]]:
@@ -90,6 +108,7 @@ class Runs:
         scale = size_of(paths, far)
         ends = np.array([_end(path, scale, far) for path in np.moveaxis(paths[len(paths) // 2 :], 1, 0)])
         made = cls(step, paths, scale, far, ends, paths[-1].copy(), samples, [])
+        made._count(paths, marks, ends)
         made._follow(marks)
         return made, marks
 
@@ -109,8 +128,40 @@ class Runs:
             self.samples *= 3
             self.last[open_] = tails[-1]
             self.ends[open_] = [_end(tail, self.scale, self.far) for tail in np.moveaxis(tails, 1, 0)]
+            self._count(tails, marks, self.ends[open_])
             left = np.flatnonzero(self.ends[open_] == 0)
             open_, tails, marks = open_[left], tails[:, left], chosen(marks, left)
+
+    def _count(self, tails: Array, marks: list[Any], ends: IntArray) -> IntArray:
+        """Count the runs that end on each cycle; the places of those that meet a new one."""
+        new = []
+        for k in np.flatnonzero(ends > 1):
+            n = int(ends[k])
+            shape = _shape(tails[-n:, k] / self.scale)
+            known = next((m for m in self.met if m.n == n and np.abs(m.shape - shape).max() < _ALIKE), None)
+            if known is None:
+                new.append(k)
+                self.met.append(_Met(n, tails[-1, k], chosen(marks, np.array([k])), shape))
+            else:
+                known.times += 1
+        return np.array(new, np.int64)
+
+    def extend(self, starts: Array) -> None:
+        """Make runs from further starts, as long as the first ones; what has no end by then tells nothing."""
+        paths, marks = runs(self.step, *self.step.begin(starts, self.step.system.memory), len(self.paths))
+        tails = paths[len(paths) // 2 :]
+        ends = np.array([_end(tail, self.scale, self.far) for tail in np.moveaxis(tails, 1, 0)])
+        told = np.concatenate([np.flatnonzero(np.abs(ends) == 1), self._count(tails, marks, ends)])
+        self.ends, self.last = np.concatenate([self.ends, ends[told]]), np.concatenate([self.last, tails[-1, told]])
+
+    @property
+    def unmet(self) -> float:
+        """At least how many cycles more there probably are that runs end on; a continuum counts as one cycle."""
+        many = unmet(m.times for m in self.met)
+        if many < MANY:
+            return many
+        of_continua = [is_of_many(self.step, m.state, m.marks, m.n, self.scale) for m in self.met]
+        return unmet(m.times for m, one in zip(self.met, of_continua, strict=True) if not one)
 
     @property
     def undecided(self) -> int:
@@ -137,6 +188,11 @@ def search_discrete(
     samples = int(np.clip(_TURNS * (max(turns) if turns else _slowest(system)), _FEWEST, _MOST))
     with allotted(_MOST_WORK) as work:
         made, marks = Runs.of(step, starts_of(system, predicted), samples)
+        with suppress(Spent), allotted(_FOR_MORE * _MOST_WORK):
+            for more in range(_MORE):
+                if made.unmet < MANY:
+                    break
+                made.extend(_random(system, predicted, _SEED + 1 + more))
         cycles, sought = list(made.motions), _lengths(made.ends, turns)
         left = list(sought)
         with suppress(Spent):
@@ -145,7 +201,7 @@ def search_discrete(
                     progress(len(sought) - len(left), len(sought), f"{system.name}: orbits of {group[0]} samples on")
                 cycles += all_orbits(step, made.seeds, marks, group, made.scale)
                 left = left[len(group) :]
-    open_ends = [undecided(made.undecided)] * bool(made.undecided)
+    open_ends = [undecided(made.undecided)] * bool(made.undecided) + more_of("cycles that runs end on", made.unmet)
     if left:
         open_ends.append(
             f"orbits of {count(len(left), 'further number')} of samples, up to {max(left)}, not sought "
@@ -162,7 +218,7 @@ def search_discrete(
         settles=bool(np.any(made.ends == 1)),
         diverges=bool(np.any(made.ends == -1)),
         search=_sentence(made),
-        not_covered=f"Cycles of other numbers of samples than {_stretches(closed)} were not sought" if closed else "",
+        not_covered=_not_covered(closed),
         rest_state=made.rest,
         unclosed=unclosed,
         left_open=tuple(open_ends),
@@ -243,17 +299,22 @@ def starts_of(system: LureSystem, predicted: Sequence[LimitCycle]) -> Array:
     """
     own, reach = system.x0, reach_of_elements(system)
     starts = [own, *(s * reach for s in SCALES)]
-    begun = []
     for c in predicted:
         middle = middle_of(c.require_state(own.size), own.size)
         starts += [middle + s * (c.state - middle) for s in SCALES]
-        begun.append(c.state - middle)
+    return np.concatenate([starts, _random(system, predicted, _SEED)])
+
+
+def _random(system: LureSystem, predicted: Sequence[LimitCycle], seed: int) -> Array:
+    """Random starts (m, n), the same ones in all coordinates."""
+    n = system.x0.size
     at_reach = oscillations_at_reach(system)[0]
-    columns = np.column_stack([own, *begun, at_reach.real, at_reach.imag])
-    rng = np.random.default_rng(_SEED)
+    begun = [c.state - middle_of(c, n) for c in predicted]
+    columns = np.column_stack([system.x0, *begun, at_reach.real, at_reach.imag])
+    rng = np.random.default_rng(seed)
     size = np.exp(rng.uniform(np.log(_SMALLEST), np.log(_LARGEST), (_N_RANDOM, 1)))
     noise = rng.normal(size=(_N_RANDOM, columns.shape[1]))
-    return np.concatenate([starts, size * noise / np.sqrt(columns.shape[1]) @ columns.T])
+    return size * noise / np.sqrt(columns.shape[1]) @ columns.T
 
 
 def _lengths(ends: IntArray, turns: Sequence[float]) -> list[int]:
@@ -299,6 +360,13 @@ def _end(tail: Array, scale: Array, far: Array) -> int:
     return 0
 
 
+def _shape(states: Array) -> Array:
+    """What tells the cycles of as many samples apart, at whatever sample the states (n, d) begin."""
+    mean = states.mean(axis=0)
+    beside = states - mean
+    return np.concatenate([mean, np.ptp(states, axis=0), (beside.T @ np.roll(beside, 1, axis=0)).ravel() / len(states)])
+
+
 def _sentence(made: Runs) -> str:
     """How completeness was sought."""
     text = f"{made.ends.size} runs of up to {made.samples} samples; orbits were sought from states on all of them"
@@ -307,6 +375,16 @@ def _sentence(made: Runs) -> str:
     if made.undecided:
         return f"{text}, and {undecided(made.undecided)} (their motion may fill a curve)."
     return f"{text}; every run ended on a listed orbit, at rest, or left."
+
+
+def _not_covered(closed: Sequence[int]) -> str:
+    """What was not looked for, where orbits of so many samples were sought."""
+    others = (
+        f"Cycles of other numbers of samples than {_stretches(closed)} were not sought, and those"
+        if closed
+        else "Cycles"
+    )
+    return f"{others} with small basins may be missed"
 
 
 def _stretches(sought: Sequence[int]) -> str:

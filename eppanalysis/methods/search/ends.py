@@ -135,6 +135,8 @@ class Ends:
     orbits: list[Orbit] = field(default_factory=list)
     reached: list[Reached] = field(default_factory=list)
     outcomes: Counter[End] = field(default_factory=Counter)
+    times: Counter[int] = field(default_factory=Counter)
+    bounding: Counter[int] = field(default_factory=Counter)
     n_runs: int = 0
     n_boundaries: int = 0
     n_ended: int = 0
@@ -189,6 +191,8 @@ class Ends:
             self.n_ended += 1
             found = End.NOT_RUN
         self.outcomes[found if isinstance(found, End) else End.CYCLE] += 1
+        if not isinstance(found, End):
+            self.times[found] += 1
         return found
 
     def _outcome(self, x: Array, H: Array, rests_by: float = 0.0) -> End | int:

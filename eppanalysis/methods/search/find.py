@@ -150,6 +150,7 @@ def _found(
         settles=End.REST in outcomes,
         diverges=End.DIVERGENCE in outcomes,
         search=search.sentence(),
+        not_covered=search.not_covered(),
         rest_state=np.zeros(0) if search.rest is None else search.rest[0][: hybrid.n_plant],
         unclosed=tuple(search.unclosed),
         left_open=search.left_open(),
@@ -222,8 +223,8 @@ class _Search(Told):
             self._add_symmetric()
             for orbit in list(self.orbits):
                 self._add_on_locus(orbit)
-            for orbit in list(self.orbits):
-                self._add_mirrored(orbit)
+            for number, orbit in enumerate(list(self.orbits)):
+                self._add_mirrored(number, orbit)
         self.unclosed = self._not_among(led_to)
 
     def _close_all(self) -> list[int | None]:
@@ -316,7 +317,7 @@ class _Search(Told):
         except Spent:
             self.n_loci += 1
 
-    def _add_mirrored(self, orbit: Orbit) -> None:
+    def _add_mirrored(self, number: int, orbit: Orbit) -> None:
         """Add the mirror image of an orbit, which a symmetric loop has too."""
         n, compared = self.hybrid.x0.size, self.hybrid.compared
         y = middle(orbit, int(np.argmax(orbit.tau)))
@@ -332,7 +333,9 @@ class _Search(Told):
         try:
             with allotted(FOR_ONE * _MOST_WORK):
                 for found in orbits_near(self.hybrid, x, memory, orbit.period, self.orbits):
-                    self.add(found)
+                    image = self.add(found)
+                    if number in self.bounding:
+                        self.bounding[image] += 0  # it bounds what it is the image of, and was not met itself
                     return
         except Spent:
             self.n_images += 1
@@ -406,6 +409,6 @@ class _Search(Told):
         for guess in recurrences(self.hybrid, run, None, 3, 400):
             orbit = close_orbit(self.hybrid, guess, self.orbits)
             if orbit is not None and not is_stable(orbit.multipliers, orbit.one_of_many):
-                self.add(orbit)
+                self.bounding[self.add(orbit)] += 1
                 return True
         return False

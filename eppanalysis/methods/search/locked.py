@@ -28,6 +28,7 @@ from eppanalysis.methods.orbits.samples.locked import (
 from eppanalysis.methods.search.ends import End
 from eppanalysis.methods.search.reach import reach_of_elements
 from eppanalysis.methods.search.result import CycleSearch, exists, undecided
+from eppanalysis.methods.search.unmet import more_of, unmet
 from eppanalysis.methods.simulation.effort import Spent, allotted
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.samples import extent_of
@@ -329,6 +330,7 @@ def _result(search: SampledSearch, at: OperatingPoint) -> CycleSearch:
     unclosed = () if search.stopped else not_among(cycles, search.predicted)
     name, open_runs = system.signals.names[0], search.ends[End.UNDECIDED]
     left = [undecided(open_runs)] * bool(open_runs) + ["the search took too many steps"] * search.ended
+    left += more_of("cycles that runs end on", unmet(Counter(on for _, on in search.begun).values()))
     if used_up := search.ends[End.OUT_OF_EVENTS]:
         left.append(f"{count(used_up, 'run')} had used up all events before anything settled or repeated itself")
     return CycleSearch(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
-from eppanalysis.readable import count, listed, number, quantity, words
+from eppanalysis.readable import count, listed, number, quantity, span, words
 from eppanalysis.results import LimitCycle, Listing, Status, brief_cycles, counted, cycles_frame
 
 if TYPE_CHECKING:
@@ -17,6 +18,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
+#: Means that are listed one by one.
+_MOST_MEANS = 4
+#: Share of a cycle's size below which its mean is rounding.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -74,18 +79,20 @@ class CycleSearch(Listing[LimitCycle]):
     @property
     def message(self) -> str:
         """How the search ended, in a sentence."""
-        missing = [
-            f"no orbit was closed for the cycle predicted at {named(c)}" + f" ({c.note})" * bool(c.note)
-            for c in self.unclosed
-            if exists(c)
-        ]
+        notes = dict.fromkeys(c.note for c in self.unclosed if exists(c))
+        missing = [self._missing(note, [c for c in self.unclosed if exists(c) and c.note == note]) for note in notes]
         open_ends = "; ".join([*missing, *self.left_open])
         told = [f"The search leaves something open: {open_ends}."] * bool(open_ends)
-        doubtful = " and ".join(named(c) for c in self.unclosed if not exists(c))
+        doubtful = listed(by_name([c for c in self.unclosed if not exists(c)]))
         if doubtful:
             told.append(f"No orbit was found for what first order predicts at {doubtful}, which may not exist.")
         told = told or [self.status.value]
         return " ".join([*told, f"{self.not_covered}."] if self.not_covered else told)
+
+    def _missing(self, note: str, cycles: Sequence[LimitCycle]) -> str:
+        """Predicted cycles that were not closed for one reason."""
+        what = "the cycle" if len(cycles) == 1 else "the cycles"
+        return f"no orbit was closed for {what} predicted at {listed(by_name(cycles))}" + f" ({note})" * bool(note)
 
     @property
     def stable(self) -> tuple[LimitCycle, ...]:
@@ -144,13 +151,35 @@ def undecided(number: int) -> str:
     return f"{count(number, 'run')} neither settled nor repeated {'itself' if number == 1 else 'themselves'}"
 
 
-def named(cycle: LimitCycle) -> str:
+def by_name(cycles: Iterable[LimitCycle]) -> list[str]:
+    """Predicted cycles by frequency and size, those of which both are alike together: mirror images differ in their
+    means alone.
+    """
+    alike: dict[str, list[LimitCycle]] = {}
+    for cycle in cycles:
+        alike.setdefault(_named(cycle), []).append(cycle)
+    return [_named(group[0], _about(group)) for group in alike.values()]
+
+
+def _named(cycle: LimitCycle, about: str = "") -> str:
     """A predicted cycle by its frequency and the size of its first signal."""
     name, size = next(iter(cycle.peak_to_peak.items()))
     kind = {True: ", stable", False: ", unstable", None: ""}[cycle.stable]
-    return (
-        f"{number(cycle.frequency)} Hz ({words(name)} {quantity(size, cycle.units.get(name, ''))} peak to peak{kind})"
-    )
+    size_in_words = quantity(size, cycle.units.get(name, ""))
+    return f"{number(cycle.frequency)} Hz ({words(name)} {size_in_words} peak to peak{about}{kind})"
+
+
+def _about(cycles: Sequence[LimitCycle]) -> str:
+    """Around which means of their first signal several cycles are, in words."""
+    name = next(iter(cycles[0].peak_to_peak))
+    unit = cycles[0].units.get(name, "")
+    means = sorted(c.mean[name] if abs(c.mean[name]) > _ROUNDING * c.peak_to_peak[name] else 0.0 for c in cycles)
+    shown = list(dict.fromkeys(quantity(mean, unit) for mean in means))
+    if len(cycles) == 1:
+        return ""
+    if len(shown) == 1:
+        return f", {len(cycles)} times"
+    return f" about {listed(shown) if len(shown) <= _MOST_MEANS else f'{len(shown)} means {span(means, unit)}'}"
 
 
 def exists(cycle: LimitCycle) -> bool:

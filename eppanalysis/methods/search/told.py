@@ -11,6 +11,8 @@ from eppanalysis.methods.orbits.delayed.smooth import is_smooth_delayed
 from eppanalysis.methods.orbits.tsypkin import Pulses
 from eppanalysis.methods.search.ends import MOST_REACHED, End, Ends
 from eppanalysis.methods.search.result import exists, undecided
+from eppanalysis.methods.search.unmet import more_of, unmet
+from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.hybrid import DELAY_LINE
 from eppanalysis.readable import count, number
 from eppanalysis.results import LimitCycle
@@ -57,7 +59,21 @@ class Told(Ends):
             f"other periods of {count(self.n_loci, 'cycle')} not tried": self.n_loci,
             "symmetric cycles of the relay not sought to the end": self.n_pulses,
         }
-        return tuple(text for text, number in parts.items() if number)
+        met = {"cycles that runs end on": self.times, "cycles on basin boundaries": self.bounding}
+        more = [text for which, times in met.items() for text in more_of(which, unmet(times.values()))]
+        return (*(text for text, number in parts.items() if number), *more)
+
+    def not_covered(self) -> str:
+        """Which unstable cycles the search comes to by chance alone, where it has come to some."""
+        unstable = [i for i, o in enumerate(self.orbits) if not is_stable(o.multipliers, o.one_of_many)]
+        unbound = [i for i in unstable if i not in self.bounding]
+        if not unbound:
+            return ""
+        # Both sides of such a cycle have one outcome: chaotic motion that passes it by may have no end of them.
+        of = f"{len(unbound)} of " * (len(unbound) < len(unstable))
+        which = f"{of}the unstable cycle{'s' * (len(unstable) > 1)}"
+        alike = "it" if len(unbound) == 1 else "them"
+        return f"No basin boundary leads to {which}: others like {alike} may be missed where no prediction is near"
 
     @cached_property
     def pulses(self) -> Pulses | None:

@@ -102,6 +102,23 @@ def test_a_cycle_of_four_turns_is_listed_once() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def test_unstable_cycles_that_bound_nothing_are_no_full_list(unit: float) -> None:
+    """Chua's circuit with five pieces: all runs end on the large cycle, and those around both eyes have no end."""
+    loop = epp.LureSystem.build(
+        [[-11.5, 11.5, 0.0], [1.0, -1.0, 1.0], [0.0, -100.0 / 7.0, 0.0]], [[-11.5], [0.0], [0.0]], [[1.0, 0.0, 0.0]],
+        [epp.PiecewiseLinear(
+            np.array([-10.0, -1.0, 1.0, 10.0]) * unit, [5.0, -5.0 / 7.0, -8.0 / 7.0, -5.0 / 7.0, 5.0],
+            np.array([400.0 / 7.0 + 3.0 / 7.0, 3.0 / 7.0, 0.0, -3.0 / 7.0, -400.0 / 7.0 - 3.0 / 7.0]) * unit,
+        )],
+        x0=[0.1 * unit, 0.0, 0.0],
+    )  # fmt: skip
+    found = epp.find_limit_cycles(loop)
+    assert len(found.stable) == 1 and len(found.unstable) > 1
+    assert "unstable cycles: others like them may be missed where no prediction is near" in str(found)
+
+
+@pytest.mark.slow
 def test_a_prediction_is_answered_by_the_cycle_that_its_estimate_promises() -> None:
     """The nerve of FitzHugh and Nagumo, a relaxation oscillation: 2.1 times as slow as predicted, within 1.11."""
     loop = epp.LureSystem.build(

@@ -112,3 +112,44 @@ def test_each_cycle_of_a_digital_filter_is_listed() -> None:
         path.append(x[:, 0])
     seen = {int(size) for size in np.ptp(path[-24:], axis=0)} - {0}
     assert seen <= set(sizes) and found.n_continua == 0
+
+
+def filter_of_whole_numbers(a: float, b: float) -> epp.LureSystem:
+    """A digital filter of second order whose sum is rounded to whole numbers."""
+    return epp.LureSystem.build(
+        [[0.0, 0.0], [1.0, 0.0]], [[1.0], [0.0]], [[a, b]], [epp.Quantiser(1.0, 60)], x0=[7.0, 3.0], time_step=1.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("damping", "status"), [pytest.param(0.99, Status.UNDECIDED, marks=pytest.mark.slow), (0.8, Status.CONVERGED)]
+)
+def test_a_search_that_meets_ever_other_cycles_says_that_there_are_more(damping: float, status: Status) -> None:
+    """Poles just within the unit circle: rounding holds more cycles of six samples than runs meet."""
+    loop = filter_of_whole_numbers(damping, -damping)
+    found = epp.find_limit_cycles(loop)
+    x = np.array([[a, b] for a in range(-50, 51) for b in range(-50, 51)], float)
+    for _ in range(1200):
+        rounded = np.sign(x[:, 0] - x[:, 1]) * np.floor(damping * np.abs(x[:, 0] - x[:, 1]) + 0.5)
+        x = np.column_stack([np.clip(rounded, -60.0, 60.0), x[:, 0]])
+    # Each cycle once, by the least of its six states (those that close after fewer are rest).
+    ends, y = [], x
+    for _ in range(6):
+        rounded = np.sign(y[:, 0] - y[:, 1]) * np.floor(damping * np.abs(y[:, 0] - y[:, 1]) + 0.5)
+        y = np.column_stack([np.clip(rounded, -60.0, 60.0), y[:, 0]])
+        ends.append(1000.0 * y[:, 0] + y[:, 1])
+    there = set(np.min(ends, axis=0)[np.ptp(ends, axis=0) > 0].tolist())
+    listed = [c for c in found if c.period == 6.0]
+    assert len(listed) < len(there) if status is Status.UNDECIDED else len(listed) >= len(there)
+    assert found.status is status
+    assert ("more cycles that runs end on are likely" in str(found)) == (status is Status.UNDECIDED)
+    assert "with small basins may be missed" in str(found)
+
+
+def test_what_first_order_predicts_twice_is_told_once_with_both_means() -> None:
+    found = epp.find_limit_cycles(filter_of_whole_numbers(1.5, -0.9))
+    alike = [c for c in found.unclosed if c.mean["quantiser_output"] > 1e-9]
+    assert alike, "no prediction has a mirror image here"
+    for cycle in alike:
+        assert str(found).count(f"{cycle.peak_to_peak['quantiser_input']:.4g} peak to peak") == 1
+    assert " about -" in str(found)

@@ -161,6 +161,12 @@ def _closes(states: Array) -> bool:
     return bool(np.all(np.abs(states[-1] - states[0]) <= allowed))
 
 
+def is_of_many(step: Step, state: Array, marks: list[Any], n: int, scale: Array) -> bool:
+    """Whether the orbit of n samples through a state (d,) is one of a continuum: a multiplier of it is one."""
+    _, _, J, _ = _round(step, state[None], marks, np.array([n]), scale, careful=True)
+    return bool(np.any(np.abs(multipliers(J[0], scale, step.size) - 1.0) < _NEUTRAL))
+
+
 def _limit_cycle(step: Step, orbit: _Found) -> LimitCycle:
     system, scale = step.system, orbit.scale
     S, marks = orbit.states[:1], orbit.marks
