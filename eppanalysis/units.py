@@ -87,8 +87,10 @@ _PINT_FAILURES = (AttributeError, ValueError, TypeError, KeyError, OverflowError
 _NUMBER = r"[+-]?(?:\d+(?:_?\d+)*\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?"
 _NAME = r"(?:[A-Za-zµμΩ][A-Za-z_]*|%)"
 _FACTOR = rf"{_NAME}(?:(?:\^|\*\*)-?\d)?"
+#: What stands below the line, as in "m^3/(s*V)".
+_BELOW = rf"\(\s*{_FACTOR}(?:\s*(?:\*(?!\*)|\s)\s*{_FACTOR})*\s*\)"
 #: The 1 of "1/s" stands apart from the number before it: "11/s" is no "1 1/s".
-_UNIT = rf"(?:(?<![\d.])1/)?{_FACTOR}(?:\s*(?:\*(?!\*)|/|\s)\s*{_FACTOR})*"
+_UNIT = rf"(?:(?<![\d.])1/{_BELOW}|(?:(?<![\d.])1/)?{_FACTOR})(?:\s*(?:\*(?!\*)|/|\s)\s*{_FACTOR}|\s*/\s*{_BELOW})*"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*({_UNIT})?\s*")
 SPELLINGS = str.maketrans({"°": "deg", "·": "*", "⋅": "*", "−": "-", "²": "^2", "³": "^3"})
 

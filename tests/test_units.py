@@ -112,6 +112,25 @@ def test_shown_text_gives_the_number_to_its_digits(value: float, pair: tuple[str
     assert parse_quantity(format_si(value, *pair), pair[0]) == pytest.approx(value, rel=5.1e-6)
 
 
+@given(
+    st.lists(st.sampled_from(["s", "V", "Pa", "kg", "m^2"]), min_size=1, max_size=3),
+    st.sampled_from(["*", " ", "·"]),
+    st.sampled_from(["m^3/", "m/s/", "1/"]),
+)
+def test_what_stands_below_the_line_may_be_bracketed_as_tables_print_it(below: list, times: str, above: str) -> None:
+    bracketed = parse_any(f"2 {above}({times.join(below)})")
+    value, unit = parse_any(f"2 {above}{'/'.join(below)}")
+    assert bracketed == (pytest.approx(value, rel=1e-15), unit)
+
+
+@pytest.mark.parametrize(
+    "text", ["2 m/(s", "2 m/s)", "2 m/()", "2 (m)", "2 m/(s/V)", "2 m/((s))", "11/(s*V)", "1/(J1*J2)"]
+)
+def test_other_brackets_are_no_units(text: str) -> None:
+    with pytest.raises(QuantityError):
+        parse_any(text)
+
+
 @given(st.text(max_size=100), st.sampled_from(list(KINDS)))
 def test_any_text_is_a_finite_number_or_refused(text: str, unit: str) -> None:
     try:
