@@ -229,6 +229,7 @@ class Balance:
         """Newton's method in one kernel, see :func:`eppanalysis.kernels.newton.newton`; returns the residuals."""
         from eppanalysis.kernels.newton import newton
 
+        assert self.closed_forms is not None
         residual, (elements, linear) = np.full((len(X), 3 * self.m), np.nan), self.closed_forms
         of_balance = self.places, self.pivot, self._of_means, elements, linear
         newton(X, normal, iterations, (_STEP, *limits), parts, *of_balance, L, residual, jacobian, found)

@@ -259,18 +259,14 @@ def run_hybrid(
     code = PAUSED
     while code == PAUSED:  # between the calls an interrupt is heard
         code = run(hybrid.model, compiled, work, workspace, samples, buffer, now)
-    told = dict(zip(PROGRESS.names, now.item(), strict=True))
+    told = dict(zip(PROGRESS.names or (), now.item(), strict=True))
     made = told["series_steps"] + told["refused_series"] + told["fast_steps"] / _FAST_STEPS
     spend(cost * (most if code == STEP_LIMIT else made))
     if code == SINGULAR:
-        raise EppError(
-            "simulate: the loop has no unique solution in one combination of modes "
-            "(an algebraic loop through the elements)."
-        )
+        unsolved = "the loop has no unique solution in one combination of modes"
+        raise EppError(f"simulate: {unsolved} (an algebraic loop through the elements).")
     if code == HISTORY:
-        raise EppError(
-            "simulate: the dead time spans more switches than its history holds; expected a shorter dead time."
-        )
+        raise EppError("simulate: the dead time spans more switches than its history holds; expected a shorter one.")
     count = told["count"]
     t, guard, states, rates, memory, passed = (a[: max(1, count)].copy() for a in buffer)
     low, high, x_end, rate_end = (a[:n].copy() for a in (workspace.low, workspace.high, workspace.x, workspace.rate))
