@@ -225,14 +225,19 @@ class Balance:
         L: ComplexArray,
         jacobian: Array,
         found: NDArray[np.bool_],
-    ) -> Array:
-        """Newton's method in one kernel, see :func:`eppanalysis.kernels.newton.newton`; returns the residuals."""
+    ) -> Array | None:
+        """Newton's method in one kernel, see :func:`eppanalysis.kernels.newton.newton`; returns the residuals.
+
+        None, with nothing done, where an element or the linear part has no closed form.
+        """
+        if self.closed_forms is None:
+            return None
         from eppanalysis.kernels.newton import newton
 
-        assert self.closed_forms is not None
-        residual, (elements, linear) = np.full((len(X), 3 * self.m), np.nan), self.closed_forms
-        of_balance = self.places, self.pivot, self._of_means, elements, linear
-        newton(X, normal, iterations, (_STEP, *limits), parts, *of_balance, L, residual, jacobian, found)
+        # Of numbers of one type, or it would be compiled anew.
+        numbers, residual = (_STEP, *map(float, limits)), np.full((len(X), 3 * self.m), np.nan)
+        of_balance = self.places, self.pivot, self._of_means, *self.closed_forms
+        newton(X, normal, iterations, numbers, parts, *of_balance, L, residual, jacobian, found)
         return residual
 
     @cached_property
@@ -244,7 +249,7 @@ class Balance:
             return None
         first = np.cumsum([0, *(form.pieces[0].size for form in known)])
         maps = tuple(np.concatenate(part) for part in zip(*(form.pieces for form in known), strict=True))
-        linear = tuple(np.ascontiguousarray(part, float) for part in (s.A, s.B, s.C[self.rows], s.D[self.rows]))
+        linear = tuple(np.array(part, float, order="C") for part in (s.A, s.B, s.C[self.rows], s.D[self.rows]))
         return (first, maps, np.array([form.pin for form in known], float)), linear
 
     def _static(self, b: Array, mean: Array) -> Array:
@@ -305,10 +310,9 @@ def newton_and_jacobian(
     """:func:`newton`, and the Jacobian (nb, 3 m, 3 m + 1) with which each point made its last step."""
     jacobian = np.zeros((len(X), 3 * balance.m, X.shape[1]))
     X, done = X.copy(), np.zeros(len(X), bool)
-    if balance.closed_forms is not None:
-        limits, every = (_LARGEST_STEP, _LONG, _LOST, tolerance, _AS_GOOD), np.arange(X.shape[1])
-        still = np.empty((0, balance.m, balance.m), complex)
-        balance.newton_compiled(X, normal, iterations, limits, (every[:-1], every), still, jacobian, done)
+    limits, every = (_LARGEST_STEP, _LONG, _LOST, tolerance, _AS_GOOD), np.arange(X.shape[1])
+    moving = np.empty((0, balance.m, balance.m), complex)
+    if balance.newton_compiled(X, normal, iterations, limits, (every[:-1], every), moving, jacobian, done) is not None:
         return X, done, jacobian
     settled, lost = np.zeros(len(X), bool), np.zeros(len(X), int)
     alive = np.all(np.isfinite(X), -1)

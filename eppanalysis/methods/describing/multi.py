@@ -436,9 +436,9 @@ def inner_newton(balance: Balance, X: Array, L: ComplexArray) -> tuple[Array, Co
     columns, still = np.arange(2, 3 * m), np.empty((0, *L.shape[1:]), complex)
     X, loop, done = X.copy(), np.full(len(X), np.nan, complex), np.zeros(len(X), bool)
     alive = np.all(np.isfinite(X), -1)
-    if balance.closed_forms is not None:
-        limits, one = (1.0, np.inf, np.inf, 1e-7, 0.0), np.empty((1, 3 * m, 3 * m + 1))
-        R = balance.newton_compiled(X, X, _INNER_STEPS, limits, (rows, columns), L, one, done)
+    limits, workspace = (1.0, np.inf, np.inf, 1e-7, 0.0), np.empty((1, 3 * m, 3 * m + 1))
+    R = balance.newton_compiled(X, X, _INNER_STEPS, limits, (rows, columns), L, workspace, done)
+    if R is not None:
         return X, R[:, p] + 1.0 + 1j * R[:, m + p], done
     with np.errstate(all="ignore"):
         for _ in range(_INNER_STEPS):

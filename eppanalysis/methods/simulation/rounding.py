@@ -82,7 +82,7 @@ class _Sizes:
                 # controller, whose guards see its clock alone.
                 weight, own = np.where(weight > 0.0, 0.0, 1.0), np.zeros_like(own)
             weights[e, z:z_end], levels[e] = weight, np.abs(m.guard_0[own]).max(initial=0.0)
-        C, Kz = np.ascontiguousarray(m.C), np.ascontiguousarray(m.Kz)
+        C, Kz = (np.array(part, order="C") for part in (m.C, m.Kz))
         gains = C, Kz, np.abs(np.hstack([C, Kz]))
         return cls(gains, on_rates, np.abs(m.D), (weights, levels), tuple(modes), constant, np.abs(m.mode_ws))
 
