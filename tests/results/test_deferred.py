@@ -9,7 +9,7 @@ from eppanalysis.results.deferred import Deferred
 
 def test_it_is_computed_once_and_when_it_is_looked_at() -> None:
     made: list[int] = []
-    values = Deferred(lambda: made.append(1) or {"gap": 2.0})  # type: ignore[func-returns-value]
+    values = Deferred(lambda: made.append(1) or {"gap": 2.0})
     assert not made
     assert values["gap"] == 2.0 and dict(values) == {"gap": 2.0} and len(values) == 1
     assert made == [1]

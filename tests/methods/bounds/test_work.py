@@ -75,5 +75,5 @@ def test_a_corner_that_is_only_checked_is_asked_for_no_slopes(monkeypatch: pytes
     assert not message and n_corners == 3
     # The centre's slopes and those of the corner to which they point.
     assert len(slopes.asked) == 2
-    assert {name for _, _, sizes in slopes.asked for name in sizes} == set(widths)  # type: ignore[attr-defined]
+    assert {name for _, _, sizes in slopes.asked for name in sizes} == set(widths)
     assert worst.value == pytest.approx(1.1 * 1.1 * box.centre.value, rel=1e-6)
