@@ -27,7 +27,12 @@ def first(cycle):
     return next(iter(cycle.elements.values()))["amplitude"]
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n == "virtual_spring")) for n in CASES])
+#: Further elbows, and one that takes long.
+FURTHER = {"elbow", "elbow_cycle_not_there", "gain_brings_it_back", "light_forearm"}
+FURTHER |= {"parking_stops_it", "virtual_spring"}
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in FURTHER)) for n in CASES])
 def test_data_of_shipped_loops_have_the_cycles_of_the_model(name):
     known, found = predicted(name), epp.predict_limit_cycles(of_case(name))
     for cycle in known:
