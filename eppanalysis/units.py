@@ -376,6 +376,17 @@ def format_si(value: float, unit: str, friendly: str | None = None, digits: int 
     return f"{scaled:.{digits}g} {shown}".rstrip()
 
 
+def rounded(value: float, unit: str, friendly: str | None = None) -> float:
+    """An SI value to twelve digits of the unit that people use, so that :func:`write_si` writes it in that.
+
+    Examples
+    --------
+    >>> write_si(2.0 / 3.0, "rad", "deg"), write_si(rounded(2.0 / 3.0, "rad", "deg"), "rad", "deg")
+    ('0.6666666666666666 rad', '38.1971863421 deg')
+    """
+    return parse_quantity(format_si(value, unit, friendly, digits=12), unit)
+
+
 def write_si(value: float, unit: str, friendly: str | None = None) -> str:
     """Text that :func:`parse_quantity` turns back into exactly the same number.
 

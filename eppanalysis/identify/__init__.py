@@ -20,6 +20,7 @@ from eppanalysis.identify.reading import Recording, read_recording, read_signals
 from eppanalysis.progress import Progress
 from eppanalysis.readable import count, listed
 from eppanalysis.results import Result
+from eppanalysis.units import rounded
 
 if TYPE_CHECKING:
     import pandas
@@ -209,9 +210,9 @@ def with_estimates(case: Case, fit: BenchFit) -> Case:
         if not field or not (estimate.identified or estimate.kept):
             continue
         note = f"{fit.bench}, {Path(fit.source).name}" + (f"; {estimate.note}" if estimate.note else "")
-        values[estimate.name] = Parameter(
-            estimate.value, *case.unit(estimate.name), "measured", note, estimate.tolerance
-        )
+        unit = case.unit(estimate.name)
+        tolerance = None if estimate.tolerance is None else rounded(estimate.tolerance, *unit)
+        values[estimate.name] = Parameter(rounded(estimate.value, *unit), *unit, "measured", note, tolerance)
     return case.with_values(values, fit.source) if values else case
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from typer.testing import CliRunner
 
 import eppanalysis as epp
 from eppanalysis.cli import app
-from eppanalysis.identify import sampling, step
+from eppanalysis.identify import sampling, step, with_estimates
+from eppanalysis.identify.estimate import BenchFit, Estimate
 from eppanalysis.results import Status
 
 DRIVE = """
@@ -213,3 +215,34 @@ def test_other_columns_are_named(tmp_path):
     path = record(tmp_path, "time [s],motor_angle [deg],note [V]", CURRENT, CURRENT)
     read = read_recording(path, ("time", "motor_angle"), units={"time": "s", "motor_angle": "rad"})
     assert read.sentences() == ["Columns that were not used: note [V]."]
+
+
+@pytest.mark.parametrize(
+    ("case", "name"),
+    [
+        ("azimuth_servo", "gap"),
+        ("azimuth_servo", "controller.sample_time"),
+        ("fig8a_original", "lock_pin.backlash"),
+        ("elbow", "cable.stiffness"),
+    ],
+)
+def test_the_file_has_what_was_identified_in_the_unit_that_the_case_has_it_in(case, name):
+    given = epp.case(case)
+    unit = given.parameters[name].friendly
+    for k in range(1, 40):
+        value, width = given.parameters[name].value * (1.0 + k / 97.0), given.parameters[name].value / (30.0 + k)
+        found = Estimate(name, value, value - width, value + width, *given.unit(name))
+        text = with_estimates(given, BenchFit("step", "record.csv", (found,), {})).to_toml()
+        held = tomllib.loads(text)
+        written = [t for t in _tables(held) if t.get("mark") == "measured" and "record.csv" in t.get("note", "")]
+        assert [t[key].partition(" ")[2] for t in written for key in ("value", "tolerance")] == [unit, unit]
+        again = epp.case_from_text(text).parameters[name]
+        assert again.value == pytest.approx(value, rel=1e-11)
+        assert again.tolerance == pytest.approx(found.tolerance, rel=1e-11)
+
+
+def _tables(held):
+    yield held
+    for inner in held.values():
+        if isinstance(inner, dict):
+            yield from _tables(inner)
