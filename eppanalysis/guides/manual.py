@@ -222,7 +222,7 @@ def _of_bounds(bounds: DesignBounds, given: float | None) -> ManualTable:
     """The limit for each value of the other parameter, as it is rounded and as it was computed."""
     (x_unit, x), (y_unit, y) = bounds.readable[bounds.over], bounds.readable[bounds.limit]
     up = _holds_from_below(bounds)
-    found = [cell for cell in bounds if cell.finding is Finding.BOUND]
+    found = [cell for cell in bounds if cell.known is not Known.NONE]
     step = _step([y * _tested(cell.bound, cell) for cell in found], given, y_unit, up=up)
     rows = []
     for cell in bounds:
@@ -290,7 +290,7 @@ def _about(value: float, digits: int) -> Decimal | str:
 
 def _checked(cell: BoundCell) -> str:
     """Whether a limit was tested, or why there is none."""
-    if cell.finding is not Finding.BOUND:
+    if cell.known is Known.NONE:
         return cell.message or cell.finding.sentence
     if cell.known is Known.SEARCHED:
         return "by search" if cell.verified else "no"
@@ -307,7 +307,7 @@ def _how_rounded(up: bool, steps: Iterable[str]) -> str:
 
 def _notes(cells: Iterable[BoundCell], rounding: str, allowed: Allowed | None) -> tuple[str, ...]:
     """How to read the table, for people who have not made it."""
-    bounds = [cell for cell in cells if cell.finding is Finding.BOUND]
+    bounds = [cell for cell in cells if cell.known is not Known.NONE]
     unchecked = sum(not cell.verified for cell in bounds)
     searched = any(cell.known is Known.SEARCHED for cell in bounds)
     notes = [rounding]

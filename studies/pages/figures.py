@@ -271,7 +271,8 @@ def draw_element(drawing: Drawing) -> Figure:
     left.set_ylabel(drawing.names[1])
     right.set_xlabel("amplitude a" + drawing.names[0][drawing.names[0].find(" [") :] * ("[" in drawing.names[0]))
     right.set_ylabel("describing function N")
-    right.locator_params(axis="x", nbins=5)
+    for ax in (left, right):
+        ax.locator_params(axis="x", nbins=4 if drawing.largest < 0.01 else 5)  # thousandths are wide
     _limit_poles(right)
     for ax in (left, right):
         ax.axhline(0.0, color=GREY, linewidth=0.5)

@@ -359,6 +359,8 @@ def test_the_picture_of_several_variants_has_the_grid_and_what_is_known_of_it() 
     figure.draw_without_rendering()
     texts = {text.get_text() for ax in figure.axes for text in ax.texts}
     assert {"0.74", "0.92", "0.67", "0.84"} <= texts
+    # Each variant has the whole width, so that its letters are read in print.
+    assert all(ax.get_position().width > 0.7 for ax in figure.axes)
     legends = [text.get_text() for ax in figure.axes if ax.get_legend() for text in ax.get_legend().get_texts()]
     assert legends == ["exact and tested", "exact, not tested"]
 

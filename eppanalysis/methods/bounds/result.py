@@ -241,15 +241,17 @@ class BoundCell(Brief):
 
     @property
     def bound(self) -> float:
-        """The best value that is known: exact, else by search, else by harmonic balance; nan where there is none."""
-        if self.finding is not Finding.BOUND:
+        """The best value that is known: exact, else by search, else by harmonic balance; nan where there is none, or
+        where the tests found limit cycles on its safe side: it bounds nothing.
+        """
+        if self.finding is not Finding.BOUND or self.n_cycles:
             return _NAN
         return next((v for v in (self.exact, self.searched) if math.isfinite(v)), self.harmonic)
 
     @property
     def known(self) -> Known:
         """How the bound is known."""
-        if self.finding is not Finding.BOUND:
+        if math.isnan(self.bound):
             return Known.NONE
         if self.proved is not None and math.isfinite(self.proved.gap):
             return Known.PROVED
@@ -394,7 +396,7 @@ class DesignBounds(Listing[BoundCell]):
 
     def __str__(self) -> str:
         """The bounds from the smallest to the largest, how many were verified, and what is missing."""
-        found = [c for c in self.cells if c.finding is Finding.BOUND]
+        found = [c for c in self.cells if math.isfinite(c.bound)]
         at = f"{words(self.over)} {self._span(self.over, [c.value for c in found or self.cells])}"
         if not found:
             own = words(self.over)

@@ -32,6 +32,7 @@ from eppanalysis.methods.simulation.batch import BatchResult, HybridStack, simul
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike
+from eppanalysis.readable import count
 from eppanalysis.results import LimitCycle, Status
 
 Array = NDArray[np.float64]
@@ -163,7 +164,7 @@ def verify(
     bad = [c for c in search if allowed is None or allowed.exceeded_by(c)]
     larger = "" if allowed is None else " larger than allowed"
     if bad:
-        missing.append(f"the search finds {len(bad)} limit cycle(s){larger} on the safe side")
+        missing.append(f"the search finds {count(len(bad), 'limit cycle')}{larger} on the safe side")
     elif search.left_open:
         missing.append("the search left a run undecided on the safe side")
     may_be = _MayBe(allowed, [c for c in search if c.stable and c not in bad])

@@ -82,8 +82,8 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
     for cycle, style, text in shown:
         time, wave = _turned(cycle, name)
         # Of many waveforms, each over a period of its own, none can be followed; orbits can.
-        followed = slice(0 if style["linewidth"] == _THIN["linewidth"] else None)
-        panels[0].plot(time[followed] / cycle.period, factor * wave[followed], label=text, **style)
+        followed = slice(0) if style["linewidth"] == _THIN["linewidth"] else slice(None)
+        panels[0].plot((time / cycle.period)[followed], factor * wave[followed], label=text, **style)
         for right in panels[1:]:
             right.plot(factor * wave[1:-1], factor * np.gradient(wave, time)[1:-1], **style)
     panels[0].set_xlim(0.0, 1.0)

@@ -17,6 +17,7 @@ from eppanalysis.methods.bounds.exact import ExactBound, correct
 from eppanalysis.methods.bounds.fold import Cycle, unknowns_of
 from eppanalysis.methods.bounds.harmonic import Finding, HarmonicSweep, Question, look, steady_loop
 from eppanalysis.methods.bounds.numbers import Numbers, gather, plan_of
+from eppanalysis.methods.bounds.result import BoundCell, Known
 from eppanalysis.methods.bounds.tolerances.bound import quantile, tolerance_bound
 from eppanalysis.methods.bounds.verify import verify
 from eppanalysis.methods.harmonic.balance import harmonic_balance
@@ -345,3 +346,21 @@ def test_correction_says_why_there_is_no_orbit(case: epp.Case) -> None:
 
     bound = correct(question, Cycle(0.004, inputs_of(loop, cycle), cycle.omega), 1.0)
     assert math.isnan(bound.value) and bound.message
+
+
+@pytest.mark.parametrize("n", [0, 1, 2])
+def test_where_the_tests_find_cycles_on_the_safe_side_there_is_no_bound(wheelchair, n):
+    """A servo that hunts in friction had a fold of another cycle as its bound, and all runs at it moved on."""
+    cells = [
+        BoundCell(
+            value, Finding.BOUND, exact=0.01, safe_value=0.0099, n_runs=50, n_cycles=int(i < n), verified=i >= n,
+            message="Not verified: it hunts." * (i < n),
+        )
+        for i, value in enumerate((0.9, 1.0))
+    ]  # fmt: skip
+    bounds = made_bounds.bounds_of(wheelchair, "loop.gain", "play.gap", *cells)
+    assert [cell.known is Known.NONE for cell in bounds] == [i < n for i in range(2)]
+    said, rows = str(bounds), epp.manual_table(bounds).rows if n < 2 else ()
+    assert said.startswith("No bound on play gap" if n == 2 else "Free of limit cycles below a play gap of 10 mm")
+    assert ("it hunts" in said) == (n == 2) and ("no bound at 1 of 2 values" in said) == (n == 1)
+    assert [row[-1].startswith("Not verified: it hunts") for row in rows] == [i < n for i in range(len(rows))]
