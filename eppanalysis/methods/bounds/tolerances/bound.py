@@ -392,7 +392,7 @@ class _Box:
         wrong = np.arange(len(cases))
         for k in range(_ENDS):
             tell(k, _ROUNDS, f"runs of all draws, {k + 1} of {_ROUNDS}")
-            wrong = wrong[self._oscillating([cases[int(i)] for i in wrong], safe_end[wrong], threads)]
+            wrong = wrong[self._oscillating([cases[i] for i in wrong.tolist()], safe_end[wrong], threads)]
             safe_end[wrong] *= 1.0 - self.sign * 2 * _BRACKET
         for k in range(_ENDS, _ROUNDS):
             tell(k, _ROUNDS, f"runs of all draws, {k + 1} of {_ROUNDS}")
