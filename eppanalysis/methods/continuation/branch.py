@@ -22,6 +22,7 @@ from eppanalysis.methods.continuation.labels import (
     crossing,
     departure,
     difference,
+    ending,
     in_words,
     linear_arc,
     standstill,
@@ -356,6 +357,8 @@ class Walk:
 
     def _stood(self, points: list[Point], new: Point, what: Change) -> tuple[list[Point], str]:
         """The points up to one at which the parameter stands still, or cycles are a continuum from there on."""
+        if what is Change.CONTINUUM and linear_arc(new.orbit) is not None:
+            what = Change.LINEAR
         self._note(what, new, STANDS[what], len(points))
         return [*points, new], f"ends where {STANDS[what]}"
 
@@ -400,12 +403,12 @@ class Walk:
             kind = Change.TURNING if back else Change.SEQUENCE
             self._note(kind, inside, difference(inside.orbit, new.orbit), len(points))
             return new, ""
-        if linear_arc(inside.orbit) is not None:
-            kind, why = Change.LINEAR, "the cycle is the oscillation of the linear loop, at the limit of its stability"
-        else:
-            what = departure(inside.orbit, (outside or inside).orbit)
-            kind, why = Change.END, f"no orbit continues it: {what}"
+        kind = ending(inside.orbit)
+        why = STANDS.get(kind) or f"no orbit continues it: {departure(inside.orbit, (outside or inside).orbit)}"
         self._note(kind, inside, why, len(points))
+        # At the limit of linear stability a cycle is neutral: which side of that its multipliers are on is rounding.
+        if kind is not Change.LINEAR and inside is not points[-1] and regular(inside):
+            points.append(inside)
         return None, f"ends where {why}"
 
     def _watch(self, old: Point, new: Point, index: int) -> bool:

@@ -23,6 +23,8 @@ _LONGER, _BRIEF = 1e-4, 1e-3
 _AT_POLE = 1e-6
 #: Speed across a guard, relative to the movement in a period, with which it is only just reached.
 _TOUCHED = 1e-5
+#: Most time constants that an approach to a guard takes; where a guard is grazed its speed changes in far less time.
+_APPROACH = 1e3
 
 
 class Change(StrEnum):
@@ -54,6 +56,7 @@ STANDS = {
     Change.INFINITE: "the period grows without bound",
     Change.CONTINUUM: "cycles are a continuum at one value of the parameter",
     Change.CONTINUA: "cycles are a continuum at each value of the parameter",
+    Change.LINEAR: "the cycle is the oscillation of the linear loop, at the limit of its stability",
 }
 
 
@@ -97,6 +100,23 @@ def linear_arc(orbit: Orbit) -> int | None:
     return longest if np.min(np.abs(values - pole)) < _AT_POLE * abs(pole) else None
 
 
+def ending(orbit: Orbit) -> Change:
+    """What a border is beyond which no orbit continues a branch."""
+    if linear_arc(orbit) is not None:
+        return Change.LINEAR
+    return Change.INFINITE if _creeps(orbit) else Change.END
+
+
+def _creeps(orbit: Orbit) -> bool:
+    """Whether an orbit comes ever more slowly to a guard that it only just reaches: at the border it never does."""
+    arcs, at = orbit.arcs, np.flatnonzero(orbit.grazes(_TOUCHED) & (orbit.arcs.event_sequence.at_once == 0))
+    # Both rates of an exponential approach die out together; where a guard is grazed only the speed vanishes.
+    n = arcs.F.shape[1]
+    bent = np.array([arcs.g[a, :n] @ arcs.F[a, :, :n] @ arcs.F[a] @ orbit.ends[a] for a in at])
+    slow = np.abs(bent) * orbit.tau[at] < _APPROACH * np.abs(orbit.speed[at])
+    return bool(np.any(slow & (arcs.smooth[at] == 0)))
+
+
 def crossing(old: Point, new: Point) -> tuple[Change, Callable[[Point], float]]:
     """Which way a multiplier crosses the unit circle, and the test function for it."""
     unstable = new if not is_stable(new.multipliers) else old
@@ -131,7 +151,7 @@ def departure(inside: Orbit, outside: Orbit) -> str:
     wanted, kind = inside.arcs.event_sequence.guards, inside.arcs.event_sequence.at_once
     touched = [_name(inside.hybrid, int(g)) for g in wanted[inside.grazes(_TOUCHED) & (wanted >= 0) & (kind == 0)]]
     if touched:
-        return f"{listed(list(dict.fromkeys(touched)))} only just"
+        return f"{listed(sorted(set(touched)))} only just"
     run = run_from(outside, outside.period, 2 * wanted.size + 40, outside.y)
     met = run.guard[run.order][: wanted.size]
     (differ,) = np.nonzero(met != wanted[: met.size])

@@ -326,24 +326,21 @@ def _between(
 
 def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[Point, Point]:
     """Points on both sides of where the sequence of events ceases to be true."""
-    a, inside, at_a = 0.0, None, point.unknowns
     row = _along(point)
-    far = _corrected(point, row, ds, *point.ahead(ds))
-    b, outside, at_b = ds, far, None if far is None else far.unknowns
+    a, inside, b, outside = 0.0, point, ds, step(point, ds)
+    far, c = ds, 0.5 * ds
     for _ in range(n_halvings):
-        c = 0.5 * (a + b)
         # Bisection on what the engine says of the orbit: no function of the distance changes its sign there.
-        u, slope = point.ahead(c)
-        # Two known orbits predict a third one between them better than one orbit alone does.
-        found = _corrected(point, row, c, u if at_b is None else 0.5 * (at_a + at_b), slope)
-        if found is None or not _true(found.orbit):
+        found = None if outside is None else _between(point, row, (a, inside), (far, outside), c)
+        found = found or step(point, c)
+        if found is not None and _true(found.orbit):
+            a, inside = c, found
+        else:
             b = c
             if found is not None:
-                outside, at_b = found, found.unknowns
-        else:
-            a, inside, at_a = c, found, found.unknowns
-    first = point if inside is None else _arrived(point, a, inside)
-    return first, first if outside is None else _arrived(point, b, outside)
+                far, outside = c, found
+        c = 0.5 * (a + b)
+    return inside, outside or inside
 
 
 def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:

@@ -6,6 +6,7 @@ Some turns and units each; `tests/stress` has more of them.
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -111,6 +112,35 @@ def test_branches_of_sampled_loops_do_not_depend_on_coordinates(name, seed):
     assert [(s.kind, s.note, s.index) for s in found.special] == [(s.kind, s.note, s.index) for s in wanted.special]
     for key in ("value", "period", "samples", "stable", wanted.signals[0]):
         np.testing.assert_allclose(found.points[key], wanted.points[key], rtol=1e-6)
+
+
+def same_end(case: epp.Case, over: tuple, seed: int) -> epp.Branch:
+    """The branch of a case, which ends within the range as that of the case in turned states does."""
+    other = InOtherWords(case, lambda system: rotated(system, seed))
+    wanted, found = (epp.continue_branch(one, *over, n_others=0) for one in (case, other))
+    assert (str(found), found.ends, found.status) == (str(wanted), wanted.ends, wanted.status)
+    assert [s.kind for s in found.special] == [s.kind for s in wanted.special]
+    np.testing.assert_allclose([s.value for s in found.special], [s.value for s in wanted.special], rtol=1e-6)
+    np.testing.assert_allclose(found.points["value"][-1], wanted.points["value"][-1], rtol=1e-6)
+    return wanted
+
+
+@pytest.mark.slow
+def test_where_a_branch_ends_at_a_grazing_contact_does_not_depend_on_coordinates():
+    """Steps came to an end at different places before it, and bisection lost the branch on its way there."""
+    branch = same_end(epp.case("level_valve"), ("linkage.gap", "4 mm", "2 mm"), 1)
+    assert branch.points["value"][-1] == branch.special[-1].value
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_cycle_that_creeps_to_a_threshold_has_an_infinite_period_in_all_coordinates(seed):
+    """A drive under a relay that has let go comes to rest just on its other threshold; order and period were chance."""
+    ring = [epp.RelayDeadZone(0.08), ([4.0], [0.2, 1.0, 0.0]), epp.Play(0.1)]
+    loop = epp.LureSystem.from_blocks(ring)
+    case = epp.Case.from_system(replace(loop, x0=np.array([0.6, 0.0])))
+    (end,) = same_end(case, ("relay_dead_zone.threshold", 0.08, 0.3), seed).special
+    # Pushed for good the drive settles at a speed of 4; let go it goes on by as much as 0.2 s of that at most.
+    assert end.kind == "infinite period" and 0.08 < end.value < 0.8
 
 
 @pytest.mark.parametrize("seed", [1, 4])
