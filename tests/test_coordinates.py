@@ -160,6 +160,12 @@ def test_searches_do_not_depend_on_coordinates_and_units(name):
     search_alike(cycles_of(name), rescaled(system, time, amplitude, states), time, amplitude)
 
 
+@pytest.mark.slow
+def test_a_search_with_a_double_integrator_has_time_for_all_its_starts_in_turned_states():
+    """Runs that drift through the band without gain took ten thousand times as many steps, and most were left."""
+    search_alike(cycles_of("band_two_cycles"), rotated(epp.case("band_two_cycles").to_system(), 0))
+
+
 def test_a_cycle_that_meets_a_switch_by_rounding_is_listed_once():
     """In these coordinates its play comes to rest and turns in two events at one time, in one run but not in others."""
     system = epp.case("backlash_servo").to_system()

@@ -35,13 +35,28 @@ _FADES = 0.1
 
 
 def in_states_of_its_own(system: LureSystem) -> OtherStates | None:
-    """The loop without states that nothing drives, else in those of its stiffest motions; None where it needs none."""
-    return without_held_states(system) or (None if system.time_step else unmixed(system))
+    """The loop without states that nothing drives, else in those of its own motions; None where it needs none."""
+    return without_held_states(system) or (None if system.time_step else unmixed(system) or integrators_apart(system))
 
 
 def unmixed(system: LureSystem) -> OtherStates | None:
     """The loop in coordinates that mix neither stiff motions nor large states with others; None where none are."""
     return motions_apart(system) or evenly_driven(system)
+
+
+def integrators_apart(system: LureSystem) -> OtherStates | None:
+    """The loop in coordinates in which its integrators stand apart; None where they do as it is given.
+
+    Turned, they are slow motions by rounding, and each state drifts where one does: no bound shows that a guard is far.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> integrators_apart(epp.case("band_two_cycles").to_system()) is None  # as it is given
+    True
+    """
+    apart, T = system.with_integrators_apart
+    return None if apart is system else OtherStates(apart, T, np.asarray(np.linalg.inv(T), float), np.zeros(len(T)))
 
 
 def evenly_driven(system: LureSystem) -> OtherStates | None:

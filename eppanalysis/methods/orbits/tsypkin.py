@@ -22,7 +22,7 @@ from eppanalysis.methods.describing.curves import roots_at_once
 from eppanalysis.methods.orbits.guess import Guess, make_guess
 from eppanalysis.methods.orbits.mirrored import mirror
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.linear import balanced, integrators_apart
+from eppanalysis.models.systems.linear import balanced, poles as known_poles
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -31,9 +31,9 @@ ComplexArray = NDArray[np.complex128]
 #: and, eight to half a turn of the fastest oscillation, an even grid; and nodes of the pulse in a half period.
 _SHORTEST, _LONGEST = 0.05, 30.0
 _LOGARITHMIC, _EVEN, _TO_A_TURN, _PULSES = 400, 1200, 8, 200
-#: Condition of the modes, in units that make them alike, beyond which they are not used: rounding takes the poles of a
-#: multiple one so far apart that guesses keep some digits, and in all coordinates alike.
-_ILL = 1e12
+#: Condition of the modes, in units that make them alike, beyond which those of a matrix so far beside it are used, or
+#: none. Rounding alone takes the poles of a multiple one apart in turned states, but not in those of its chain.
+_ILL, _BESIDE = 1e12, 1e-14
 #: Newton's method in both times: iterations, step for derivatives, and what a root leaves, relative to the guards.
 _ITERATIONS, _STEP, _ROOT = 20, 1e-6, 1e-9
 #: Samples of a half period at which no other switch may lie, and what counts as beyond one.
@@ -84,15 +84,12 @@ class Pulses:
             return None
         n, (modes, guards, level) = hybrid.n_plant, turn
         A, units = balanced(model.A)
-        apart, _, moving = integrators_apart(A)
-        if np.any(apart[moving:, moving:]):  # integrators in a chain have no modes
-            return None
-        poles, vectors = (np.asarray(a, complex) for a in np.linalg.eig(A))
-        if np.linalg.cond(vectors) > _ILL:
+        poles, vectors = _modes(A)
+        if np.linalg.cond(vectors) > _ILL or np.sum(known_poles(A) == 0.0) > 1:
             return None
         given = np.asarray(np.linalg.solve(vectors, model.B[:, 0] / units), complex)
         vectors = units[:, None] * vectors
-        poles[np.argsort(np.abs(poles))[: n - moving]] = 0.0
+        poles = np.where(np.abs(poles) < 1e-9 * np.abs(poles).max(initial=0.0), 0.0, poles)
         if not np.any(poles):
             return None
         centre = image[:n, -1] / 2.0
@@ -200,6 +197,18 @@ class Pulses:
         starts = np.array([np.concatenate([x, self.hybrid.H0]) for x in states])
         tau = np.tile([h] if len(self.ends) == 1 else [w, h - w], 2)
         return make_guess(self.hybrid, self.modes[:, None], self.guards, starts, tau)
+
+
+def _modes(A: Array) -> tuple[ComplexArray, ComplexArray]:
+    """Poles and modes of a matrix, or of one beside it where modes of a multiple pole are one (Davies 2007).
+
+    The motions of that one are the same but for rounding, and its modes are well apart.
+    """
+    values, vectors = np.linalg.eig(A)
+    if np.linalg.cond(vectors) > _ILL:
+        aside = np.random.default_rng(0).normal(size=A.shape)
+        values, vectors = np.linalg.eig(A + _BESIDE * np.linalg.norm(A) * aside)
+    return np.asarray(values, complex), np.asarray(vectors, complex)
 
 
 def _turn(hybrid: HybridSystem) -> tuple[NDArray[np.int64], NDArray[np.int64], float] | None:

@@ -11,6 +11,7 @@ import eppanalysis as epp
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.orbits.shooting import close_orbit
 from eppanalysis.methods.orbits.tsypkin import Pulses
+from tests.coordinates import rotated
 from tests.methods.orbits.test_locus import HalfPeriod
 
 
@@ -80,3 +81,22 @@ def test_only_one_odd_relay_without_dead_time_is_asked() -> None:
         (epp.Play(1.0), 0.0),
     ):
         assert Pulses.of(steady_hybrid(epp.LureSystem.from_tf(plant, element, delay=delay))) is None
+
+
+@pytest.mark.parametrize("seed", [None, 0, 1])
+def test_symmetric_cycles_on_a_plant_with_a_double_pole_are_sought_in_all_coordinates(seed: int | None) -> None:
+    """As it is given its matrix has one mode for two poles, and nothing was sought: both published periods are met."""
+    case = epp.case("relay_deadzone")
+    system = case.to_system() if seed is None else rotated(case.to_system(), seed)
+    pulses = Pulses.of(steady_hybrid(system))
+    assert pulses is not None
+    found = sorted(guess.tau.sum() for guess in pulses.guesses())
+    assert found == pytest.approx(sorted(c.period for c in case.expected.exact), rel=1e-6)
+    assert pulses.reach == pytest.approx((0.05, 30.0), rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_chain_of_integrators_has_no_modes_in_any_coordinates(seed: int) -> None:
+    """Turned, rounding makes two slow poles of a double integrator, and half periods of years were asked for."""
+    loop = epp.LureSystem.from_tf(([1.0, 1.0], [1.0, 4.0, 0.0, 0.0]), epp.RelayDeadZone(0.2))
+    assert Pulses.of(steady_hybrid(loop)) is None and Pulses.of(steady_hybrid(rotated(loop, seed))) is None
