@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from eppanalysis.cases.values.expressions import Unit, alike, is_expression, name_of_unit, times
 from eppanalysis.cases.values.quantities import Parameter, plain_value
 from eppanalysis.errors import CaseError
@@ -16,7 +18,7 @@ from eppanalysis.models.diagrams import Block, Diagram
 from eppanalysis.models.diagrams.closing import signals_of_ports
 from eppanalysis.models.diagrams.wiring import Port, port_names, written
 from eppanalysis.models.elements.base import RATIO, Role
-from eppanalysis.units import KINDS, QuantityError, dimensions, is_si, unit_of
+from eppanalysis.units import KINDS, QuantityError, dimensions, is_si, parse_any, unit_of
 
 if TYPE_CHECKING:
     from eppanalysis.cases.files import RawCase
@@ -108,6 +110,9 @@ def units_along_wires(
     _check_given(diagram, units, signals, raw)
     for place, typed in fields.items():
         _check_part(diagram, place, typed, signals, raw)
+    for name, part in diagram.parts.items():
+        if isinstance(part, Block) and part.start is not None:
+            _check_start(name, part, signals, raw)
     of_ports = {name: signals.named(port) for name, port in signals_of_ports(diagram).items()}
     return of_ports | {name: unit for name, unit in units.items() if unit}
 
@@ -157,6 +162,23 @@ def _check_part(diagram: Diagram, place: str, typed: Mapping[str, Parameter], si
             wanted = "" if known is None else _wanted(known, role, name)
         if wanted:
             raise _refused(f"{place}.{field}", wanted, parameter, raw)
+
+
+def _check_start(name: str, part: Block, signals: _Signals, raw: RawCase) -> None:
+    """A state that is an output, as the angle of an inertia is, starts at a value in the unit of that."""
+    system, given = part.state_space(), raw.typed(f"blocks.{name}.start")
+    for port, C, D in zip(part.outputs, np.asarray(system.C), np.asarray(system.D), strict=True):
+        state = int(np.argmax(C)) if C.size else 0
+        if np.any(D) or not C.size or not np.array_equal(C, np.eye(C.size)[state]) or len(given) <= state:
+            continue
+        try:
+            unit = dimensions(parse_any(given[state])[1])
+        except QuantityError:
+            continue  # an expression
+        if unit and signals.join((name, port), _ONE, unit) is not None:
+            raise raw.refused(
+                f"blocks.{name}.start.{state}", f"the unit that it has in the diagram: {signals.said((name, port))}"
+            )
 
 
 def _refused(field: str, wanted: str, found: Parameter, raw: RawCase) -> CaseError:

@@ -37,6 +37,9 @@ def _read(text, *changes):
         (SERVO, "blocks.motor.ratio", "50 rad/s", "blocks.motor.ratio is '50 rad/s'; expected a plain number"),
         (SERVO, "elements.motor_friction.coulomb", "0.3 N", "coulomb is '0.3 N'; expected a torque"),
         (SERVO, "inputs.setpoint", "0 m", "inputs.setpoint is '0 m'; .* setpoint is in rad"),
+        (SERVO, "blocks.load.start", ["5 mm", 0], "blocks.load.start.0 is '5 mm'; .* load.angle is in rad"),
+        (SERVO, "blocks.load.start", [0, "5 deg"], "blocks.load.start.1 is '5 deg'; .* load.speed is in rad/s"),
+        (SERVO, "blocks.motor.start", ["2 V", 0], "blocks.motor.start.0 is '2 V'; .* motor.angle is in rad"),
         (SERVO, "signals.load.unit", "V", "signals.load.unit is 'V'; .* load.angle is in rad"),
         (SERVO, "connect.2", "motor.speed - load.angle -> gear.twist", "one unit: load.angle is in rad, gear.twist"),
     ],
@@ -97,3 +100,8 @@ def test_units_of_ports_are_those_of_the_axes():
 def _units(text, *changes):
     signals = _read(text, *changes).to_system().signals
     return dict(zip(signals.names, signals.units, strict=True))
+
+
+@pytest.mark.parametrize("start", [["5 deg", "3 deg/s"], [0.1, 0], ["gap", "2*gap"], [0, "10 1/s"]])
+def test_a_start_in_the_units_of_the_states_is_taken(start):
+    assert len(_read(SERVO, ("blocks.load.start", start)).to_system().x0)
