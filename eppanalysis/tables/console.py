@@ -119,7 +119,7 @@ def _add_rule(table: Table, rule: Sequence[str], said: Sequence[str]) -> None:
     below = []
     for sentence in rule:
         name, _, gain = sentence.removesuffix(".").partition(": ")
-        if len(gain) <= _LONGEST_IN_A_ROW:
+        if len(gain) <= _LONGEST_IN_A_ROW and not gain.startswith("executed"):
             table.add_row(f"gain for {name}", gain)
         else:
             below.append(sentence)

@@ -241,3 +241,10 @@ def test_ports_of_blocks_that_are_executed_together_have_the_margins_that_they_h
         one, other = epp.margins(together, place), epp.margins(apart, place)
         for name in ("gain_margin", "phase_margin", "disk_margin", "delay_margin"):
             assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-9)
+
+
+def test_what_stands_for_a_controller_is_said_below_the_gains_of_the_elements():
+    text = str(epp.table(epp.margins(_loop())))
+    assert "gain for valve" in text
+    assert "gain for controller" not in text
+    assert "controller: executed every 0.01 s, exact from sample to sample." in " ".join(text.split())
