@@ -8,9 +8,11 @@ tells itself: at places so near to each other that the function between them is 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -72,7 +74,7 @@ class Polynomial:
         """All entries at a place."""
         out = self.base.copy()
         # As cosines: the place stays within the range, whatever rounding makes of its ends.
-        angle = np.arccos(np.clip((x - self.middle) / self.half, -1.0, 1.0))
+        angle = math.acos(self._share(x))
         out[self.places] = np.cos(angle * np.arange(self.coefficients.shape[0])) @ self.coefficients
         return out
 
@@ -80,9 +82,15 @@ class Polynomial:
         """Derivatives of all entries at a place."""
         out = np.zeros(self.base.size)
         if self.places.size:
-            share = min(max((x - self.middle) / self.half, -1.0), 1.0)
-            out[self.places] = chebyshev.chebval(share, chebyshev.chebder(self.coefficients)) / self.half
+            out[self.places] = chebyshev.chebval(self._share(x), self._derivative) / self.half
         return out
+
+    def _share(self, x: float) -> float:
+        return min(max((x - self.middle) / self.half, -1.0), 1.0)
+
+    @cached_property
+    def _derivative(self) -> Array:
+        return np.asarray(chebyshev.chebder(self.coefficients), float)
 
 
 def polynomial(function: Callable[[float], Array | None], low: float, high: float) -> Polynomial | None:

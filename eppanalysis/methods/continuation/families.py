@@ -98,12 +98,15 @@ class Family:
 
     def at(self, value: float) -> HybridSystem:
         """The system at a value (SI), equal to the built one to rounding."""
+        stand_in = self._standing_in(value)
+        return self.build(value) if stand_in is None else stand_in.at(value)
+
+    def _standing_in(self, value: float) -> _StandIn | None:
+        """What stands in for the system at a value that is asked for; None where nothing does."""
         self._asked += 1
         if self._asked == self.patience + 1:
             self._stand_in = interpolate(self.build, *(self.window or self.limits))
-        if self._stand_in is None or not self._stand_in.numbers.covers(value):
-            return self.build(value)
-        return self._stand_in.at(value)
+        return self._stand_in if self._stand_in is not None and self._stand_in.numbers.covers(value) else None
 
     def slope(self, orbit: Orbit, value: float) -> Array:
         """Derivative of the residual of an orbit's equations by the parameter, at fixed unknowns and events.
@@ -124,10 +127,10 @@ class Family:
 
     def _part(self, value: float) -> tuple[float, float] | None:
         """The part of the range of the stand-in that a value is in; None where it is in none."""
-        self.at(value)
-        if self._stand_in is None or not self._stand_in.numbers.covers(value):
+        stand_in = self._standing_in(value)
+        if stand_in is None:
             return None
-        numbers = self._stand_in.numbers
+        numbers = stand_in.numbers
         length = 2.0 * numbers.half / _PARTS
         k = min(max(int((value - numbers.middle + numbers.half) / length), 0), _PARTS - 1)
         low = numbers.middle - numbers.half + k * length

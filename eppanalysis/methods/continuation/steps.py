@@ -46,8 +46,8 @@ def evaluate_at(
     family: Family, event_sequence: EventSequence, value: float, y: Array, tau: Array, like: Arcs | None = None
 ) -> Orbit:
     """Residual and derivative at a value; what the system itself sets in y (its inputs) is taken from it."""
-    hybrid, guess = _at(family, value, Guess(event_sequence, y, tau))
-    return evaluate(hybrid, Arcs.build(hybrid, event_sequence, like), guess.y, tau)
+    hybrid = family.at(value)
+    return evaluate(hybrid, Arcs.build(hybrid, event_sequence, like), _with_inputs(hybrid, y), tau)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,13 +164,14 @@ def _column_sizes(orbit: Orbit, slope: Array) -> Array:
 
 def bordered(orbit: Orbit, slope: Array, row: Array, right: Array) -> Array:
     """Solve [[A, slope], [row]] s = right, scaled."""
-    columns = _column_sizes(orbit, slope)
+    n, columns = orbit.r.size, _column_sizes(orbit, slope)
     scaled = np.abs(row * columns).max()
-    rows = np.concatenate([orbit.row_scale, [1.0 / scaled if scaled > 0 else 1.0]])
-    K = np.vstack([np.column_stack([orbit.A, slope]), row])
-    rows[-1] = 1.0 / rows[-1]
-    K = K / rows[:, None] * columns
-    if not (np.all(np.isfinite(K)) and np.all(np.isfinite(right))):
+    rows = np.append(orbit.row_scale, scaled if scaled > 0 else 1.0)
+    K = np.empty((n + 1, n + 1))
+    K[:n, :n], K[:n, n], K[n] = orbit.A, slope, row
+    K /= rows[:, None]
+    K *= columns
+    if not (np.isfinite(K).all() and np.isfinite(right).all()):
         return np.full_like(right, np.nan)  # LAPACK would complain on the terminal
     try:
         return np.linalg.solve(K, right / rows) * columns
@@ -426,9 +427,14 @@ def _close_at(family: Family, value: float, guess: Guess) -> Orbit | None:
 
 def _at(family: Family, value: float, guess: Guess) -> tuple[HybridSystem, Guess]:
     """The system at a value, and a guess with what the system itself sets in y (its inputs)."""
-    hybrid, y = family.at(value), guess.y.copy()
+    hybrid = family.at(value)
+    return hybrid, replace(guess, y=_with_inputs(hybrid, guess.y))
+
+
+def _with_inputs(hybrid: HybridSystem, y: Array) -> Array:
+    y = y.copy()
     y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
-    return hybrid, replace(guess, y=y)
+    return y
 
 
 def _same_sequence(one: Orbit, other: Orbit) -> bool:

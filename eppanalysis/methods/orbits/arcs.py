@@ -65,13 +65,18 @@ class EventSequence:
         events = [(int(g), int(k == 1)) for g, k in zip(self.guards, self.at_once, strict=True)]
         return min(tuple(events[i:] + events[:i]) for i in range(len(events)))
 
-    @property
+    @cached_property
     def timing(self) -> IntArray:
         """Number of the guard that tells when each arc ends, shape (p,)."""
         timing = self.guards.copy()
         for a in np.flatnonzero(self.at_once == LETS_GO)[::-1]:
             timing[a] = timing[(a + 1) % timing.size]
         return timing
+
+    @cached_property
+    def numbers(self) -> tuple[IntArray, int, int, int]:
+        """Largest mode of each element, largest guard, least mode and least guard."""
+        return self.modes.max(axis=0), int(self.guards.max()), int(self.modes.min()), int(self.guards.min())
 
     def rotated(self, first: int) -> EventSequence:
         """The same cycle, begun with arc `first`."""
@@ -261,10 +266,11 @@ class Arcs:
 def _refuse_another_structure(hybrid: HybridSystem, event_sequence: EventSequence, like: Arcs | None) -> None:
     """Raise where modes and guards, which are numbers of rows, name none of the system, or y has other places there."""
     # Compiled code would read what lies behind the arrays.
-    model, modes, guards = hybrid.model, event_sequence.modes, event_sequence.guards
-    n, counts = model.A.shape[0], np.diff(model.mode_first)
-    known = modes.shape[1] == counts.size and np.all((modes >= 0) & (modes < counts))
-    known = known and np.all((guards >= -1) & (guards < model.guard_element.size))
+    model, n = hybrid.model, hybrid.model.A.shape[0]
+    modes, guard, least_mode, least_guard = event_sequence.numbers
+    first = model.mode_first
+    known = modes.size == first.size - 1 and (modes < first[1:] - first[:-1]).all()
+    known = known and guard < model.guard_element.size and least_mode >= 0 and least_guard >= -1
     if like is not None:
         sizes = like.n_state, like.memory.stop - like.memory.start
         known = known and sizes == (n, model.K.shape[1])

@@ -292,12 +292,14 @@ def _meets(orbit: Orbit, first: int, count: int, t_end: float) -> bool:
     """Whether a run from the middle of an arc meets the next `count` events of the orbit and no other until `t_end`."""
     whole = count == orbit.arcs.n_arcs
     run = _from_middle(orbit, first, 1.1 * orbit.period if whole else t_end, 3)
-    order, tau = run.order, np.roll(orbit.tau, -first)[:count]
-    guards = np.roll(orbit.arcs.event_sequence.guards, -first)[:count]
-    if run.n_kept < count or not np.array_equal(run.guard[order[:count]], guards):
+    if run.n_kept < count:
         return False
-    late = np.abs(run.time[order[:count]] - (np.cumsum(tau) - 0.5 * tau[0]))
-    return bool(np.max(late) < 1e-6 * orbit.period) and not np.any(run.time[order[count:]] < t_end)
+    order, arcs = run.order, (first + np.arange(count)) % orbit.arcs.n_arcs
+    if (run.guard[order[:count]] != orbit.arcs.event_sequence.guards[arcs]).any():
+        return False
+    tau, times = orbit.tau[arcs], run.time[order]
+    late = np.abs(times[:count] - (tau.cumsum() - 0.5 * tau[0])).max()
+    return bool(late < 1e-6 * orbit.period) and not (times[count:] < t_end).any()
 
 
 def _from_middle(orbit: Orbit, arc: int, t_end: float, turns: int) -> Run:
