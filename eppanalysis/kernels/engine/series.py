@@ -251,10 +251,16 @@ def first_rise(p, tolerance):
         # Kantorovich's condition, twice as strict as he needs it: only downward curvature bends away from the zero.
         if d > 0.0 and under * -v < 0.25 * d * d and -2.0 * v <= d * rest:
             return _newton(p, u, v, d)
-        below = d + np.sqrt(d * d - 2.0 * over * v)
-        if below <= 0.0:
-            return 2.0
-        u += -2.0 * v / below
+        root = np.sqrt(d * d - 2.0 * over * v)
+        if d < 0.0:
+            # Just beneath zero, and falling: the sum of slope and root would be rounding, or none at all.
+            if over <= 0.0:
+                return 2.0
+            u += (root - d) / over
+        else:
+            if d + root <= 0.0:
+                return 2.0
+            u += -2.0 * v / (d + root)
         if u > 1.0:
             return 2.0
         if not u > 0.0:  # a bound beyond all range: no step is safe, however short

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 import eppanalysis as epp
+from eppanalysis.kernels.engine.series import first_rise
 from eppanalysis.models.systems.inputs import Step
 from eppanalysis.results import Status
 from tests.stress.families import with_states
@@ -93,3 +94,11 @@ def test_no_sample_of_a_motion_too_fast_for_numbers_is_none(rate: float, start: 
     assert np.all(np.abs(x) <= 1e100)
     if not run.status.ok and run.status is not Status.DIVERGED:
         assert run.status is Status.EVENT_LIMIT and "far faster motions" in run.to_dict()["message"]
+
+
+@pytest.mark.parametrize("beneath", [1e-300, 5e-92, 1e-40, 1e-20, 1e-17, 1e-12])
+def test_a_guard_that_falls_from_just_beneath_zero_rises_again_where_its_series_does(beneath: float) -> None:
+    """A relay whose input began less than rounding beneath its switch did not switch before the next step."""
+    series = np.zeros(24)
+    series[:3] = -beneath, -0.148, 0.18
+    assert first_rise(series, 0.0) == pytest.approx(0.148 / 0.18, rel=1e-9)
