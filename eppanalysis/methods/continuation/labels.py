@@ -23,8 +23,9 @@ _LONGER, _BRIEF = 1e-4, 1e-3
 _AT_POLE = 1e-6
 #: Speed across a guard, relative to the movement in a period, with which it is only just reached.
 _TOUCHED = 1e-5
-#: Most time constants that an approach to a guard takes; where a guard is grazed its speed changes in far less time.
-_APPROACH = 1e3
+#: Time constants that an approach to a guard takes until it is so slow; where one is grazed the speed falls far faster,
+#: and a slow ramp hardly at all.
+_APPROACH = 10.0, 1e3
 
 
 class Change(StrEnum):
@@ -113,8 +114,8 @@ def _creeps(orbit: Orbit) -> bool:
     # Both rates of an exponential approach die out together; where a guard is grazed only the speed vanishes.
     n = arcs.F.shape[1]
     bent = np.array([arcs.g[a, :n] @ arcs.F[a, :, :n] @ arcs.F[a] @ orbit.ends[a] for a in at])
-    slow = np.abs(bent) * orbit.tau[at] < _APPROACH * np.abs(orbit.speed[at])
-    return bool(np.any(slow & (arcs.smooth[at] == 0)))
+    falls, least, most = -bent * orbit.tau[at], *(n * orbit.speed[at] for n in _APPROACH)
+    return bool(np.any((falls > least) & (falls < most) & (arcs.smooth[at] == 0)))
 
 
 def crossing(old: Point, new: Point) -> tuple[Change, Callable[[Point], float]]:

@@ -328,20 +328,25 @@ def _between(
 def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[Point, Point]:
     """Points on both sides of where the sequence of events ceases to be true."""
     row = _along(point)
-    a, inside, b, outside = 0.0, point, ds, step(point, ds)
-    far, c = ds, 0.5 * ds
+    a, inside, at_a = 0.0, None, point.unknowns
+    outside = _corrected(point, row, ds, *point.ahead(ds))
+    b = far = ds
     for _ in range(n_halvings):
-        # Bisection on what the engine says of the orbit: no function of the distance changes its sign there.
-        found = None if outside is None else _between(point, row, (a, inside), (far, outside), c)
-        found = found or step(point, c)
-        if found is not None and _true(found.orbit):
-            a, inside = c, found
-        else:
-            b = c
-            if found is not None:
-                far, outside = c, found
         c = 0.5 * (a + b)
-    return inside, outside or inside
+        # Bisection on what the engine says of the orbit: no function of the distance changes its sign there.
+        u, slope = point.ahead(c)
+        # Two known orbits predict a third one between them better than one orbit alone does.
+        if outside is not None:
+            u = at_a + (c - a) / (far - a) * (outside.unknowns - at_a)
+        found = _corrected(point, row, c, u, slope)
+        if found is not None and _true(found.orbit):
+            a, inside, at_a = c, found, found.unknowns
+            continue
+        b = c
+        if found is not None:  # where Newton does not arrive the last orbit beyond stays farther away
+            far, outside = c, found
+    first = point if inside is None else _arrived(point, a, inside)
+    return first, first if outside is None else _arrived(point, far, outside)
 
 
 def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:
