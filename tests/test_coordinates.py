@@ -166,6 +166,11 @@ def test_a_search_with_a_double_integrator_has_time_for_all_its_starts_in_turned
     search_alike(cycles_of("band_two_cycles"), rotated(epp.case("band_two_cycles").to_system(), 0))
 
 
+def test_a_motion_that_grows_out_of_a_gap_for_long_is_followed_to_its_cycle():
+    """In these coordinates a random start leaves the gap a thousand times slower than it moves on the cycle."""
+    search_alike(cycles_of("backlash_servo_unseen"), rotated(epp.case("backlash_servo_unseen").to_system(), 19))
+
+
 def test_a_cycle_that_meets_a_switch_by_rounding_is_listed_once():
     """In these coordinates its play comes to rest and turns in two events at one time, in one run but not in others."""
     system = epp.case("backlash_servo").to_system()

@@ -56,6 +56,8 @@ _GROWS = 1.5
 #: A run that seems to settle is made this many times longer, for friction may creep towards its next slip far more
 #: slowly than the linear part moves; a state that drifts is followed this far at most.
 _LATE, _LATEST = 100.0, 1e6
+#: As long is one followed that swings farther than before, over so many switches.
+_GROWING, _MANY = 27.0 * _LATE, 16
 #: Share of its first size above which the motion at the end of so long a run has not decayed; steps see sizes to 1 %.
 _AS_LARGE = 0.9
 #: A cycle is listed as a run has it when all changes still to come are below this share of its amplitude. The run is
@@ -309,15 +311,21 @@ class Ends:
             with np.errstate(divide="ignore", invalid="ignore"):
                 way = (self._sizes() / np.abs(run.rate_end))[start.compared]
             late = 4.0 * float(np.max(way, where=way < 0.25 * _LATEST * t, initial=0.0))
-        return self._quiet_cycle(run, t) if self._swings(start, run, t) else self._rested(start, run)
+            if late <= reached:
+                swings = self._swings(start, run, t)
+                grows = run.count >= _MANY and self._swings(start, run, reached / 10.0, 1.0 / _AS_LARGE)
+                known = self._quiet_cycle(run, t) if swings else End.UNDECIDED if grows else self._rested(start, run)
+                # What grows out of a gap from almost nothing does so for long.
+                late = 3.0 * reached if grows and known is End.UNDECIDED and reached < _GROWING * t else 0.0
+        return known
 
-    def _swings(self, start: HybridSystem, run: Run, t: float) -> bool:
-        """Whether states swing as far at the end of a long run as in its first t seconds: without damping no rest."""
+    def _swings(self, start: HybridSystem, run: Run, t: float, share: float = _AS_LARGE) -> bool:
+        """Whether states swing a share as far after a long run as in its first t seconds: without damping no rest."""
         swing = []
         for x, H in ((start.x0, start.H0), _end_of_run(start, run)):
             part = self._run(replace(start, x0=x, H0=H), t)
             swing.append(part.high - part.low - np.abs(part.x_end - x))  # what drifts evenly goes as far as it moves
-        least = np.maximum(_AS_LARGE * swing[0], _ASIDE * np.maximum(self._sizes(), np.abs(start.x0)))
+        least = np.maximum(share * swing[0], _ASIDE * np.maximum(self._sizes(), np.abs(start.x0)))
         return bool(np.any((swing[1] > least)[start.compared]))
 
     def _rested(self, start: HybridSystem, run: Run) -> End:
