@@ -42,7 +42,7 @@ from eppanalysis.methods.search.reach import pace
 from eppanalysis.methods.search.rests import towards_rests
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.told import N_RANDOM, SCALES, Told
-from eppanalysis.methods.simulation.effort import Spent, allotted
+from eppanalysis.methods.simulation.effort import Spent, allotted, left
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.linear import poles
@@ -60,8 +60,8 @@ _SEED = 20050901
 #: Most basin boundaries that are bisected. A fractal boundary has no last one.
 _MOST_BOUNDARIES = 150
 #: Steps of the engine, and what is worth as many, after which a search ends; the share of them for all predictions
-#: together, and for one basin boundary.
-_MOST_WORK, _FOR_PREDICTIONS, _FOR_BOUNDARY = 2e7, 0.5, 0.2
+#: together, for runs and basin boundaries, so that what is found without them is not left, and for one of these.
+_MOST_WORK, _FOR_PREDICTIONS, _FOR_RUNS, _FOR_BOUNDARY = 2e7, 0.5, 0.9, 0.2
 
 
 def find_limit_cycles(
@@ -211,15 +211,16 @@ class _Search(Told):
             # In the order of docs/theory/exact_orbits.md, All of them: predictions, rays, random starts, rays to what
             # was found, other periods, mirror images. Basin boundaries are bisected where a ray shows them.
             led_to = self._close_all()
-            for ray in self.rays:
-                self._scan(ray)
-            for start in self._random():
-                self.outcome(*start)
-            for x, H, rests_by in towards_rests(self.hybrid, self.met) if End.REST not in self.outcomes else ():
-                self.n_towards += 1
-                self.outcome(x, H, rests_by)
-            for orbit in list(self.orbits):
-                self._scan(self._ray_to(orbit))
+            with allotted(_FOR_RUNS * _MOST_WORK):
+                for ray in self.rays:
+                    self._scan(ray)
+                for start in self._random():
+                    self.outcome(*start)
+                for x, H, rests_by in towards_rests(self.hybrid, self.met) if End.REST not in self.outcomes else ():
+                    self.n_towards += 1
+                    self.outcome(x, H, rests_by)
+                for orbit in list(self.orbits):
+                    self._scan(self._ray_to(orbit))
             self._add_symmetric()
             for orbit in list(self.orbits):
                 self._add_on_locus(orbit)
@@ -375,7 +376,7 @@ class _Search(Told):
 
     def _bisect(self, ray: Ray, a: float, b: float, end_a: End | int, end_b: End | int) -> None:
         """Bisect a basin boundary between two outcomes; close orbits from the run that stays near it longest."""
-        if self.n_boundaries >= _MOST_BOUNDARIES or not self.work.left:
+        if self.n_boundaries >= _MOST_BOUNDARIES or not left():
             self.n_left += 1
             return
         self.n_boundaries += 1

@@ -125,7 +125,7 @@ class Told(Ends):
 
     def _left(self) -> str:
         """Sentence on the starts and basin boundaries that were left out."""
-        if not self.work.left:
+        if self.n_ended or not self.work.left:
             return (
                 f" The search ended after {self.work.most:.0e} steps of the engine; "
                 f"{self.n_ended} starts and {self.n_left} basin boundaries were left."
