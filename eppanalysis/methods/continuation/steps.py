@@ -327,26 +327,24 @@ def _between(
 
 def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[Point, Point]:
     """Points on both sides of where the sequence of events ceases to be true."""
-    row = _along(point)
     a, inside, at_a = 0.0, None, point.unknowns
-    outside = _corrected(point, row, ds, *point.ahead(ds))
-    b = far = ds
+    row = _along(point)
+    far = _corrected(point, row, ds, *point.ahead(ds))
+    b, outside, at_b = ds, far, None if far is None else far.unknowns
     for _ in range(n_halvings):
         c = 0.5 * (a + b)
         # Bisection on what the engine says of the orbit: no function of the distance changes its sign there.
         u, slope = point.ahead(c)
         # Two known orbits predict a third one between them better than one orbit alone does.
-        if outside is not None:
-            u = at_a + (c - a) / (far - a) * (outside.unknowns - at_a)
-        found = _corrected(point, row, c, u, slope)
-        if found is not None and _true(found.orbit):
+        found = _corrected(point, row, c, u if at_b is None else 0.5 * (at_a + at_b), slope)
+        if found is None or not _true(found.orbit):
+            b = c
+            if found is not None:
+                outside, at_b = found, found.unknowns
+        else:
             a, inside, at_a = c, found, found.unknowns
-            continue
-        b = c
-        if found is not None:  # where Newton does not arrive the last orbit beyond stays farther away
-            far, outside = c, found
     first = point if inside is None else _arrived(point, a, inside)
-    return first, first if outside is None else _arrived(point, far, outside)
+    return first, first if outside is None else _arrived(point, b, outside)
 
 
 def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:
