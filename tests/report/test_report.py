@@ -151,7 +151,7 @@ def test_the_star_of_a_design_map_stands_in_the_units_of_its_axes():
 
 def test_a_design_map_of_which_nothing_is_known_is_a_sentence(capsys):
     """Runs that are too short say nothing: a map would be grey from end to end."""
-    short = epp.case("wheelchair").with_values({"run.t_end": "0.1 s"})
+    short = epp.case("backlash_servo_unseen").with_values({"run.t_end": "0.01 s"})
     drawn = []
     exec(sections._map(short), {"epp": epp, "case": short, "display": drawn.append})
     assert "No map: none of 81 runs" in capsys.readouterr().out and not drawn
