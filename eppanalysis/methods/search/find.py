@@ -60,7 +60,7 @@ _SEED = 20050901
 #: Most basin boundaries that are bisected. A fractal boundary has no last one.
 _MOST_BOUNDARIES = 150
 #: Steps of the engine, and what is worth as many, after which a search ends; the share of them for all predictions
-#: together, for runs and basin boundaries, so that what is found without them is not left, and for one of these.
+#: together, for runs and basin boundaries where a relay has cycles that are found without, and for one of these.
 _MOST_WORK, _FOR_PREDICTIONS, _FOR_RUNS, _FOR_BOUNDARY = 2e7, 0.5, 0.9, 0.2
 
 
@@ -211,7 +211,7 @@ class _Search(Told):
             # In the order of docs/theory/exact_orbits.md, All of them: predictions, rays, random starts, rays to what
             # was found, other periods, mirror images. Basin boundaries are bisected where a ray shows them.
             led_to = self._close_all()
-            with allotted(_FOR_RUNS * _MOST_WORK):
+            with allotted((1.0 if self.pulses is None else _FOR_RUNS) * _MOST_WORK):
                 for ray in self.rays:
                     self._scan(ray)
                 for start in self._random():
