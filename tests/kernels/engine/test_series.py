@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 import eppanalysis as epp
-from eppanalysis.kernels.engine.series import first_rise
+from eppanalysis.kernels.compiling import njit
+from eppanalysis.kernels.engine.series import ORDER, first_rise
+from eppanalysis.kernels.simd.vectors import aligned, padded
 from eppanalysis.models.systems.inputs import Step
 from eppanalysis.results import Status
 from tests.stress.families import with_states
@@ -99,6 +101,7 @@ def test_no_sample_of_a_motion_too_fast_for_numbers_is_none(rate: float, start: 
 @pytest.mark.parametrize("beneath", [1e-300, 5e-92, 1e-40, 1e-20, 1e-17, 1e-12])
 def test_a_guard_that_falls_from_just_beneath_zero_rises_again_where_its_series_does(beneath: float) -> None:
     """A relay whose input began less than rounding beneath its switch did not switch before the next step."""
-    series = np.zeros(24)
+    (series,) = aligned((padded(ORDER + 1),))
     series[:3] = -beneath, -0.148, 0.18
-    assert first_rise(series, 0.0) == pytest.approx(0.148 / 0.18, rel=1e-9)
+    rise = njit(nogil=True)(lambda p: first_rise(p, 0.0))  # a part is called by kernels only
+    assert rise(series) == pytest.approx(0.148 / 0.18, rel=1e-9)
