@@ -59,8 +59,11 @@ class Told(Ends):
             f"other periods of {count(self.n_loci, 'cycle')} not tried": self.n_loci,
             "symmetric cycles of the relay not sought to the end": self.n_pulses,
         }
-        met = {"cycles that runs end on": self.times, "cycles on basin boundaries": self.bounding}
-        more = [text for which, times in met.items() for text in more_of(which, unmet(times.values()))]
+        # On an unstable cycle only runs end that begin there. Those without arcs, below zero, are known from runs alone.
+        unstable = [i for i, o in enumerate(self.orbits) if not is_stable(o.multipliers, o.one_of_many)]
+        on = [n for i, n in self.times.items() if i not in unstable]
+        met = {"cycles that runs end on": on, "cycles on basin boundaries": self.bounding.values()}
+        more = [text for which, times in met.items() for text in more_of(which, unmet(times))]
         return (*(text for text, number in parts.items() if number), *more)
 
     def not_covered(self) -> str:
