@@ -59,7 +59,7 @@ class Told(Ends):
             f"other periods of {count(self.n_loci, 'cycle')} not tried": self.n_loci,
             "symmetric cycles of the relay not sought to the end": self.n_pulses,
         }
-        # On an unstable cycle only runs end that begin there. Those without arcs, below zero, are known from runs alone.
+        # On an unstable cycle only runs end that begin there; those without arcs, below zero, are known from runs.
         unstable = [i for i, o in enumerate(self.orbits) if not is_stable(o.multipliers, o.one_of_many)]
         on = [n for i, n in self.times.items() if i not in unstable]
         met = {"cycles that runs end on": on, "cycles on basin boundaries": self.bounding.values()}
