@@ -225,7 +225,7 @@ class Ends:
         t, peak = self.horizon, np.zeros(start.x0.size)
         for turn in range(8):
             run = self._run(start, t)
-            before, peak = peak, np.maximum(np.abs(run.low), np.abs(run.high))
+            before, peak = peak, _peak(run)
             status, facts = judge(start, run, t)
             if repeats_undecided(status, facts):
                 return End.BENEATH_ROUNDING
@@ -342,7 +342,7 @@ class Ends:
         n = start.n_plant
         here, size = np.abs(run.x_end[:n]), np.maximum(self._sizes()[:n], np.abs(start.x0[:n]))
         # What has been far larger before does not grow, nor what has been as large in a third of the time.
-        peak = np.maximum(np.abs(run.low), np.abs(run.high))[:n]
+        peak = _peak(run)[:n]
         grown = (here > _GROWN * peak) & (peak > _GROWS * before[:n])
         moves = np.abs(run.rate_end[:n]) * t > 0.5 * here
         far = (here > _FAR * size) & (size > 0) & grown & moves
@@ -441,6 +441,11 @@ class Ends:
         if self.progress is not None:
             found = f"{self.n_runs} runs, {self.n_boundaries} basin boundaries, {len(self.orbits)} cycles"
             self.progress(self.n_runs, None, f"{self.system.name}: {found}")
+
+
+def _peak(run: Run) -> Array:
+    """Largest values of the states of a run, shape (n,)."""
+    return np.maximum(np.abs(run.low), np.abs(run.high))
 
 
 def _end_of_run(start: HybridSystem, run: Run) -> tuple[Array, Array]:

@@ -60,15 +60,19 @@ class Told(Ends):
             "symmetric cycles of the relay not sought to the end": self.n_pulses,
         }
         # On an unstable cycle only runs end that begin there; those without arcs, below zero, are known from runs.
-        unstable = [i for i, o in enumerate(self.orbits) if not is_stable(o.multipliers, o.one_of_many)]
+        unstable = self._unstable()
         on = [n for i, n in self.times.items() if i not in unstable]
         met = {"cycles that runs end on": on, "cycles on basin boundaries": self.bounding.values()}
         more = [text for which, times in met.items() for text in more_of(which, unmet(times))]
         return (*(text for text, number in parts.items() if number), *more)
 
+    def _unstable(self) -> list[int]:
+        """Numbers of the orbits that are not stable."""
+        return [i for i, o in enumerate(self.orbits) if not is_stable(o.multipliers, o.one_of_many)]
+
     def not_covered(self) -> str:
         """Which unstable cycles the search comes to by chance alone, where it has come to some."""
-        unstable = [i for i, o in enumerate(self.orbits) if not is_stable(o.multipliers, o.one_of_many)]
+        unstable = self._unstable()
         unbound = [i for i in unstable if i not in self.bounding]
         if not unbound:
             return ""
