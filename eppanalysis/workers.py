@@ -14,6 +14,7 @@ from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
+_THREADS = "OPENBLAS_NUM_THREADS"
 
 
 class Workers(ProcessPoolExecutor):
@@ -31,7 +32,7 @@ class Workers(ProcessPoolExecutor):
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """As of every pool; a process that starts for it is insensitive to interrupts from its first moment on."""
-        with interrupts_wait():
+        with interrupts_wait(), _one_thread_each():
             return super().submit(fn, *args, **kwargs)
 
     def end(self) -> None:
@@ -76,6 +77,18 @@ def interrupts_wait() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes that start in the block do linear algebra in one thread: more would wait for each other's cores."""
+    before = os.environ.get(_THREADS)
+    os.environ.setdefault(_THREADS, "1")  # read when the library is loaded, before anything of ours runs there
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_THREADS]
 
 
 def _begin(begin: Callable[[], None] | None) -> None:

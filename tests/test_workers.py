@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from eppanalysis.workers import workers
+
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name != "posix", reason="signals")]
 
 #: Three processes that sleep longer than any test; their numbers are printed one a line.
@@ -92,3 +94,15 @@ def test_workers_do_not_outlive_a_parent_that_is_killed(parent: subprocess.Popen
     parent.kill()
     parent.wait()
     assert gone(pids)
+
+
+def test_each_worker_does_linear_algebra_in_one_thread(monkeypatch) -> None:
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    with workers(2) as pool:
+        assert pool is not None
+        assert pool.submit(os.getenv, "OPENBLAS_NUM_THREADS").result() == "1"
+    assert "OPENBLAS_NUM_THREADS" not in os.environ
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
+    with workers(2) as pool:
+        assert pool is not None
+        assert pool.submit(os.getenv, "OPENBLAS_NUM_THREADS").result() == "2"
