@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.margins.sampled import from_sample_to_sample, read_by_another
+from eppanalysis.methods.margins.sampled import from_sample_to_sample, with_straight_gains
 from eppanalysis.models.systems.linear import ROUNDING, balanced, poles, zeros
 from eppanalysis.models.systems.lure import LureSystem, with_own_states
 from eppanalysis.models.systems.sampled.averaged import averaged
@@ -184,16 +184,10 @@ class Linearised:
             said = (f"{n}: executed every {step:.6g} s, exact from sample to sample." for n, step in steps.items())
             told = tuple(line for line in rest.rule() if line.partition(":")[0] not in controllers)
             return replace(made, executed=(*told, *said))
-        made = cls._of_gains(averaged(loop))
-        # What another controller reads at its samples is held once, but here twice: late by half a sample too much.
-        twice = read_by_another(loop, rest.gains)
-        near = {
-            n: f"omega {step:.6g} s/2, as another controller reads it" if n in twice else f"(omega {step:.6g} s)^2/12"
-            for n, step in steps.items()
-        }
+        made = cls._of_gains(averaged(with_straight_gains(loop, rest.gains)))
         said = (
             f"{n}: executed every {step:.6g} s, in the mean over where its samples fall; near the crossovers good to "
-            f"about {near[n]}."
+            f"about (omega {step:.6g} s)^2/12."
             for n, step in steps.items()
         )
         return replace(made, executed=tuple(said))

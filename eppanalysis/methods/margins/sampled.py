@@ -8,10 +8,8 @@ taken in the mean over where their samples fall (see `averaged`).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 
 import numpy as np
 import scipy.linalg
@@ -19,13 +17,12 @@ from numpy.typing import NDArray
 
 from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.cuts import Cuts
+from eppanalysis.models.systems.hybrid import cascade
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.sampled.averaged import Places
+from eppanalysis.models.systems.sampled.ages import staircases, turn_of
+from eppanalysis.models.systems.sampled.places import Places
 
 Array = NDArray[np.float64]
-
-#: Samples in one turn of all clocks beyond which they are taken for clocks that never coincide.
-_MOST_SAMPLES = 512
 
 
 def from_sample_to_sample(system: LureSystem, gains: Array) -> LureSystem | None:
@@ -38,7 +35,7 @@ def from_sample_to_sample(system: LureSystem, gains: Array) -> LureSystem | None
         ``w = gains @ z`` for all elements but the controllers.
     """
     p = Places.of(system)
-    turn = _turn([c.sample_time for c in p.controllers])
+    turn = turn_of([c.sample_time for c in p.controllers])
     if turn is None or np.any(system.delays > 0):
         return None
     between = Between.of(system, gains, p)
@@ -68,22 +65,32 @@ def from_sample_to_sample(system: LureSystem, gains: Array) -> LureSystem | None
     )  # fmt: skip
 
 
-def read_by_another(system: LureSystem, gains: Array) -> set[str]:
-    """Controllers whose outputs another one reads, straight or through elements."""
+def with_straight_gains(system: LureSystem, gains: Array) -> LureSystem:
+    """The loop where controllers read what elements make of one another's holds straight, by the gains of those."""
     p = Places.of(system)
-    acts = Between.of(system, gains, p).r_h != 0
-    reader = np.repeat(np.arange(len(p.controllers)), [c.n_inputs - 1 for c in p.controllers])
-    giver = np.repeat(np.arange(len(p.controllers)), [c.n_outputs for c in p.controllers])
-    names = [n for n, e in zip(system.element_names, system.elements, strict=True) if isinstance(e, SampledController)]
-    return {names[giver[j]] for i, j in np.argwhere(acts) if reader[i] != giver[j]}
+    through = np.setdiff1d(list(staircases(system)), p.held)
+    through = through[np.any(gains[through], axis=1)]
+    if not np.any(system.D[np.ix_(p.read, through)]):
+        return system
+    K, places = gains[through], system.places
+    made = np.linalg.inv(np.eye(through.size) - K @ system.D[:, through]) @ K
 
+    def straight(D: Array, on: Array, sent: Array) -> Array:
+        """Rows on what is sent: what comes by way of these elements added to it."""
+        return np.asarray(on + D[:, through] @ made @ sent, float)
 
-def _turn(times: Sequence[float]) -> float | None:
-    """After which time all clocks stand as before [s]; None where that is too long."""
-    exact = [Fraction(repr(float(t))) for t in times]
-    over = math.lcm(*(t.denominator for t in exact))
-    turn = Fraction(math.lcm(*(int(t * over) for t in exact)), over)
-    return float(turn) if sum(turn / t for t in exact) <= _MOST_SAMPLES else None
+    rest = system.D * ~np.isin(np.arange(system.D.shape[1]), through)
+    D, E = system.D.copy(), places.E.copy()
+    D[p.read], E[p.read] = straight(D[p.read], rest[p.read], rest), straight(D[p.read], E[p.read], E)
+    # Places that are what a controller reads come back as that does.
+    seen = [
+        i for i, row in enumerate(places.D) if np.any(row[through]) and np.any(np.all(row == system.D[p.read], axis=1))
+    ]
+    D_y, F = places.D.copy(), places.F.copy()
+    rows = places.D[seen]
+    F[seen] += np.einsum("ij,ji->i", rows[:, through] @ made, places.E[:, seen])
+    D_y[seen] = straight(rows, rows * ~np.isin(np.arange(rows.shape[1]), through), rest)
+    return replace(system, D=D, cuts=replace(places, E=E, D=D_y, F=F))
 
 
 def _events(controllers: Sequence[SampledController], walk: _Walk, turn: float) -> list:
@@ -255,12 +262,8 @@ class _Walk:
         """Controllers along the signal: each behind those that act straight on it."""
         rows = [self._rows(i) for i in range(len(self.controllers))]
         straight = self.reads[:, len(self.rate) - self.n_held :] != 0
-        acts = [[bool(np.any(straight[np.ix_(reads, outs)])) for _, outs, _ in rows] for reads, _, _ in rows]
-        rest, found = list(range(len(rows))), []
-        while rest:
-            found.append(next((i for i in rest if not any(acts[i][j] for j in rest if j != i)), rest[0]))
-            rest.remove(found[-1])
-        return found
+        acts = np.array([[np.any(straight[np.ix_(reads, outs)]) for _, outs, _ in rows] for reads, _, _ in rows], bool)
+        return cascade(range(len(rows)), acts)
 
     def flow(self, time: float) -> None:
         """Let time pass."""

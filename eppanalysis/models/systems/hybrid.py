@@ -7,7 +7,7 @@ elements are stacked into one vector ``H`` whose last entry is 1 and carries eve
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, wraps
 from operator import itemgetter
@@ -38,6 +38,21 @@ T = TypeVar("T")
 DELAY_LINE = len(SMOOTH_KINDS)
 #: Dead time, relative to the fastest time constant of the linear part.
 _LEAST_DELAY = 1e-7
+
+
+def cascade(elements: Iterable[int], acts: NDArray[np.bool_]) -> list[int]:
+    """Elements each behind those that act on it (a row what acts on one); the first one breaks an algebraic loop."""
+    rest, found = list(elements), []
+    while rest:
+        found.append(next((i for i in rest if not any(acts[i, j] for j in rest if j != i)), rest[0]))
+        rest.remove(found[-1])
+    return found
+
+
+def reaching(begun: NDArray[np.bool_], acts: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """What each row of `begun` reaches by steps from rows of `acts` to their columns."""
+    further = begun | (begun @ acts)
+    return begun if np.array_equal(further, begun) else reaching(further, acts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,26 +326,15 @@ class _Packer:
         next one at that instant.
         """
         sampled = [e for e, element in enumerate(self.system.elements) if isinstance(element, SampledController)]
-        order: list[int] = []
-        for rest, on in (
-            ([e for e in range(len(acts)) if e not in sampled], acts),
-            (sampled, self._reach(acts)[:-1].T > 0 if sampled else acts),
-        ):
-            while rest:
-                # In an algebraic loop none comes before all others: the first one breaks it.
-                order.append(next((e for e in rest if not any(on[e, o] for o in rest if o != e)), rest[0]))
-                rest.remove(order[-1])
-        return np.array(order, np.int64)
+        others = (e for e in range(len(acts)) if e not in sampled)
+        return np.array([*cascade(others, acts), *cascade(sampled, self._reach(acts)[:-1].T > 0)], np.int64)
 
     def _reach(self, acts: NDArray[np.bool_]) -> IntArray:
         """Which elements a jump reaches, straight or through others; a row each element, the last for inputs."""
         given = np.flatnonzero(np.any(self.system.D_input != 0.0, axis=1))
         inputs = np.zeros(len(acts), bool)
         inputs[np.searchsorted(self.first[:, 0], given, side="right") - 1] = True
-        reach = np.vstack([acts.T, inputs])
-        while np.any(further := ~reach & (reach @ acts.T)):
-            reach |= further
-        return np.asarray(reach, np.int64)
+        return np.asarray(reaching(np.vstack([acts.T, inputs]), acts.T), np.int64)
 
     def _refuse_tiny_delays(self, fastest: float) -> None:
         """A run would need ten million steps and more while the linear part hardly moves."""

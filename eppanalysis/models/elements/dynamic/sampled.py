@@ -303,14 +303,20 @@ class SampledController(Nonlinearity):
             behind = np.linalg.solve(z * np.eye(self._n) - A, B + 0j * z)
             law = C @ behind + D
             slope = C @ np.linalg.solve(z * np.eye(self._n) - A, -1j * T * z * behind)
-        hold = np.sinc(half / np.pi) * np.exp(-1j * (half + w * self.delay))
+        hold, falls = (part[..., None, None] for part in self.hold(w))
+        return np.asarray(law * hold, complex), np.asarray(slope * hold + law * falls, complex)
+
+    def hold(self, omega: NDArray[Any]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Response of hold and delay alone and its derivative by the frequency [rad/s], which may be complex."""
+        T = self.sample_time
+        half, late = 0.5 * omega * T, np.exp(-1j * omega * (0.5 * T + self.delay))
+        hold = np.sinc(half / np.pi) * late
         small = np.abs(half) < 1e-3
         full = np.where(small, 1.0, half)
-        # Of the hold: d/dx sin(x)/x, by its series where the difference would be rounding.
+        # d/dx sin(x)/x, by its series where the difference would be rounding.
         bend = np.where(small, -half / 3.0 + half**3 / 30.0, (np.cos(full) - np.sin(full) / full) / full)
-        falls = 0.5 * T * bend * np.exp(-1j * (half + w * self.delay)) - 1j * (0.5 * T + self.delay) * hold
-        law, hold, falls = np.asarray(law, complex), hold[..., None, None], falls[..., None, None]
-        return law * hold, np.asarray(slope * hold + law * falls, complex)
+        falls = 0.5 * T * bend * late - 1j * (0.5 * T + self.delay) * hold
+        return np.asarray(hold, complex), np.asarray(falls, complex)
 
     def describing_function(
         self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
