@@ -34,7 +34,9 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
         Plain data: statement, loop, claim, evidence; or a sentence.
     """
     if "element" not in loop:
-        return _of_elbow(loop)
+        from eppanalysis.methods.certificates.elbow.find import find as find_weights
+
+        return find_weights(loop)
     reason = _not_covered(loop)
     if reason:
         return reason
@@ -47,7 +49,9 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     if multiplier is None:
         if play:
             return _by_sectors(loop, sectors)
-        found = _by_cells(loop)
+        from eppanalysis.methods.certificates.cells.find import find as find_cells
+
+        found = find_cells(loop)
         if not isinstance(found, str):
             return found
         shown = f"{float(low):.6g} to {'infinity' if high is None else f'{float(high):.6g}'}"
@@ -63,20 +67,6 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
             "evidence": {"multiplier": str(multiplier), "polynomial": [str(c) for c in polynomial[::-1]]},
         }
     )
-
-
-def _of_elbow(loop: Mapping[str, Any]) -> dict[str, Any] | str:
-    """The certificate of the elbow with a small gap, or why there is none."""
-    from eppanalysis.methods.certificates.elbow.find import find as find_weights
-
-    return find_weights(loop)
-
-
-def _by_cells(loop: Mapping[str, Any]) -> dict[str, Any] | str:
-    """The certificate of a relay with dead zone by cells of its return map, or what there is to say of them."""
-    from eppanalysis.methods.certificates.cells.find import find as find_cells
-
-    return find_cells(loop)
 
 
 def _by_sectors(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:

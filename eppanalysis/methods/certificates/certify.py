@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,11 +117,12 @@ def certify(
     try:
         stated, off = _stated(asked, system, at)
         made_by = Provenance("certificate", settings, {"coefficients": off}, case=case)
+        made = partial(Certificate, asked, provenance=made_by, operating_point=at)
         if asked is Asked.ROOTS:
-            return _roots(system, stated, box, at, made_by)
+            return _roots(system, stated, box, made)
         if asked is Asked.CYCLES:
-            return _cycles(system, stated, at, made_by)
-        return _absence(system, stated, sectors, at, made_by)
+            return _cycles(system, stated, at, made)
+        return _absence(system, stated, sectors, at, made)
     except NotCovered as error:
         made_by = Provenance("certificate", settings, case=case)
         message = f"Not covered: {error}"
@@ -159,29 +161,24 @@ def _loop_of_roots(system: LureSystem, at: OperatingPoint) -> tuple[dict[str, An
     return rational_ring(system, inputs)
 
 
-def _roots(
-    system: LureSystem, stated: dict[str, Any], box: Any, at: OperatingPoint, made_by: Provenance
-) -> Certificate:
+def _roots(system: LureSystem, stated: dict[str, Any], box: Any, made: Callable[..., Certificate]) -> Certificate:
     """The certificate of all roots in a box, checked."""
     from eppanalysis.methods.certificates.roots import find as roots
     from eppanalysis.methods.certificates.roots.box import box_of
 
     document = roots.find(stated, box_of(system, stated, box))
     _accepted(document)
-    return Certificate(
-        Asked.ROOTS,
+    return made(
         Status.INCOMPLETE if document["claim"]["undecided"] else Status.CONVERGED,
         sentence(document),
         document,
         tuple(enclosure(root["enclosure"]) for root in document["evidence"]["roots"]),
         tuple(enclosure([str(x) for x in leaf]) for leaf in roots.undecided(document)),
-        provenance=made_by,
-        operating_point=at,
     )
 
 
 def _absence(
-    system: LureSystem, stated: dict[str, Any], sectors: int, at: OperatingPoint, made_by: Provenance
+    system: LureSystem, stated: dict[str, Any], sectors: int, at: OperatingPoint, made: Callable[..., Certificate]
 ) -> Certificate:
     """The certificate of absence, checked, or why there is none."""
     from eppanalysis.methods.certificates import absence
@@ -193,14 +190,14 @@ def _absence(
         require_no_bias(system, at.vector(system))
     document = absence.find(stated, sectors)
     if isinstance(document, str):
-        message = f"Not decided: {document}"
-        return Certificate(Asked.ABSENCE, Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
+        return made(Status.INCOMPLETE, f"Not decided: {document}")
     _accepted(document)
-    message = sentence(document) + (_GROWS if play and _grows(system) else "")
-    return Certificate(Asked.ABSENCE, Status.CONVERGED, message, document, provenance=made_by, operating_point=at)
+    return made(Status.CONVERGED, sentence(document) + (_GROWS if play and _grows(system) else ""), document)
 
 
-def _cycles(system: LureSystem, stated: dict[str, Any], at: OperatingPoint, made_by: Provenance) -> Certificate:
+def _cycles(
+    system: LureSystem, stated: dict[str, Any], at: OperatingPoint, made: Callable[..., Certificate]
+) -> Certificate:
     """The certificate of all limit cycles, checked, or why there is none."""
     from eppanalysis.methods.certificates.cells.find import find
     from eppanalysis.methods.certificates.rational import require_no_bias
@@ -210,11 +207,9 @@ def _cycles(system: LureSystem, stated: dict[str, Any], at: OperatingPoint, made
     if document == "":
         raise NotCovered("lists of cycles are proved for a relay with dead zone around k/(s(s + p)(s + q)), p, q > 0.")
     if isinstance(document, str):
-        message = f"Not decided: the list of cycles is not proved complete{document}."
-        return Certificate(Asked.CYCLES, Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
+        return made(Status.INCOMPLETE, f"Not decided: the list of cycles is not proved complete{document}.")
     _accepted(document)
-    message = sentence(document)
-    return Certificate(Asked.CYCLES, Status.CONVERGED, message, document, provenance=made_by, operating_point=at)
+    return made(Status.CONVERGED, sentence(document), document)
 
 
 def _grows(system: LureSystem) -> bool:
