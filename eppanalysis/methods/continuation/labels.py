@@ -127,15 +127,15 @@ def crossing(old: Point, new: Point) -> tuple[Change, Callable[[Point], float]]:
     if abs(leading.imag) > 1e-9:
         return Change.TORUS, lambda p: _nearest(p.multipliers, leading) - 1.0
     if leading.real < 0:
-        return Change.PERIOD_DOUBLING, lambda p: _determinant(p, 1.0)
-    return Change.BRANCH_POINT, lambda p: _determinant(p, -1.0)
+        return Change.PERIOD_DOUBLING, lambda p: determinant(p.orbit, 1.0)
+    return Change.BRANCH_POINT, lambda p: determinant(p.orbit, -1.0)
 
 
-def _determinant(point: Point, sign: float) -> float:
+def determinant(orbit: Orbit, sign: float) -> float:
     """Product of (multiplier + sign), from the scaled return map."""
     # The product passes zero with any one of the multipliers, and is smooth also where two of them meet and turn
     # complex.
-    P, scale = point.orbit.return_map, point.orbit.scale[point.orbit.arcs.free]
+    P, scale = orbit.return_map, orbit.scale[orbit.arcs.free]
     return float(np.linalg.det(P * scale / scale[:, None] + sign * np.eye(len(P))))
 
 

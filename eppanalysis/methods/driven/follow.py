@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.continuation.families import Family
+from eppanalysis.methods.continuation.labels import determinant
 from eppanalysis.methods.continuation.steps import bordered, turned, weights
 from eppanalysis.methods.driven.closing import begun, ends_as_it_begins, later, passed, quiet
 from eppanalysis.methods.driven.drive import Drive
 from eppanalysis.methods.driven.result import Turning
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
 from eppanalysis.methods.orbits.shooting import restarted
-from eppanalysis.methods.simulation.stability import is_stable, return_map
+from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 Array = NDArray[np.float64]
@@ -399,11 +400,4 @@ def _crossing(old: Place, new: Place) -> tuple[Turning, Callable[[Place], float]
     if abs(leading.imag) > 1e-9:
         return Turning.TORUS, lambda p: float(np.max(np.abs(p.orbit.multipliers))) - 1.0
     sign = 1.0 if leading.real < 0 else -1.0
-    return (Turning.PERIOD_DOUBLING if sign > 0 else Turning.BRANCH_POINT), lambda p: _determinant(p.orbit, sign)
-
-
-def _determinant(orbit: Orbit, sign: float) -> float:
-    """Product of (multiplier + sign), from the scaled derivative of the map."""
-    scale = orbit.scale[orbit.arcs.free]
-    P = return_map(orbit.A, orbit.arcs.free.size) * scale / scale[:, None]
-    return float(np.linalg.det(P + sign * np.eye(len(P))))
+    return (Turning.PERIOD_DOUBLING if sign > 0 else Turning.BRANCH_POINT), lambda p: determinant(p.orbit, sign)
