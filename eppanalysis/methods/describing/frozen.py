@@ -268,7 +268,7 @@ def _frozen(system: LureSystem, i: int, amplitude: float, bias: float, omega: fl
     """Gains (n_outputs, n_inputs) of an element in the motion, or its slopes at rest."""
     if omega is None:
         slopes = system.elements[i].linear_gain()
-        return slopes + 0.0j if np.all(np.isfinite(slopes)) else None
+        return np.asarray(slopes + 0.0j, complex) if np.all(np.isfinite(slopes)) else None
     if not amplitude > 0:
         return np.zeros(_shape(system, i), complex)
     gain = describe(system.elements[i], np.array([amplitude]), np.array([bias]), np.array([omega]))[1][0]
@@ -285,7 +285,7 @@ def _rest(system: LureSystem, cut: int, gains: list[ComplexArray], omega: Array)
     L = system.frequency_response(omega)
     # K is zero at the cut: what is closed are the loops of the others around it.
     closed = np.linalg.solve(np.eye(K.shape[1]) - L @ K, L[:, :, [system.output_slices[cut].start]])
-    return closed[:, system.input_slices[cut].start, 0]
+    return np.asarray(closed[:, system.input_slices[cut].start, 0], complex)
 
 
 def _nodes(system: LureSystem, omega: float | None) -> Array:

@@ -102,7 +102,8 @@ def _perturbation_signs(balance: Balance, p: Point, rates: Array) -> Array:
     m, system = balance.m, balance.system
     selector = _selector(balance)
     Z = p.amplitude * np.exp(1j * p.phase)
-    fast, slow = _linear_at(balance, 1j * p.omega + rates), _linear_at(balance, rates + 0j).real
+    fast = _linear_at(balance, np.asarray(1j * p.omega + rates, complex))
+    slow = _linear_at(balance, rates.astype(complex)).real
     # Gains are analytic in s: to first order a rate of growth is a frequency turned by -j.
     gain = p.gain - 1j * p.slopes_of_gain[2] * rates[:, None] / p.omega
     relative = fast * Z[balance.owner] / Z[:, None]
