@@ -51,13 +51,7 @@ def later(start: HybridSystem, time: float) -> HybridSystem | None:
     if time <= 0.0:
         return start
     run = run_over(start, time)
-    if run is None:
-        return None
-    H, modes = start.H0, start.modes0
-    if run.count:
-        last = run.order[-1]
-        H, modes = run.memory_values[last], run.modes[last]
-    return replace(start, x0=run.x_end.copy(), H0=H.copy(), modes0=modes.copy())
+    return None if run is None else run.end(start)
 
 
 def passed(start: HybridSystem, duration: float) -> Orbit | None:

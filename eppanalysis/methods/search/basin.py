@@ -19,7 +19,7 @@ from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.simulation.batch import BatchResult, HybridStack, simulate_batch
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.linear import poles
+from eppanalysis.models.systems.linear import slowest_pole
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import Strobe, is_sampled
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
@@ -188,9 +188,7 @@ def _creeps(start: HybridSystem, horizon: float, size: Array) -> bool:
 
 def _slowest(system: LureSystem) -> float:
     """A long time of the linear part [s]."""
-    rates = np.abs(poles(system.A)) if system.A.size else np.ones(1)
-    slow = rates[rates > 1e-9 * max(float(rates.max()), 1e-300)]
-    return 1.0 / float(slow.min()) if slow.size else 1.0
+    return 1.0 / (slowest_pole(system.A) or 1.0)
 
 
 def _end(cycles: CycleSearch, result: BatchResult, i: int) -> int:

@@ -25,7 +25,7 @@ from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, repeats_undecided, run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
-from eppanalysis.models.systems.linear import poles
+from eppanalysis.models.systems.linear import slowest_pole
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.progress import Progress
@@ -153,9 +153,8 @@ class Ends:
             # What may not exist sets no length: a run is made longer anyway where it has not come to an end.
             trusted = [c for c in self.predicted if c.error_estimate <= _DOUBTFUL]
             return 40.0 * max(c.period for c in trusted or self.predicted)
-        rates = np.abs(poles(self.system.A)) if self.system.A.size else np.ones(1)
-        slow = rates[rates > 1e-9 * max(rates.max(), 1e-300)]
-        return 3.0 / float(slow.min()) if slow.size else 100.0 * self.hybrid.time_scale
+        slow = slowest_pole(self.system.A) if self.system.A.size else 1.0
+        return 3.0 / slow if slow else 100.0 * self.hybrid.time_scale
 
     @cached_property
     def rays(self) -> list[Ray]:
@@ -279,8 +278,8 @@ class Ends:
         if run.n_kept and run.time[run.order[-1]] > 0.5 * t:
             return End.UNDECIDED
         observed = steady_hybrid(self.system, self.at, observed=True)
-        x, memory = _end_of_run(self.hybrid, run)
-        start = replace(observed, x0=x.copy(), H0=memory.copy(), time_scale=self.hybrid.time_scale)
+        end = run.end(self.hybrid)
+        start = replace(observed, x0=end.x0, H0=end.H0, time_scale=self.hybrid.time_scale)
         again = self._run(start, _SEEN * t)
         status, facts = judge(start, again, _SEEN * t)
         orbit = orbit_of(start, again, float(facts[1])) if status is Status.LIMIT_CYCLE else None
@@ -322,16 +321,19 @@ class Ends:
     def _swings(self, start: HybridSystem, run: Run, t: float, share: float = _AS_LARGE) -> bool:
         """Whether states swing a share as far after a long run as in its first t seconds: without damping no rest."""
         swing = []
-        for x, H in ((start.x0, start.H0), _end_of_run(start, run)):
-            part = self._run(replace(start, x0=x, H0=H), t)
-            swing.append(part.high - part.low - np.abs(part.x_end - x))  # what drifts evenly goes as far as it moves
+        for at in (start, run.end(start)):
+            part = self._run(replace(start, x0=at.x0, H0=at.H0), t)
+            swing.append(
+                part.high - part.low - np.abs(part.x_end - at.x0)
+            )  # what drifts evenly goes as far as it moves
         least = np.maximum(share * swing[0], _ASIDE * np.maximum(self._sizes(), np.abs(start.x0)))
         return bool(np.any((swing[1] > least)[start.compared]))
 
     def _rested(self, start: HybridSystem, run: Run) -> End:
         """Keep the state of rest of the first run that settles."""
         if self.rest is None:
-            self.rest = _end_of_run(start, run)
+            end = run.end(start)
+            self.rest = end.x0, end.H0
         return End.REST
 
     def _has_gone(self, start: HybridSystem, run: Run, t: float, before: Array) -> bool:
@@ -446,11 +448,6 @@ class Ends:
 def _peak(run: Run) -> Array:
     """Largest values of the states of a run, shape (n,)."""
     return np.maximum(np.abs(run.low), np.abs(run.high))
-
-
-def _end_of_run(start: HybridSystem, run: Run) -> tuple[Array, Array]:
-    """State and memory at the end of a run."""
-    return run.x_end, run.memory_values[run.order[-1]] if run.n_kept else start.H0
 
 
 def _outcome_on(number: int, reached: Reached) -> End | int:

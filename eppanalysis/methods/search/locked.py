@@ -34,7 +34,7 @@ from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.samples import extent_of
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.linear import poles
+from eppanalysis.models.systems.linear import slowest_pole
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe
@@ -123,10 +123,8 @@ class SampledSearch:
     def horizon(self) -> float:
         """How long a run is before it is judged for the first time [s]."""
         T = self.strobe.controllers[0].sample_time
-        rates = np.abs(poles(self.system.A))
-        slow = rates[rates > 1e-9 * rates.max(initial=1e-300)]
-        turn = max((c.period for c in self.predicted), default=0.0)
-        want = _TURNS * turn if turn else 30.0 / float(slow.min()) if slow.size else 0.0
+        turn, slow = max((c.period for c in self.predicted), default=0.0), slowest_pole(self.system.A)
+        want = _TURNS * turn if turn else 30.0 / slow if slow else 0.0
         return float(np.clip(want, _FEWEST * T, _MOST * T))
 
     def starts(self) -> list[HybridSystem]:

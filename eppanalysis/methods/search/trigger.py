@@ -207,10 +207,7 @@ def _rest(hybrid: HybridSystem, system: LureSystem, at: OperatingPoint, to: Judg
         if status is Status.SETTLED and strobe is not None:
             return next(starts_on(strobe, run, 1, 1))
         if status is Status.SETTLED:
-            last = run.order[-1] if run.n_kept else None
-            modes = start.modes0 if last is None else run.modes[last]
-            memory = start.H0 if last is None else run.memory_values[last]
-            return replace(start, x0=run.x_end, H0=memory.copy(), modes0=modes.copy())
+            return run.end(start)
     raise NoRest(f"{system.name}: no resting state was reached from the start, so there is nothing to disturb.")
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.readable import number
 from eppanalysis.results import Status
 
@@ -55,6 +56,13 @@ class Run:
     def order(self) -> NDArray[np.int64]:
         """Places of the kept events in the buffer, oldest first."""
         return np.arange(self.count - self.n_kept, self.count) % max(self.time.size, 1)
+
+    def end(self, start: HybridSystem) -> HybridSystem:
+        """The system at its end, in the modes and with the memory values that it has then."""
+        if not self.count:
+            return replace(start, x0=self.x_end.copy())
+        last = self.order[-1]
+        return replace(start, x0=self.x_end.copy(), H0=self.memory_values[last].copy(), modes0=self.modes[last].copy())
 
     @property
     def is_out_of_events(self) -> bool:

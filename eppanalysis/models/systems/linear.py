@@ -17,6 +17,8 @@ ComplexArray = NDArray[np.complex128]
 #: What is smaller than this share of the terms that it is made of is rounding: a realisation in other coordinates
 #: (rotated, balanced, identified) has such remainders where another one has zeros.
 ROUNDING = 1e-13
+#: Share of the fastest pole below which one is taken for that of an integrator.
+_SLOW = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,6 +313,18 @@ class _Sizes:
     def within(self, N: Array) -> _Sizes:
         """The same for ``N' A N``, ``N' b`` and ``c A N``."""
         return _Sizes(N.T @ self.A @ N, N.T @ self.b, self.c @ self.A @ N, self.a, self.of_c * self.a)
+
+
+def slowest_pole(A: Array) -> float:
+    """Size of the slowest pole of a state matrix that is none of an integrator [1/s]; zero for integrators alone.
+
+    Examples
+    --------
+    >>> slowest_pole(np.diag([-3.0, -2.0, 0.0]))
+    2.0
+    """
+    rates = np.abs(poles(A))
+    return float(rates[rates > _SLOW * rates.max(initial=0.0)].min(initial=np.inf)) if np.any(rates) else 0.0
 
 
 def fastest_poles(A: Array) -> Array:
