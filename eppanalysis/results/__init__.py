@@ -235,6 +235,10 @@ class LimitCycle(Result):
         return self.drawn("plot_limit_cycle", ax, signals)
 
 
+#: What is said of a run that stands at rest, stable or not, from the start on; and share of a signal that is no motion.
+_STANDS, _STILL = "Stands still where it starts, which says nothing of other starts", 1e-9
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory(Result):
     """A run in time.
@@ -317,10 +321,16 @@ class Trajectory(Result):
                 if where is None
                 else f": {words(where[0])} at {quantity(at_rest(where[1]), self.units.get(where[0], ''))}"
             )
-            return f"Settles at rest{at}{since}."
+            return f"{_STANDS if self._stands else 'Settles at rest'}{at}{since}."
         end = f"after {number(self.end_time)} s" if self.t.size else "without samples"
         begin = f"Undecided {end}" if self.status is Status.UNDECIDED else end.capitalize()
         return f"{begin}: {self.message}"
+
+    @property
+    def _stands(self) -> bool:
+        """Whether the run never leaves the place where it starts, but for rounding."""
+        spans = [np.ptp(v) <= _STILL * np.abs(v).max() for v in self.signals.values() if v.size]
+        return bool(spans) and all(spans) and not self.settled_since > 0.0
 
     @checked
     def plot(self, ax: Axes | None = None, signals: list[str] | None = None) -> Axes:
@@ -384,7 +394,9 @@ def _margin(margins: Mapping[str, Any]) -> str:
     gain = margins.get("gain_margin", float("nan"))
     if np.isnan(gain):
         return ""
-    if margins.get("stable") is not False:
+    if margins.get("stable") is None:
+        return "; whether the linearised loop is stable is not decided"
+    if margins["stable"]:
         return f"; the gain margin of the linearised loop is {number(gain)}"
     # An infinite margin of a loop that is unstable at every gain would read as safety.
     border = f", and on the border of stability at {number(gain)} times its gain" if np.isfinite(gain) else ""

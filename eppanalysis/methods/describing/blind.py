@@ -4,8 +4,10 @@ All are looked for on the loop itself. A balance with harmonics is begun where t
 a cycle that it just does not have. An element that sticks, which a sine never does, is asked whether what drives it
 comes to rest meanwhile: where it grows without end, sticking and slipping alternate (Armstrong-Helouvry, Dupont and
 Canudas de Wit, Automatica 30 (1994) 1083). And an element that jumps over the only output with which the loop could
-stand still (an encoder between two levels under integral action) keeps it moving, whatever a sine would do. Where
-nothing damps a drift through a dead zone (a satellite between the thresholds of its thrusters), pulses turn it about.
+stand still (an encoder between two levels under integral action) keeps it moving, whatever a sine would do, unless its
+switching dies out there. Where nothing turns the phase of a sine (a relay on two integrators) it swings at any size.
+Where nothing damps a drift through a dead zone (a satellite between the thresholds of its thrusters), pulses turn it
+about.
 And where the linear part swings undamped by itself its response has no number: of a cycle there first order says where
 the gain of the element passes zero, and no more (x'' + x with what van der Pol adds as the element).
 """
@@ -17,7 +19,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.describing.balance import Array, Balance
+from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray
 from eppanalysis.methods.describing.error import BalancedOscillation, Estimate
 from eppanalysis.methods.describing.quality import Point
 from eppanalysis.methods.describing.search import (
@@ -27,14 +29,17 @@ from eppanalysis.methods.describing.search import (
     crossing_gains,
     frequency_nodes,
     frequency_scales,
+    is_one_loop,
     static_curves,
     thresholds_of,
 )
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.models.elements.base import Nonlinearity
-from eppanalysis.models.systems.linear import poles
+from eppanalysis.models.systems.linear import poles, zeros
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.measured.loop import DataSystem
+from eppanalysis.models.systems.sampled.averaged import AveragedSystem
 from eppanalysis.readable import listed, quantity
 
 #: Distance of the loop gain from one, up to which harmonics may make up for it, and how many places are tried.
@@ -60,11 +65,13 @@ def blind_spots(
     stable : bool
         Whether any predicted cycle is: then the loop need not be asked whether it has a state of rest.
     """
-    without_rest = [] if stable else _no_rest(balance)
+    of_any_size = [*_conservative(balance)]
+    without_rest = [] if stable or of_any_size else _no_rest(balance)
     return tuple(
         [
             *made_by_harmonics(balance, points, estimates, found),
             *_undamped(balance),
+            *of_any_size,
             *_stick_slip(balance),
             *_drift(balance),
             *without_rest,
@@ -125,11 +132,8 @@ def _refined(start: BalancedOscillation) -> BalancedOscillation | None:
 
 def near_misses(balance: Balance, points: Sequence[Point], found: Found) -> list[Array]:
     """Vectors of unknowns at which the loop gain comes nearest to one without reaching it, nearest first."""
-    element = balance.system.elements[0]
-    if balance.m == 1 and balance.owner.size == 1 and element.n_inputs == 1 and not element.of_frequency:
-        places = _misses_of_one(balance)
-    else:
-        places = [x for curve in found.curves for x in _extrema(curve)]
+    one = is_one_loop(balance.system)
+    places = _misses_of_one(balance) if one else [x for curve in found.curves for x in _extrema(curve)]
     pivot = balance.pivot
     cycles = np.array([[np.log(p.amplitude[pivot]), np.log(p.omega)] for p in points]).reshape(-1, 2)
     near = [x for x in places if abs(x[-1]) < _NEAR and np.all(np.abs(cycles - x[:2]).max(1) > _BESIDE)]
@@ -168,19 +172,16 @@ def _misses_of_one(balance: Balance) -> list[Array]:
 
 def _undamped(balance: Balance) -> Iterator[str]:
     """One element on a linear part that swings undamped by itself: amplitudes at which its gain passes zero."""
-    system, element = balance.system, balance.system.elements[0]
-    if balance.m > 1 or element.n_inputs > 1 or element.of_frequency or system.time_step:
+    system = balance.system
+    if not is_one_loop(system) or system.time_step:
         return
     p = poles(system.A)
     alone = np.unique(np.abs(p[(p.imag > 0) & (np.abs(p.real) < _UNDAMPED * np.abs(p))]))
     beside, away = (np.abs(balance.linear(alone * share)[:, 0, 0]) for share in (1.0 + 1e-7, 1.3))
     alone = alone[beside > 1e3 * away]
-    scales = amplitude_scales(balance, crossing_gains(system), thresholds_of(balance)) if alone.size else np.zeros(0)
-    if not scales.size:
-        return
     sizes: set[str] = set()
-    for line in static_curves(balance, amplitude_nodes(scales, thresholds_of(balance), 24), scales)[0]:
-        gain = balance.evaluate(line[:, :1], line[:, 1:], np.full(len(line), alone[0]))[1][:, 0].real
+    for line, gains in _along_the_static_balance(balance) if alone.size else ():
+        gain = gains.real
         for i in np.flatnonzero(gain[:-1] * gain[1:] < 0):
             share = gain[i] / (gain[i] - gain[i + 1])
             sizes.add(f"{2.0 * float(line[i, 0] + share * (line[i + 1, 0] - line[i, 0])):.2g}")
@@ -190,6 +191,39 @@ def _undamped(balance: Balance) -> Iterator[str]:
             f"order has cycles of about {listed(sorted(sizes, key=float)[:_PLACES])} peak to peak at "
             f"{system.element_names[0]}, whose gain passes zero, and does not follow them here."
         )
+
+
+def _conservative(balance: Balance) -> Iterator[str]:
+    """One element that turns no phase, on a linear part that turns none either, but for its sign: nothing is damped."""
+    system, nodes = balance.system, frequency_nodes(balance.system, 1)
+    if not is_one_loop(system) or system.time_step or np.any(system.delays) or isinstance(system, DataSystem):
+        return
+    L = balance.linear(np.geomspace(nodes[0], nodes[-1], 96))[:, 0, 0]
+    # Of most frequencies: at the ends the rounding of turned states has a phase of its own.
+    if np.median(np.abs(L.imag) / np.abs(L)) <= _UNDAMPED and any(
+        _meets(np.multiply.outer(gain, L)) for _, gain in _along_the_static_balance(balance)
+    ):
+        name = system.element_names[0]
+        yield (
+            f"Nothing damps the loop: at no frequency does its linear part or {name} delay a sine. The balance holds "
+            "at every size of a whole range, each at a frequency of its own, and a swing keeps its size; what damping "
+            "or delay the model leaves out makes it die out or grow."
+        )
+
+
+def _meets(loop_gain: ComplexArray) -> bool:
+    """Whether a loop gain over amplitudes and frequencies is real and, at an amplitude, passes one."""
+    gain, real = loop_gain.real, np.abs(loop_gain.imag).max() <= _UNDAMPED * np.abs(loop_gain).max()
+    return bool(real and np.any(np.any(gain > 1.0, 1) & np.any((gain > 0.0) & (gain < 1.0), 1)))
+
+
+def _along_the_static_balance(balance: Balance) -> Iterator[tuple[Array, ComplexArray]]:
+    """Amplitudes and biases (n, 2) at which the static balance holds, and the element's gains there, a branch each."""
+    thresholds = thresholds_of(balance)
+    scales = amplitude_scales(balance, crossing_gains(balance.system), thresholds)
+    if scales.size:
+        for line in static_curves(balance, amplitude_nodes(scales, thresholds, 24), scales)[0]:
+            yield line, balance.evaluate(line[:, :1], line[:, 1:], np.ones(len(line)))[1][:, 0]
 
 
 def _stick_slip(balance: Balance) -> Iterator[str]:
@@ -282,6 +316,13 @@ def _no_rest(balance: Balance) -> Iterator[str]:
             if jump is None or _slides(balance, i, float(e.jumps[jump])):
                 continue
             edge = float(e.breakpoints[jump])
+            if _dies_out(balance, i, float(e.jumps[jump])):
+                yield (
+                    f"The loop can rest only on an edge of {system.element_names[i]}, which jumps where its input "
+                    f"passes {quantity(edge, of_input)}: it comes to rest there in ever faster switching, and what "
+                    "delay the model leaves out makes it hunt."
+                )
+                break
             levels = (float(e.slopes[k] * edge + e.intercepts[k]) for k in (jump, jump + 1))
             below, above = (quantity(level, of_output) for level in levels)
             needed = quantity(
@@ -381,4 +422,34 @@ def _slides(balance: Balance, element: int, jump: float) -> bool:
     out = system.output_slices[element]
     if system.time_step or np.any(system.delays[out]):
         return False
-    return float(np.sum(system.C[balance.rows[element]] @ system.B[:, out])) * jump < 0
+    return _pull(balance, element, jump, 1)[0] < 0.0
+
+
+def _pull(balance: Balance, element: int, jump: float, count: int) -> Array:
+    """What a jump of one element does to the first derivatives of its own input; what is rounding is zero."""
+    system, out = balance.system, balance.system.output_slices[element]
+    A, b, c = system.A, system.B[:, out], system.C[balance.rows[element]]
+    forward, size, terms, sizes = b.sum(1), np.abs(b).sum(1), [], []
+    for _ in range(count):
+        terms.append(float(c @ forward) * jump)
+        sizes.append(float(np.abs(c) @ size) * abs(jump))
+        forward, size = A @ forward, np.abs(A) @ size
+    return np.where(np.abs(terms) <= _BALANCED * np.array(sizes), 0.0, terms)
+
+
+def _dies_out(balance: Balance, element: int, jump: float) -> bool:
+    """Whether an element that is alone is pulled back across a jump by the second derivative of its input, and damped.
+
+    It then switches ever faster, each swing smaller than the one before. Fast swings feel the response ``m2/s**2 +
+    m3/s**3 + ...`` alone: the first odd term that is there damps them or not. What is slow beside them must die out by
+    itself: the zeros.
+    """
+    system = balance.system
+    if len(system.elements) > 1 or system.time_step or np.any(system.delays) or isinstance(system, AveragedSystem):
+        return False
+    m = _pull(balance, element, jump, 2 * len(system.A))
+    m[4::4] *= -1.0  # of the odd powers every other one turns the other way
+    odd = m[2::2][m[2::2] != 0.0]
+    if np.any(system.D) or m[0] or m.size < 2 or m[1] >= 0.0 or not odd.size or odd[0] <= 0.0:
+        return False
+    return bool(np.all(zeros(system.A, system.B, system.C[:1], system.D[:1]).real < 0.0))

@@ -22,7 +22,7 @@ from eppanalysis.methods.describing.error import Estimate
 from eppanalysis.methods.describing.multi import choose_pivot, search_several
 from eppanalysis.methods.describing.nyquist import loop_gain_curves, nyquist_curves
 from eppanalysis.methods.describing.quality import Point, point, stability
-from eppanalysis.methods.describing.search import Found, search_one
+from eppanalysis.methods.describing.search import Found, is_one_loop, search_one
 from eppanalysis.methods.harmonic.averaged import left_out, of_samples
 from eppanalysis.methods.harmonic.loop import role_of_input
 from eppanalysis.methods.harmonic.states import without_held_states
@@ -151,12 +151,6 @@ def _require_rates(system: LureSystem) -> None:
             if max(drifts, np.abs(c @ system.B - own).max()) > _SAME * np.abs(c).max():
                 what = f"{system.name}: the contact angle of {name} is not the integral of its contact rate"
                 raise ModelError(what, expected="that integral for first order")
-
-
-def is_one_loop(system: LureSystem) -> bool:
-    """Whether a loop has one element with one input and one output that the frequency does not change."""
-    first = system.elements[0]
-    return len(system.elements) == first.n_inputs == first.n_outputs == 1 and not first.of_frequency
 
 
 def search_balance(system: LureSystem, value: Array) -> tuple[Balance, Found, list[Point]]:

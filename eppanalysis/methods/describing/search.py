@@ -68,6 +68,12 @@ class Found:
     on_grid: bool = False
 
 
+def is_one_loop(system: LureSystem) -> bool:
+    """Whether a loop has one element with one input and one output that the frequency does not change."""
+    first = system.elements[0]
+    return len(system.elements) == first.n_inputs == first.n_outputs == 1 and not first.of_frequency
+
+
 @lru_cache(maxsize=16)
 def frequency_scales(system: LureSystem) -> Array:
     """Positive frequencies [rad/s] at which the linear part changes its slope: poles, zeros, dead time.

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import integrate, signal
 
 import eppanalysis as epp
 from eppanalysis.methods.describing.predict import predict_limit_cycles
@@ -68,7 +70,7 @@ def encoder(reference: float, proportional: float = 0.0, unit: float = 1.0, **mo
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
-@pytest.mark.parametrize("proportional", [0.0, 1.0])
+@pytest.mark.parametrize("proportional", [0.5, 1.0])
 def test_a_reference_between_the_levels_of_an_encoder_is_said_to_hunt(proportional, unit):
     """Integral action comes to rest only where the encoder gives just the reference, which no level does."""
     for level in (-2.0, 0.0, 3.0):
@@ -214,3 +216,77 @@ def test_where_a_swing_is_damped_or_no_gain_passes_zero_nothing_is_told_of_it() 
             [[-damping, 1.0], [-1.0, 0.0]], [[-1.0], [0.0]], [[1.0, 0.0]], [epp.Polynomial(coefficients)]
         )
         assert "undamped" not in str(epp.predict_limit_cycles(loop))
+
+
+def swing(numerator, denominator, jump=(-1.0, 1.0), size=0.03) -> float:
+    """Size of a swing over that of the one before, of an ideal relay's input that starts at zero: by scipy alone."""
+    A, inlet, outlet, _ = signal.tf2ss(numerator, denominator)
+    B, C = inlet[:, 0], -outlet[0]
+    x, speeds = np.linalg.lstsq(np.stack([C, C @ A]), [0.0, size], rcond=None)[0], []
+    for k in range(3):
+        level = jump[1] if k % 2 == 0 else jump[0]
+
+        def crosses(t, x, y):
+            return C @ x
+
+        crosses.terminal, crosses.direction = True, -1 if k % 2 == 0 else 1
+        precision = {"rtol": 1e-10, "atol": 1e-13, "max_step": size / 3.0}
+        run = integrate.solve_ivp(
+            lambda t, x, y: A @ x + B * y, (0.0, 9.0), x, events=crosses, args=(level,), **precision
+        )
+        x = run.y[:, -1]
+        speeds.append(abs(C @ (A @ x + B * level)))
+    return speeds[2] / speeds[0]
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("element", [epp.Relay(), epp.Relay(-0.5, 1.0)])
+@pytest.mark.parametrize(
+    "plant", [([1.0], [1.0, 1.0, 0.0]), ([1.0, 2.0], [1.0, 3.0, 2.0, 0.0]), ([2.0], [1.0, 0.2, 4.0]),
+              ([1.0, 4.0], [1.0, 3.0, 2.0, 0.0]), ([10.0], [1.0, 2.0, 1.0, 0.0])]
+)  # fmt: skip
+def test_small_swings_across_a_jump_are_said_to_die_out_where_they_do(plant, element, turned):
+    """Held against the loop's own swings: with two poles more than zeros and damping each is smaller than the last."""
+    loop = LureSystem.from_tf(plant, element)
+    if turned:
+        Q = np.linalg.qr(np.random.default_rng(3).normal(size=(len(loop.A), len(loop.A))))[0]
+        loop = loop.in_coordinates(Q.T, Q)
+    told = predict_limit_cycles(loop)
+    edge = float(element.breakpoints[0])
+    levels = [float(s * edge + c) for s, c in zip(element.slopes, element.intercepts, strict=True)]
+    dies_out = bool(swing(*plant, jump=levels) < 1.0)
+    assert any("comes to rest there in ever faster switching" in w for w in told.warnings) is dies_out
+    assert any("hunts across" in w for w in told.warnings) is (not dies_out and not len(told))
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize(
+    "element",
+    [epp.Relay(), epp.Saturation(), epp.Cube(1.0), epp.DeadZone(), epp.Preload(0.3, 1.0), epp.Relay(-0.5, 1.0)],
+)
+@pytest.mark.parametrize("plant", [([1.0], [1.0, 0.0, 0.0]), ([2.0], [1.0, 0.0, 1.0])])
+def test_a_loop_that_nothing_damps_swings_at_every_size(plant, element, turned):
+    """Nothing is predicted there, nor does it hunt: the balance holds everywhere, and runs keep the size they have."""
+    loop = LureSystem.from_tf(plant, element)
+    if turned:
+        Q = np.linalg.qr(np.random.default_rng(4).normal(size=(2, 2)))[0]
+        loop = loop.in_coordinates(Q.T, Q)
+    told = predict_limit_cycles(loop)
+    assert len(told) == 0 and len(told.warnings) == 1 and "Nothing damps the loop" in told.warnings[0]
+    assert "margin" not in str(told)
+    for size in (2.0, 3.0):
+        cycle = epp.simulate(replace(loop, x0=size * loop.x0), t_end=100.0).limit_cycle
+        first = epp.simulate(replace(loop, x0=size * loop.x0), t_end=40.0, t_eval=np.linspace(0.0, 40.0, 8001)).signals[
+            "x"
+        ]
+        assert cycle is None or cycle.peak_to_peak["x"] == pytest.approx(np.ptp(first), rel=1e-3)
+    lossy = LureSystem.from_tf((plant[0], [1.0, 1e-3, plant[1][2]]), element)
+    assert not any("Nothing damps" in w for w in predict_limit_cycles(lossy).warnings)
+
+
+def test_a_loop_without_damping_is_not_said_to_swing_where_an_element_delays_or_pushes_away():
+    for loop in (
+        LureSystem.from_tf(([1.0], [1.0, 0.0, 0.0]), Play(gap=1.0)),
+        LureSystem.from_tf(([1.0], [1.0, 0.0, 0.0]), epp.Saturation(), feedback=1),
+    ):
+        assert not any("Nothing damps" in w for w in predict_limit_cycles(loop).warnings)
