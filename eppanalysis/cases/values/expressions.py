@@ -27,6 +27,8 @@ LARGEST_POWER = 9
 _TOKENS = re.compile(
     r"(?:[ \t]*(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?(?![\w.])|[A-Za-z_]\w*|\*\*|[-+*/(),]))*[ \t]*", re.ASCII
 )
+#: A number with a name right behind it, as no arithmetic has them.
+_QUANTITY = re.compile(r"(?<![\w.])((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?)[ \t]*([^\W\d_]\w*|[%°])")
 _WANTED = "a quantity such as '5 mm', or an expression of numbers, parameters, + - * / ^ and functions such as 'Kp*Ti'"
 
 #: Functions of plain numbers, and their slopes from x and f(x).
@@ -346,16 +348,23 @@ def parse(text: str) -> Expression:
 
 
 def _wanted(text: str) -> str:
-    """What a text should be that is no expression; one that begins as a quantity does was perhaps meant as such."""
-    if not re.match(r"\s*[-+]?\.?\d", text):
-        return _WANTED
+    """What a text should be that is no expression; where a quantity stands in it, or begins it, how that is written."""
     try:
         parse_any(text)
     except UnknownUnit as error:
         return f"{error.expected}; in an expression quantities are parameters, with names of their own"
     except QuantityError:
         pass
-    return _WANTED
+    if not (found := _QUANTITY.search(text)):
+        return _WANTED
+    number, name = found.groups()
+    try:
+        parse_any(f"{number} {name}")
+    except QuantityError:
+        return f"an expression with a sign between {number} and {name}, as in '{number}*{name}'"
+    return (
+        f"an expression of numbers and parameters: give '{number} {name}' a name in [parameters], and write that here"
+    )
 
 
 def _check(node: ast.expr, text: str, names: dict[str, None], depth: int) -> None:
