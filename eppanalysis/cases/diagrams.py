@@ -22,7 +22,7 @@ from eppanalysis.cases.inputs import input_signals_of
 from eppanalysis.cases.kind import Kind, Parts
 from eppanalysis.cases.schema import DiagramFile
 from eppanalysis.cases.values.automata import AUTOMATON, WORDS
-from eppanalysis.cases.values.dimensions import check_fields
+from eppanalysis.cases.values.dimensions import check_each, check_fields
 from eppanalysis.cases.values.expressions import is_expression
 from eppanalysis.cases.values.parameters import Named, read, resolve
 from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity
@@ -65,6 +65,8 @@ class DiagramKind(Kind):
         except ModelError as error:
             raise _refused(error, raw) from None
         known = units_along_wires(diagram, diagram.units, reader.with_units, raw)
+        for place, table in reader.tables.items():
+            check_fields(table, place, raw)  # what stands in lists, which no wire has seen
         system = replace(system, signals=system.signals.in_units(known))
         parameters = {**{name: named.parameter for name, named in reader.named.items()}, **reader.given}
         units = {name: level.unit for name, level in levels.items()}
@@ -164,17 +166,20 @@ class _Reader:
         Fields of parts that are quantities, filled while they are read.
     with_units : dict of str to dict of str to Parameter
         Of each part ("blocks.controller") the numbers that have a unit, filled while they are read.
+    tables : dict of str to Block
+        The elements' own by their places, filled while they are read.
     """
 
     named: Mapping[str, Named]
     raw: RawCase
     given: dict[str, Parameter]
     with_units: dict[str, dict[str, Parameter]]
+    tables: dict[str, ElementTable]
 
     @classmethod
     def of(cls, parameters: Mapping[str, Any], raw: RawCase) -> _Reader:
         """With the named parameters of a file."""
-        return cls(resolve(parameters, "parameters", raw), raw, {}, {})
+        return cls(resolve(parameters, "parameters", raw), raw, {}, {}, {})
 
     def level(self, name: str, value: Any) -> Parameter:
         """Where an external input is before the start."""
@@ -222,7 +227,7 @@ class _Reader:
                     expected = f"an element; {kind} is a kind of block, which stands in [blocks]"
                 raise self.raw.refused(f"{place}.element", expected)
             block = read_block({**self._evaluated(name, table), "name": name}, place, self.raw)
-            check_fields(block, place, self.raw)
+            check_each(block, place, self.raw)
             try:
                 elements[name] = make_element(block, place, self.raw)
             except CaseError as error:
@@ -231,6 +236,7 @@ class _Reader:
                 memory[name] = block.memory
             self.with_units[place] = {k: p for k, p in block.parameters.items() if p.unit or p.friendly}
             self._keep(name, block)
+            self.tables[place] = block
         return elements, memory
 
     def _with_value(self, error: CaseError, block: ElementTable) -> CaseError:

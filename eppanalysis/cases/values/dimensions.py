@@ -8,7 +8,7 @@ has the unit of a signal as it is; in quotients they may be left out, as people 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -76,9 +76,21 @@ def check_units(loop: LoopSection, blocks: Sequence[Block], place: str, raw: Raw
         known = list(_of_signals(loop, first_in, first_out))
         if element_class(block.kind).same_unit:
             known.append(_Fact("", (-1, 1, 0), {}))
-        _check_block(block, known, f"{place}.{i}", raw)
+        _check_block(block, _given(block), known, f"{place}.{i}", raw)
         n_in, n_out = block.width
         first_in, first_out = first_in + n_in, first_out + n_out
+
+
+def check_each(block: Block, place: str, raw: RawCase) -> None:
+    """Refuse units of one element that its fields cannot have, whatever the others have.
+
+    Raises
+    ------
+    CaseError
+        At the first such field.
+    """
+    for given in _given(block):
+        _check_block(block, [given], [], place, raw)
 
 
 def check_fields(block: Block, place: str, raw: RawCase) -> None:
@@ -90,7 +102,7 @@ def check_fields(block: Block, place: str, raw: RawCase) -> None:
         At the first field whose unit contradicts those before it.
     """
     known = [_Fact("", (-1, 1, 0), {})] if element_class(block.kind).same_unit else []
-    _check_block(block, known, place, raw)
+    _check_block(block, _given(block), known, place, raw)
 
 
 def units_of_ports(block: Block) -> tuple[str, str]:
@@ -154,9 +166,11 @@ def _exponents(unit: str) -> Mapping[str, int] | None:
         return None
 
 
-def _check_block(block: Block, known: list[_Fact], place: str, raw: RawCase) -> None:
-    """Refuse the first field of an element that does not go with `known`, which grows by those that do."""
-    for where, name, parameter in _given(block):
+def _check_block(
+    block: Block, fields: Iterable[tuple[str, str, Parameter]], known: list[_Fact], place: str, raw: RawCase
+) -> None:
+    """Refuse the first of an element's fields that does not go with `known`, which grows by those that do."""
+    for where, name, parameter in fields:
         role = block.roles.get(name)
         if role is None or not (parameter.unit or parameter.friendly):
             continue

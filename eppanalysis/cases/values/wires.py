@@ -6,12 +6,14 @@ radians, whatever is before it. What is given without a unit is taken to fit, an
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eppanalysis.cases.values.expressions import Unit, alike, is_expression, name_of_unit, times
+from eppanalysis.cases.values.expressions import Unit, alike, is_expression, name_of_unit, parse, times
 from eppanalysis.cases.values.quantities import Parameter, plain_value
 from eppanalysis.errors import CaseError
 from eppanalysis.models.diagrams import Block, Diagram
@@ -94,42 +96,118 @@ def units_along_wires(
     Raises
     ------
     CaseError
-        At the first connection, input, signal or field that contradicts those before it.
+        If connections, inputs, signals or fields contradict one another: the one without which least is contradicted.
     """
-    signals = _Signals()
-    for name, part in diagram.parts.items():
-        before, behind = port_names(part)
-        if part.same_unit:
-            for source, target in zip(before, behind, strict=True):
-                signals.join((name, target), (name, source), {})
-        if isinstance(part, Block) and fields.get(f"blocks.{name}"):
-            for port, unit in part.port_units.items():
-                signals.join((name, port), _ONE, dimensions(unit))
-    # Numbers come last, so that one which contradicts the wires is refused itself.
-    _check_connections(diagram, signals, raw)
-    _check_given(diagram, units, signals, raw)
-    for place, typed in fields.items():
-        _check_part(diagram, place, typed, signals, raw)
-    for name, part in diagram.parts.items():
-        if isinstance(part, Block) and part.start is not None:
-            _check_start(name, part, signals, raw)
+    claims = [
+        *_by_nature(diagram, fields, raw),
+        *_of_connections(diagram, raw),
+        *(claim for place, typed in fields.items() for claim in _of_part(diagram, place, typed, raw)),
+        *(claim for name, part in diagram.parts.items() for claim in _of_start(name, part, raw)),
+        *_given(diagram, units, raw),
+    ]
+    signals, contradictions = _joined(claims)
+    if contradictions:
+        raise _blamed(claims, contradictions[0], raw)
     of_ports = {name: signals.named(port) for name, port in signals_of_ports(diagram).items()}
     return of_ports | {name: unit for name, unit in units.items() if unit}
 
 
-def _check_connections(diagram: Diagram, signals: _Signals, raw: RawCase) -> None:
+@dataclass(frozen=True, eq=False)
+class _Claim:
+    """What is said of the unit of a signal: that of another one times `unit`.
+
+    Attributes
+    ----------
+    port, other : tuple of str
+    unit : mapping of str to int
+    refused : callable
+        The refusal, of what else is known and of the unit that the field should have.
+    source : tuple of str
+        The field of the file that says it, or the parameters which that is computed from; empty for what is drawn.
+    of_field : callable
+        The unit of the field, of what that makes of the signals.
+    """
+
+    port: Port
+    other: Port
+    unit: Unit
+    refused: Callable[[_Signals, Unit], CaseError]
+    source: tuple[str, ...] = ()
+    of_field: Callable[[Unit], Unit] = dict
+
+
+def _joined(claims: Iterable[_Claim]) -> tuple[_Signals, list[_Claim]]:
+    """What claims say of signals, and those that contradict the ones before them."""
+    signals = _Signals()
+    return signals, [claim for claim in claims if signals.join(claim.port, claim.other, claim.unit) is not None]
+
+
+def _blamed(claims: Sequence[_Claim], first: _Claim, raw: RawCase) -> CaseError:
+    """The refusal of the number without which least is contradicted.
+
+    A contradiction goes round in a circle of the drawing, and shows at its last number, wherever the mistake is. Of
+    several numbers it is one that was set beside the file, then one that should have a usual unit, then a simpler one.
+    """
+    if not first.source:
+        signals, _ = _joined(claims[: claims.index(first)])
+        return first.refused(signals, signals.join(first.port, first.other, first.unit) or {})
+    found: list[tuple[tuple[int, bool, bool, int], CaseError]] = []
+    for source in dict.fromkeys(claim.source for claim in claims if claim.source):
+        signals, left = _joined(claim for claim in claims if claim.source != source)
+        for claim in (claim for claim in claims if claim.source == source):
+            known = signals.join(claim.port, claim.other, claim.unit)
+            if known is not None:
+                wanted, present = (name_of_unit(claim.of_field(unit)) for unit in (known, claim.unit))
+                rank = len(left), _in_file(source, raw), wanted not in KINDS, len(wanted) - len(present)
+                found.append((rank, claim.refused(signals, claim.of_field(known))))
+                break
+    return min(found, key=lambda one: one[0])[1]
+
+
+def _in_file(source: Iterable[str], raw: RawCase) -> bool:
+    """Whether a field, or all parameters that it is computed from, stand in the file as they are."""
+    own = raw.origin("title")
+    return all(own == raw.origin(name if "." in name else f"parameters.{name}") for name in source)
+
+
+def _by_nature(diagram: Diagram, fields: Mapping[str, Mapping[str, Parameter]], raw: RawCase) -> Iterator[_Claim]:
+    """Units that parts have by what they are: those of machines, and of what is what comes in, or a rate of that."""
+
+    def never(signals: _Signals, known: Unit) -> CaseError:
+        return raw.refused("connect", "signals of one unit")
+
+    for name, part in diagram.parts.items():
+        before, behind = port_names(part)
+        if part.same_unit:
+            for source, target in zip(before, behind, strict=True):
+                yield _Claim((name, target), (name, source), {}, never)
+        section = "blocks" if isinstance(part, Block) else "elements"
+        if isinstance(part, Block) and fields.get(f"blocks.{name}"):
+            for port, unit in part.port_units.items():
+                yield _Claim((name, port), _ONE, dimensions(unit), never)
+        # A gain that is left out makes no other unit of what comes in; one that is given as a plain number may.
+        table = raw.data.get(section, {}).get(name, {})
+        for field, (of_source, of_target, of_time) in part.units.items():
+            left_out = field not in table and getattr(type(part), field, None) == 1.0
+            if left_out and (of_source, of_target) == (-1, 1):
+                yield _Claim((name, behind[0]), (name, before[0]), {"second": -of_time}, never)
+
+
+def _of_connections(diagram: Diagram, raw: RawCase) -> Iterator[_Claim]:
     """What adds up, and what it drives, has one unit."""
     for i, text in enumerate(diagram.connect):
         left, _, right = text.partition("->")
         field = f"connect.{i}"
         ports = [diagram.ports.target(name.strip(), field) for name in right.split(",")]
         for port in (*ports[1:], *(source for _, source in diagram.ports.terms(left, field))):
-            if signals.join(port, ports[0], {}) is not None:
-                expected = f"signals of one unit: {signals.said(port)}, {signals.said(ports[0])}"
-                raise raw.refused(field, expected)
+            yield _Claim(port, ports[0], {}, partial(_not_one, raw, field, port, ports[0]))
 
 
-def _check_given(diagram: Diagram, units: Mapping[str, str], signals: _Signals, raw: RawCase) -> None:
+def _not_one(raw: RawCase, field: str, port: Port, target: Port, signals: _Signals, known: Unit) -> CaseError:
+    return raw.refused(field, f"signals of one unit: {signals.said(port)}, {signals.said(target)}")
+
+
+def _given(diagram: Diagram, units: Mapping[str, str], raw: RawCase) -> Iterator[_Claim]:
     """External inputs and named signals have the units of what they drive, and of what they are made of."""
     for name, unit in units.items():
         try:
@@ -141,31 +219,53 @@ def _check_given(diagram: Diagram, units: Mapping[str, str], signals: _Signals, 
             own = unit_of(exponents)
             expected = f"the SI unit that its values have, {own!r}; tables and pictures show it in one that people read"
             raise raw.refused(f"signals.{name}.unit", expected if own else "a signal of no unit")
-        ports = [(name, "")] if external else [port for _, port in diagram.named[name]]
-        for port in ports:
-            if unit and signals.join(port, _ONE, exponents) is not None:
-                place = f"inputs.{name}" if external else f"signals.{name}.unit"
-                raise raw.refused(place, f"the unit that it has in the diagram: {signals.said(port)}")
+        place = f"inputs.{name}" if external else f"signals.{name}.unit"
+        for port in [(name, "")] if external else [port for _, port in diagram.named[name]]:
+            if unit:
+                yield _Claim(port, _ONE, exponents, partial(_not_as_drawn, raw, place, port), (place,))
 
 
-def _check_part(diagram: Diagram, place: str, typed: Mapping[str, Parameter], signals: _Signals, raw: RawCase) -> None:
+def _not_as_drawn(raw: RawCase, place: str, port: Port, signals: _Signals, known: Unit) -> CaseError:
+    return raw.refused(place, f"the unit that it has in the diagram: {signals.said(port)}")
+
+
+def _of_part(diagram: Diagram, place: str, typed: Mapping[str, Parameter], raw: RawCase) -> Iterator[_Claim]:
     """The numbers of a part have the units that make its outputs of its inputs."""
     section, name = place.split(".")
     part = diagram.parts[name]
     before, behind = port_names(part)
     for field, role, parameter in _roles(part.units, typed):
-        exponents = dimensions(parameter.unit)
+        where = f"{place}.{field}"
+        exponents, time = dimensions(parameter.unit), {"second": role[2]}
         if section == "blocks" and parameter.unit == "Hz" and role != RATIO:
-            wanted = f"a rate in 1/s or rad/s at {name}, as Hz counts turns"
-        else:
-            known = _met((name, before[0]) if before else _ONE, (name, behind[0]), role, exponents, signals)
-            wanted = "" if known is None else _wanted(known, role, name)
-        if wanted:
-            raise _refused(f"{place}.{field}", wanted, parameter, raw)
+            raise _refused(where, f"a rate in 1/s or rad/s at {name}, as Hz counts turns", parameter, raw)
+        if role[:2] == RATIO[:2] and not alike(exponents, time):
+            raise _refused(where, _wanted(time, role, name), parameter, raw)
+        found = _related((name, before[0]) if before else _ONE, (name, behind[0]), role, times(exponents, time, -1))
+        if found is None:
+            continue
+        port, other, unit, power = found
+        text = plain_value(raw.typed(where))
+        names = parse(str(text)).names if is_expression(text) else ()
+        refused = partial(_not_to_go, raw, where, role, parameter)
+        yield _Claim(port, other, unit, refused, names or (where,), partial(_field_unit, power, time))
 
 
-def _check_start(name: str, part: Block, signals: _Signals, raw: RawCase) -> None:
+def _not_to_go(
+    raw: RawCase, where: str, role: Role, parameter: Parameter, signals: _Signals, wanted: Unit
+) -> CaseError:
+    return _refused(where, _wanted(wanted, role, where.split(".")[1]), parameter, raw)
+
+
+def _field_unit(power: int, time: Unit, known: Unit) -> Unit:
+    """The unit of a field from that of the signals which it ties together."""
+    return times(times({}, known, power), time)
+
+
+def _of_start(name: str, part: Any, raw: RawCase) -> Iterator[_Claim]:
     """A state that is an output, as the angle of an inertia is, starts at a value in the unit of that."""
+    if not isinstance(part, Block) or part.start is None:
+        return
     system, given = part.state_space(), raw.typed(f"blocks.{name}.start")
     for port, C, D in zip(part.outputs, np.asarray(system.C), np.asarray(system.D), strict=True):
         state = int(np.argmax(C)) if C.size else 0
@@ -175,20 +275,23 @@ def _check_start(name: str, part: Block, signals: _Signals, raw: RawCase) -> Non
             unit = dimensions(parse_any(given[state])[1])
         except QuantityError:
             continue  # an expression
-        if unit and signals.join((name, port), _ONE, unit) is not None:
-            raise raw.refused(
-                f"blocks.{name}.start.{state}", f"the unit that it has in the diagram: {signals.said((name, port))}"
-            )
+        if unit:
+            place = f"blocks.{name}.start.{state}"
+            yield _Claim((name, port), _ONE, unit, partial(_not_as_drawn, raw, place, (name, port)), (place,))
 
 
 def _refused(field: str, wanted: str, found: Parameter, raw: RawCase) -> CaseError:
-    """The refusal of a number: of the parameter in its place where that was set beside the file, else of the field."""
+    """The refusal of a number: of a parameter in its place that was set beside the file, else of the field."""
     text = plain_value(raw.typed(field))
-    parameter = f"parameters.{text}"
-    if text in raw.data.get("parameters", ()) and raw.origin(parameter) != raw.origin(field):
-        return CaseError(raw.origin(parameter), str(text), plain_value(raw.typed(parameter)), wanted)
-    computed = f": {text} is in {found.unit or 'plain numbers'}" if is_expression(text) else ""
-    return CaseError(raw.origin(field), field, text, f"{wanted}{computed}")
+    if not is_expression(text):
+        return CaseError(raw.origin(field), field, text, wanted)
+    computed = f"{wanted}: {text} is in {found.unit or 'plain numbers'}"
+    for name in parse(str(text)).names:
+        parameter = f"parameters.{name}"
+        if raw.origin(parameter) != raw.origin(field):
+            expected = wanted if name == text else computed
+            return CaseError(raw.origin(parameter), name, plain_value(raw.typed(parameter)), expected)
+    return CaseError(raw.origin(field), field, text, computed)
 
 
 def _roles(units: Mapping[str, Role], typed: Mapping[str, Parameter]) -> Iterator[tuple[str, Role, Parameter]]:
@@ -198,23 +301,16 @@ def _roles(units: Mapping[str, Role], typed: Mapping[str, Parameter]) -> Iterato
             yield field, role, parameter
 
 
-def _met(source: Port, target: Port, role: Role, exponents: Unit, signals: _Signals) -> Unit | None:
-    """The unit that a field should have where it has not; None where it may be as it is, or nothing is known."""
-    of_source, of_target, of_time = role
-    time = {"second": of_time}
-    unit = times(exponents, time, -1)
-    if (of_source, of_target) == (0, 0):
-        return None if alike(unit, {}) else time
-    if (of_source, of_target) == (-1, 1):
-        known = signals.join(target, source, unit)
-    elif of_source in (1, -1) and not of_target:
-        known = signals.join(source, _ONE, times({}, unit, of_source))
-        known = None if known is None else times({}, known, of_source)
-    elif (of_source, of_target) == (0, 1):
-        known = signals.join(target, _ONE, unit)
-    else:
-        return None
-    return None if known is None else times(known, time)
+def _related(source: Port, target: Port, role: Role, unit: Unit) -> tuple[Port, Port, Unit, int] | None:
+    """Which two signals a field of this unit ties together, by which one, and to what power that is in the field's."""
+    match role[:2]:
+        case (-1, 1):
+            return target, source, unit, 1
+        case (1 | -1 as power, 0):
+            return source, _ONE, times({}, unit, power), power
+        case (0, 1):
+            return target, _ONE, unit, 1
+    return None
 
 
 def _wanted(unit: Unit, role: Role, part: str) -> str:

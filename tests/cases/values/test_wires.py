@@ -105,3 +105,57 @@ def _units(text, *changes):
 @pytest.mark.parametrize("start", [["5 deg", "3 deg/s"], [0.1, 0], ["gap", "2*gap"], [0, "10 1/s"]])
 def test_a_start_in_the_units_of_the_states_is_taken(start):
     assert len(_read(SERVO, ("blocks.load.start", start)).to_system().x0)
+
+
+_AXIS = """
+kind = "diagram"
+title = "Axis"
+connect = [
+  "setpoint - scale -> position_loop", "position_loop - motor.speed -> speed_loop", "speed_loop -> current_limit",
+  "current_limit -> torque", "torque - bearing -> motor", "motor.speed -> bearing", "motor.angle -> screw",
+  "screw -> table", "table -> scale",
+]
+inputs = { setpoint = "0 mm" }
+signals = { table = { of = "table", unit = "m" } }
+run = { t_end = "1 s" }
+[blocks]
+position_loop = { kind = "gain", gain = "5e4 rad/(s*m)" }
+speed_loop = { kind = "pi", kp = "0.6 A*s/rad", ti = "8 ms" }
+torque = { kind = "gain", gain = "1.2 N*m/A" }
+motor = { kind = "inertia", inertia = "1e-3 kg*m^2", damping = "2e-3 N*m*s/rad" }
+screw = { kind = "gain", gain = "1.6 mm/rad" }
+table = { kind = "low_pass", bandwidth = "400 rad/s" }
+[elements]
+current_limit = { element = "saturation", lower = "-15 A", upper = "15 A" }
+bearing = { element = "friction", coulomb = "0.15 N*m", static = "0.2 N*m" }
+scale = { element = "play", gap = "10 um" }
+"""
+
+
+@pytest.mark.parametrize("text", [_AXIS, SERVO], ids=["axis", "servo"])
+@pytest.mark.parametrize("wrong", ["*K", "/N", "*s"])
+def test_a_number_of_another_unit_is_named_itself_wherever_its_part_stands(text, wrong):
+    """Not the last one round a circle of the drawing, where it shows; parts may stand in any order."""
+    tables, seeded = tomllib.loads(text), 0
+    for section in ("inputs", "blocks", "elements"):
+        for name, part in tables[section].items():
+            for field, value in part.items() if isinstance(part, dict) else [("", part)]:
+                number, unit = value.split(" ") if isinstance(value, str) and " " in value else (value, "")
+                if not unit:
+                    continue
+                place = ".".join(filter(None, (section, name, field)))
+                turned = [(s, dict(reversed(tomllib.loads(text)[s].items()))) for s in ("blocks", "elements")]
+                for order in ([], turned):
+                    with pytest.raises(epp.CaseError) as refused:
+                        _read(text, *order, (place, f"{number} {unit}{wrong}"))
+                    assert refused.value.field == place
+                seeded += 1
+    assert seeded > 5
+
+
+def test_a_gain_that_is_left_out_makes_no_other_unit_and_a_plain_one_may():
+    without = {"element": "saturation", "lower": "-15 A", "upper": "15 A"}
+    changes = ("blocks.speed_loop.kp", "0.6 V*s/rad"), ("elements.current_limit", without)
+    with pytest.raises(epp.CaseError, match="speed_loop.kp is '0.6 V.s/rad'; expected a quantity in s.A/rad"):
+        _read(_AXIS, *changes)
+    assert _read(_AXIS, *changes, ("elements.current_limit", {**without, "slope": 1})).value("speed_loop.kp") == 0.6
