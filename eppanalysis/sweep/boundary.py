@@ -280,7 +280,7 @@ def _bounds(case: Case, x: str, y: str, rows: Array, limits: tuple[float, float]
     exact = bounds.array("exact")
     points = np.where(np.isfinite(exact)[:, None], np.column_stack([rows, exact]), np.nan)
     missing = next((c for c in bounds if not np.isfinite(c.exact)), None)
-    why = "" if missing is None else f" At {words(x)} {case.text(x, missing.value)}: {missing.message}"
+    why = "" if missing is None else f" At a {words(x)} of {case.text(x, missing.value)}: {missing.message}"
     return _Curve(points, "bound", f"exact bound, {bounds.allowed} allowed", why)
 
 

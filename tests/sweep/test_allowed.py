@@ -134,7 +134,7 @@ def test_the_exact_boundary_is_that_of_the_bounds(edge: epp.Boundary) -> None:
     # At half the gain there is no cycle, and the search leaves runs open: a gap in the curve, with the reason.
     assert np.all(np.isnan(edge.points[0])) and not edge.status.ok
     assert edge.label == "exact bound, x 0.5 peak to peak allowed"
-    assert "Bounds in play.gap at 1 of 2 values of loop.gain. At loop gain 0.5:" in edge.message
+    assert "Bounds in play.gap at 1 of 2 values of loop.gain. At a loop gain of 0.5:" in edge.message
 
 
 @pytest.mark.parametrize(("run", "share"), [("predict", FIRST_ORDER), ("simulate", EXACT)])

@@ -399,8 +399,7 @@ class DesignBounds(Listing[BoundCell]):
         found = [c for c in self.cells if math.isfinite(c.bound)]
         at = f"{words(self.over)} {self._span(self.over, [c.value for c in found or self.cells])}"
         if not found:
-            own = words(self.over)
-            places = (f"{own} {self._span(self.over, [c.value])}" for c in self.cells)
+            places = (f"a {words(self.over)} {self._span(self.over, [c.value], 'of')}" for c in self.cells)
             why = reasons(zip(places, (c.message or c.finding.sentence for c in self.cells), strict=True))
             return f"No bound on {words(self.limit)} for {at}. {why} {self.not_covered}".rstrip()
         side = "below" if found[0].sign > 0 else "above"

@@ -155,7 +155,11 @@ def continue_branch(
     elif origin is None or origin.point is None:
         value, orbit = _seed(case, parameter, family, (first, last), cycle)
         if orbit.motion is not None:
-            raise EppError("continue_branch: cycles are not followed where what is behind a dead time moves.")
+            raise EppError(
+                "continue_branch: cycles are not followed where what comes out of a dead time moves between switches; "
+                "expected a dead time right behind an element that switches, with nothing added to it on the way. "
+                "find_limit_cycles finds them at one value."
+            )
         branch = walk.run((value, orbit))
     else:
         branch = walk.run_off(doubled(family, origin.point, 0.25 * max_step))
@@ -260,7 +264,10 @@ def _seed(
             f"continue_branch: limit cycles were found at the ends of the range of {parameter}, but none as an exact "
             "orbit from switch to switch; expected one, which a loop with dead time need not have."
         )
-    raise EppError(f"continue_branch: no limit cycle was found at either end of the range of {parameter}.")
+    raise EppError(
+        f"continue_branch: no limit cycle was found at either end of the range of {parameter}; expected a range with "
+        "one at an end, from which the branch begins."
+    )
 
 
 def _orbits_found(case: CaseLike, parameter: str, family: Family, value: float) -> Iterator[Orbit | None]:

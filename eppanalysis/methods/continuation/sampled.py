@@ -450,7 +450,10 @@ def _seed(
         begin = next(_points_of(at(value), found.cycles), None)
         if begin is not None:
             return begin
-    raise EppError(f"continue_branch: no limit cycle was found at either end of the range of {parameter}.")
+    raise EppError(
+        f"continue_branch: no limit cycle was found at either end of the range of {parameter}; expected a range with "
+        "one at an end, from which the branch begins."
+    )
 
 
 def _points_of(here: _Here, cycles: Iterable[LimitCycle]) -> Iterator[_Point]:

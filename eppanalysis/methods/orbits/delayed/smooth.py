@@ -34,7 +34,7 @@ from eppanalysis.methods.simulation.stability import describe, is_stable
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
-from eppanalysis.readable import number, percent, words
+from eppanalysis.readable import percent
 from eppanalysis.results import EXACT_ORBIT, LimitCycle
 
 if TYPE_CHECKING:
@@ -81,11 +81,8 @@ def closed_behind_delay(
             closed = _closed(loop, best)
     if closed is not None and not Asked.of(system, hybrid, best).shape_difference(closed):
         return closed, ""
-    name, size = next(iter(best.peak_to_peak.items()))
-    return None, (
-        f"{best.method.replace('harmonic balance,', 'balanced at')}, not closed: {number(best.frequency)} Hz, "
-        f"{words(name)} {number(size)} peak to peak, within {percent(best.error_estimate)}"
-    )
+    method = best.method.replace("harmonic balance,", "balanced at")
+    return None, f"{method}, not closed: {best.size}, within {percent(best.error_estimate)}"
 
 
 @dataclass(frozen=True, eq=False)

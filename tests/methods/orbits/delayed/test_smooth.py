@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -98,9 +101,12 @@ def test_what_jumps_beside_a_smooth_element_is_balanced_and_said_not_to_be_close
     loop = epp.LureSystem.from_blocks(
         [epp.Relay(-1.0, 1.0), ([3.0], [1.0, 1.0, 1.0]), epp.Tanh(1.0, 2.0), ([1.0], [1.0, 1.0])], delay=DELAY
     )
+    loop = replace(loop, signals=replace(loop.signals, units=("rad", "", "", "")))
     predicted = max(epp.predict_limit_cycles(loop), key=lambda c: c.period)
     cycle = epp.exact_orbit(loop, predicted)
     assert not cycle.status.ok and "balanced at order" in cycle.note and "not closed" in cycle.note
+    degrees = re.search(r"relay input (.*) deg peak to peak", cycle.note)
+    assert degrees and float(degrees[1]) == pytest.approx(math.degrees(predicted.peak_to_peak["relay_input"]), rel=0.3)
 
 
 def test_an_element_whose_gain_grows_without_bound_leaves_out_modes_faster_than_the_dead_time() -> None:
