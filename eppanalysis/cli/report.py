@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from eppanalysis.cli.common import NOTHING, Settings, check_output, expanded, file_option, load_case, progress
+from eppanalysis.progress import Progress
 
 Target = Annotated[Path, file_option("A page (.html), a notebook (.ipynb) or a document (.pdf).")]
 Cases = Annotated[
@@ -34,5 +36,15 @@ def report(
     check(output)
     found = [load_case(text, settings) for text in expanded(cases)]
     with progress("report") as advance:
-        write_report(found, output, full=full, progress=advance)
+        write_report(found, output, full=full, progress=advance or _told([case.title for case in found]))
     typer.echo(f"{output}: written.")
+
+
+def _told(titles: Sequence[str]) -> Progress:
+    """Where no bar is seen, a line for each of several cases: eight take minutes."""
+
+    def tell(done: int, total: int | None, doing: str) -> None:
+        if len(titles) > 1 and doing in titles:
+            typer.echo(f"{titles.index(doing) + 1} of {len(titles)}: {doing}", err=True)
+
+    return tell

@@ -25,7 +25,7 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import Recorded
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.progress import Progress
-from eppanalysis.report.sections import OVERVIEW, SECTIONS, SETUP
+from eppanalysis.report.sections import LADDER, OVERVIEW, SECTIONS, SETUP
 
 if TYPE_CHECKING:
     from nbformat import NotebookNode
@@ -44,14 +44,14 @@ def make_notebook(cases: Sequence[Case], *, full: bool = False) -> NotebookNode:
     title = cases[0].title if len(cases) == 1 else f"{len(cases)} cases"
     given = _markdown(v4, f"# {plain(title)}")
     if len(cases) == 1:
-        cells = [given, _code(v4, f"{SETUP}\n\ncase = {_reading(cases[0])}")]
+        cells = [given, _code(v4, f"{SETUP}\n\ncase = {_reading(cases[0])}\n{LADDER}")]
     else:
         listed = "\n".join(["cases = [", *(f"    {_reading(case)}," for case in cases), "]"])
         cells = [given, _code(v4, f"{SETUP}\n\n{listed}"), _markdown(v4, "## Overview"), _code(v4, OVERVIEW)]
     for number, case in enumerate(cases):
         if len(cases) > 1:
             cells.append(_markdown(v4, f"# {plain(case.title)}\n\nCase {plain(case.name)}."))
-            cells.append(_code(v4, f"case = cases[{number}]"))
+            cells.append(_code(v4, f"case, ladder = cases[{number}], ladders[{number}]"))
         for section in SECTIONS:
             code = section.cell(case, full=full)
             if code:
@@ -146,13 +146,15 @@ def _sentence(error: Exception, notebook: NotebookNode, headings: Sequence[str],
 
 
 def _headings(notebook: NotebookNode) -> list[str]:
-    """For each cell the heading that it stands under."""
-    found, current = [], ""
+    """For each cell the heading that it stands under; where there are several cases, in front of it which."""
+    found, case, section = [], "", ""
     for cell in notebook.cells:
         if cell.cell_type == "markdown" and cell.source.startswith("#"):
-            current = html.unescape(cell.source.split("\n")[0].lstrip("# "))
-        found.append(current)
-    return found
+            mark, _, text = cell.source.split("\n")[0].partition(" ")
+            case, section = (html.unescape(text), "") if mark == "#" else (case, html.unescape(text))
+        found.append((case, section))
+    several = len({case for case, _ in found}) > 1
+    return [f"{case}: {section}" if several and section else section or case for case, section in found]
 
 
 @contextlib.contextmanager

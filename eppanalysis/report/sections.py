@@ -1,8 +1,8 @@
 """The template of a report: for each section its heading, a sentence or two, and the code that fills it.
 
-A new section is one more entry in `SECTIONS`. In its code ``case`` is there, and whatever the sections before it
-left (``run``, ``ladder``, ``cycles``, ``branch``, ``prediction``); each
-catches what a method refuses and prints the sentence.
+A new section is one more entry in `SECTIONS`. In its code ``case`` and ``ladder`` are there, and whatever the sections
+before it left (``run``, ``cycles``, ``branch``, ``prediction``); each catches what a method refuses and prints the
+sentence.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from eppanalysis.cases import variation_of
 from eppanalysis.methods.bounds.searched import in_samples
+from eppanalysis.plotting import main_signals
 
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
@@ -55,17 +56,27 @@ SETUP = """\
 %config InlineBackend.figure_formats = ["retina"]
 import eppanalysis as epp"""
 
-OVERVIEW = """\
-ladders = [epp.ladder(case) for case in cases]
-epp.table(list(zip(cases, ladders)))"""
-
-_FIRST = """\
-ladder = cycles = branch = None
+#: Prediction and simulation side by side, once for all sections, where the case lets them.
+LADDER = """\
+ladder = None
 try:
     ladder = epp.ladder(case)
-    run, cycles = ladder.run, ladder.search
 except epp.EppError:
-    run = epp.simulate(case)
+    pass"""
+
+OVERVIEW = """\
+def ladder_of(case):
+    try:
+        return epp.ladder(case)
+    except epp.EppError as reason:
+        print(f"{case.name}: {reason}")
+
+ladders = [ladder_of(case) for case in cases]
+epp.table([pair for pair in zip(cases, ladders) if pair[1] is not None])"""
+
+_FIRST = """\
+run = epp.simulate(case) if ladder is None else ladder.run
+cycles = None if ladder is None else ladder.search
 {search}{branch}proof = None
 try:
     cycle = run.limit_cycle or next(iter(cycles or ()), None)
@@ -91,7 +102,9 @@ try:
     prediction = ladder.prediction if ladder is not None else None
     if prediction is None:
         prediction = epp.predict_limit_cycles(case)
-    display(epp.table(prediction, case.named_signals), prediction.plot().figure)
+    if len(prediction):
+        display(epp.table(prediction, case.named_signals))
+    display(prediction.plot().figure)
     print(prediction, prediction.search)
 {nyquist}except epp.EppError as reason:
     print(reason)"""
@@ -139,6 +152,7 @@ else:
     print("No exact limit cycle was found, so there is none that a disturbance could start.")"""
 
 _FOLLOW = """\
+branch = None
 try:
     start = "{near}" if cycles and cycles.stable else "{far}"
     branch = epp.continue_branch(case, "{name}", start=start, stop="{stop}")
@@ -208,10 +222,8 @@ def _prediction(case: Case) -> str:
 
 
 def _shown(case: Case) -> list[str]:
-    """The signals that are drawn: that of the case, and the next one; more are too small for half a page."""
-    names = case.to_system().signals.names
-    own = case.expected.signal or names[0]
-    return [own, *(name for name in names if name != own)][:2]
+    """The signals that are drawn; more are too small for half a page."""
+    return main_signals(case.to_system().signals.names, case.expected.signal)
 
 
 def _first(case: Case) -> str:
@@ -227,7 +239,7 @@ def _full_first(case: Case) -> str:
 def _first_of(case: Case, name: str, search: str) -> str:
     """The ladder, the exact cycles, and the branch over a parameter where there is one to follow."""
     if not name:
-        return _FIRST.format(search=search, branch="")
+        return _FIRST.format(search=search, branch="branch = None\n")
     places = zip(("near", "far", "stop"), variation_of(case).branch(name), strict=True)
     branch = _FOLLOW.format(name=name, **{key: case.text(name, at) for key, at in places})
     return _FIRST.format(search=search, branch=branch)

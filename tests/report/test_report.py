@@ -18,6 +18,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.report import notebook as making, page, sections
+from tests.shared import of_unknown_response
 
 pytestmark = pytest.mark.slow
 
@@ -172,6 +173,20 @@ def test_several_cases_have_an_overview(folder, monkeypatch):
     notebook = nbformat.read(path, 4)
     table = outputs(notebook, "Overview")[-1]["data"]["text/html"]
     assert "relay_hyst_servo" in table and "sat_khalil710" in table
+
+
+def test_of_several_cases_each_ladder_is_computed_once_and_it_is_told_which_case_is_at_work(folder, monkeypatch):
+    """Of one that no describing function covers the others have their overview nevertheless."""
+    monkeypatch.setattr(making, "SECTIONS", sections.SECTIONS[:1])
+    told = []
+    path = folder / "three.ipynb"
+    given = [epp.case("relay_hyst_servo"), of_unknown_response(), epp.case("sat_khalil710")]
+    epp.report(given, path, progress=lambda done, total, doing: told.append(doing))
+    notebook = nbformat.read(path, 4)
+    assert sum(cell.source.count("epp.ladder(") for cell in notebook.cells) == 1
+    table = outputs(notebook, "Overview")[-1]["data"]["text/html"]
+    assert "relay_hyst_servo" in table and "sat_khalil710" in table
+    assert {case.title for case in given} <= set(told) and f"{given[2].title}: In short" in told
 
 
 def test_a_cell_that_fails_is_one_sentence_and_no_file(folder, monkeypatch):
