@@ -5,6 +5,10 @@ from __future__ import annotations
 import sys
 from enum import Enum
 from pathlib import Path
+from typing import ClassVar
+
+from pygments.lexers.shell import BashLexer
+from pygments.token import Name
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -64,7 +68,17 @@ def leave_out(app, what, name, obj, skip, options) -> bool | None:
     return True if what == "attribute" and not isinstance(obj, Enum) else None
 
 
+class Commands(BashLexer):
+    """Lines for a shell whose options are marks of their own, so that none is broken at its hyphens."""
+
+    tokens: ClassVar[dict[str, list]] = {
+        **BashLexer.tokens,
+        "root": [(r"(?<=[\s\[])--?[A-Za-z][\w-]*", Name.Attribute), *BashLexer.tokens["root"]],
+    }
+
+
 def setup(app) -> None:
-    """Register the maker of pictures and tables, and what lists of attributes leave out."""
+    """Register the maker of pictures and tables, what lists of attributes leave out, and how commands are coloured."""
+    app.add_lexer("sh", Commands)
     app.connect("builder-inited", make_pages)
     app.connect("autodoc-skip-member", leave_out)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,6 +16,19 @@ def said_above(figure: Figure) -> tuple[str, str]:
     """The verdict that stands in bold above a picture, and what stands small below it, each on one line."""
     small = " ".join(text for artist in figure.artists if (text := getattr(artist, "get_text", str)()))
     return " ".join(figure.get_suptitle().split()), " ".join(small.split())
+
+
+def touching(figure: Figure) -> Iterator[str]:
+    """Numbers of an axis that run into each other."""
+    for axis in (axis for ax in figure.axes if ax.axison for axis in (ax.xaxis, ax.yaxis)):
+        texts = [label for label in axis.get_ticklabels() if label.get_text() and label.get_visible()]
+        boxes = [text.get_window_extent() for text in texts]
+        places = sorted(range(len(boxes)), key=lambda i: (boxes[i].x0, boxes[i].y0))
+        yield from (
+            f"{texts[i].get_text()} {texts[j].get_text()}"
+            for i, j in pairwise(places)
+            if axis is axis.axes.xaxis and boxes[i].x1 > boxes[j].x0
+        )
 
 
 @cache

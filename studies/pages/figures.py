@@ -253,6 +253,10 @@ def _loop_of_contact(shaft: epp.NordinShaft, drawing: Drawing, n: int) -> tuple[
     return drawing.amplitude * np.sin(drawing.omega * times), run.signals[turning.signals.names[1]]
 
 
+#: Numbers on an axis shorter than this are so wide that few stand side by side.
+_WIDE_NUMBERS = 0.1
+
+
 def draw_element(drawing: Drawing) -> Figure:
     """Map under a sine on the left; real and imaginary part of the describing function on the right."""
     figure = figure_of_height(2.9 + 0.15 * len(drawing.elements))
@@ -272,7 +276,7 @@ def draw_element(drawing: Drawing) -> Figure:
     right.set_xlabel("amplitude a" + drawing.names[0][drawing.names[0].find(" [") :] * ("[" in drawing.names[0]))
     right.set_ylabel("describing function N")
     for ax in (left, right):
-        ax.locator_params(axis="x", nbins=4 if drawing.largest < 0.01 else 5)  # thousandths are wide
+        ax.locator_params(axis="x", nbins=5 if np.ptp(ax.get_xlim()) > _WIDE_NUMBERS else 3)
     _limit_poles(right)
     for ax in (left, right):
         ax.axhline(0.0, color=GREY, linewidth=0.5)

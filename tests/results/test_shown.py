@@ -36,7 +36,7 @@ from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.shown import Shown, for_people, frame_of
 from tests.made_bounds import bounds_of
-from tests.shared import cycles_of
+from tests.shared import cycles_of, touching
 from tests.synthetic import cycle, prediction, trajectory
 from tests.wrong_arguments import doors
 
@@ -228,6 +228,7 @@ def test_every_picture_is_read_at_8_cm_and_nothing_of_it_is_cut_off_or_covered(r
     legends = [*figure.legends, *(ax.get_legend() for ax in figure.axes if ax.get_legend())]
     boxes = [legend.get_window_extent().padded(-2.0) for legend in legends]
     assert not any(box.overlaps(ax.bbox) for box in boxes for ax in figure.axes)
+    assert not list(touching(figure))
 
 
 def test_a_notebook_shows_axes_as_their_whole_figure():

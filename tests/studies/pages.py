@@ -1,8 +1,8 @@
 """Faults of built pages: ``python -m tests.studies.pages HTML`` after ``sphinx-build``.
 
 Dead internal links and pictures without a text in their place are read from the files. A browser sees formulas and rows
-of tables that do not render, what is wider than the screen (at 420 and at 1400 pixels), and texts with too little
-contrast (WCAG 2 AA, light and dark).
+of tables that do not render, what is wider than the screen or torn (at 420 and at 1400 pixels), and texts with too
+little contrast (WCAG 2 AA, light and dark).
 """
 
 from __future__ import annotations
@@ -33,6 +33,16 @@ BROKEN = """
 TORN = """
 () => [...document.querySelectorAll('article p')].map((node) => node.textContent.trim())
   .filter((text) => /^\\|.*\\|.*\\|$/s.test(text)).map((text) => text.slice(0, 60))
+"""
+
+#: Names in code that go on in the next line, and emphasis that began or ended in the middle of a bracket.
+BROKEN_UP = """
+() => [
+  ...[...document.querySelectorAll('code .pre')].filter((node) => node.getClientRects().length > 1
+    && new Set([...node.getClientRects()].map((box) => Math.round(box.top))).size > 1),
+  ...[...document.querySelectorAll('article em')].filter((node) =>
+    node.textContent.split('(').length !== node.textContent.split(')').length),
+].map((node) => node.textContent.slice(0, 60))
 """
 
 #: What sticks out of the page, and is neither in a box that scrolls nor out of sight.
@@ -163,6 +173,7 @@ def seen_faults(browser: Any, address: str) -> Iterator[str]:
     for width in WIDTHS:
         tab.set_viewport_size({"width": width, "height": 900})
         yield from (f"wider than {width} px: {text}" for text in tab.evaluate(WIDE))
+        yield from (f"torn at {width} px: {text}" for text in tab.evaluate(BROKEN_UP))
     tab.close()
 
 

@@ -8,8 +8,9 @@ import pytest
 
 from eppanalysis.plotting import figure_of
 from studies import DOCS
-from studies.pages import gallery
+from studies.pages import figures, gallery
 from tests.explorer.browser import find_chromium, running_browser
+from tests.shared import touching
 from tests.studies.pages import read_faults, seen_faults
 
 pytestmark = pytest.mark.slow
@@ -56,6 +57,8 @@ def test_faults_that_a_browser_sees_are_found(site):
         '<p style="color:#aaa">pale</p>': "little contrast",
         "<p>| a | row that no table has |</p>": "torn table: | a |",
         '<p style="width:600px">wide</p>': "wider than 420 px: p to",
+        '<p>one m^3/(s<em>V)"); or ("2</em>Kp")</p>': "torn at",
+        f"<p>{'word ' * 5}<code><span class='pre'>a-name-{'of-' * 12}parts</span></code></p>": "torn at 420 px: a-name",
         '<script>window.MathJax = {startup: {promise: 1}}</script><span class="math">x^2</span>': "broken formula: x^2",
     }
     with running_browser() as browser:
@@ -83,3 +86,10 @@ def test_lines_of_the_gallery_draw(name):
     exec(gallery.blocks(gallery.PAGE.read_text(encoding="utf-8"))[0][0], names)
     (code,) = (code for code, target in PICTURES if target.endswith(f"/{name}.png"))
     assert figure_of(gallery.drawn(code, names)).axes
+
+
+@pytest.mark.parametrize(("name", "drawing"), figures.drawings().items())
+def test_numbers_of_a_drawing_of_an_element_stand_apart(name, drawing):
+    figure = figures.draw_element(drawing)
+    figure.draw_without_rendering()
+    assert not list(touching(figure)), name
