@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Annotation
 from matplotlib.textpath import TextPath
 from numpy.typing import NDArray
@@ -57,6 +58,8 @@ _BOLD, _BOLD_IN_AN_INCH = 10.0, 11.3
 _SMALL_IN_AN_INCH = 15.2
 #: Height of a line of letters, relative to their size.
 _LINE = 1.25
+#: Lines of small print above a picture; longer details stand below it, where they keep nobody from the evidence.
+_MOST_ABOVE = 4
 #: What the sign and the gaps of an entry of a legend take, in sizes of its letters.
 _SIGN = 4.8
 #: Axes that reach farther, as a share of the figure's width, have none to their right.
@@ -65,6 +68,8 @@ _OUTERMOST = 0.85
 _HINTED = 0.92
 #: Spaces at which a line is not broken: behind a number, and between a letter and a number.
 _WITH_NUMBER = re.compile(r"(?<=\d) (?=[A-Za-z%])|(?<=\b[A-Za-z]) (?=[-\d])")
+#: What the controller of an elbow reads.
+_READ = "sensor_force"
 #: What a system is called that was given no name.
 _UNNAMED = "loop"
 
@@ -72,22 +77,40 @@ _UNNAMED = "loop"
 def put_verdict(figure: Figure, verdict: str, details: str = "", subject: str = "") -> None:
     """The verdict above a picture as a bold line, and small below it the case or the system, and what else is known.
 
-    The figure grows by the height of what is written, so that its panels keep theirs.
+    Long details stand below the picture. The figure grows by the height of what is written, so that its panels keep
+    theirs.
     """
     name = "" if subject == _UNNAMED else subject  # a loop that nobody named has no name to show
     bold = lines_of(verdict, _BOLD_IN_AN_INCH * figure.get_figwidth())
-    small = lines_of(": ".join(filter(None, (name, details))), _SMALL_IN_AN_INCH * figure.get_figwidth())
+    letters = _SMALL_IN_AN_INCH * figure.get_figwidth()
+    small, below = lines_of(": ".join(filter(None, (name, details))), letters), []
+    if len(small) > _MOST_ABOVE and not figure.legends:  # which stand at the foot, too
+        small, below = lines_of(name, letters), lines_of(details, letters)
     heights = _LINE * _BOLD, _LINE * SMALL
     room = math.ceil(len(small) * heights[1] / heights[0])  # empty lines of the title, in which the small ones stand
     figure.set_figheight(figure.get_figheight() + (len(bold) + room) * heights[0] / 72.0)
     above: dict[str, Any] = {"x": 0.012, "ha": "left", "fontsize": _BOLD, "fontweight": "bold", "linespacing": _LINE}
     title = figure.suptitle("\n".join(bold) + "\n" * room, **above)
+    fine: dict[str, Any] = {"fontsize": SMALL, "color": DARK, "va": "bottom", "linespacing": _LINE}
     if small:
-        below: dict[str, Any] = {"fontsize": SMALL, "color": DARK, "va": "bottom", "linespacing": _LINE}
-        figure.add_artist(Annotation("\n".join(small), (0.0, 0.0), xycoords=title, **below))
+        figure.add_artist(Annotation("\n".join(small), (0.0, 0.0), xycoords=title, **fine))
+    if below:
+        _put_below(figure, Annotation("\n".join(below), (0.012, 0.0), xycoords="figure fraction", **fine))
     engine = figure.get_layout_engine()
     if engine is not None and any(ax.get_aspect() != "auto" for ax in figure.axes):
         engine.execute(figure)  # its two rounds at drawing do not suffice where a title takes room from a fixed shape
+
+
+def _put_below(figure: Figure, text: Annotation) -> None:
+    """Small print at the foot of a figure, which grows by its height."""
+    height = (1 + text.get_text().count("\n")) * _LINE * SMALL / 72.0 + 0.5 * SMALL / 72.0
+    whole = figure.get_figheight() + height
+    figure.set_figheight(whole)
+    text.xyann = (0.012, 0.5 * SMALL / 72.0 / whole)
+    figure.add_artist(text)
+    engine = figure.get_layout_engine()
+    if isinstance(engine, ConstrainedLayoutEngine):
+        engine.set(rect=(0.0, height / whole, 1.0, 1.0 - height / whole))
 
 
 def lines_of(text: str, letters: float) -> list[str]:
@@ -195,6 +218,19 @@ def chosen(available: Mapping[str, Any], signals: Sequence[str] | None) -> list[
     if not names:
         raise EppError("There is no signal to draw; expected at least one.")
     return names
+
+
+def main_signals(names: Sequence[str], own: str | None = None) -> list[str]:
+    """Of many signals the two that are drawn: a loop's own, by default the first, and what its controller reads.
+
+    Examples
+    --------
+    >>> main_signals(["theta", "theta_dot", "voltage", "sensor_force"]), main_signals(["x", "y", "z"], "y")
+    (['theta', 'sensor_force'], ['y', 'x'])
+    """
+    first = own or names[0]
+    others = sorted((name for name in names if name != first), key=lambda name: name != _READ)
+    return [first, *others[:1]]
 
 
 def figure_of_height(height: float) -> Figure:

@@ -16,7 +16,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.comparison.picture import plot_ladder
 from eppanalysis.methods.continuation.picture import plot_branch
 from eppanalysis.methods.continuation.result import Branch
-from eppanalysis.plotting import lines_of
+from eppanalysis.plotting import figure_of_height, lines_of, put_verdict
 from eppanalysis.results import Status
 from eppanalysis.results.picture import plot_limit_cycle, plot_nyquist, plot_trajectory
 from eppanalysis.results.provenance import Provenance
@@ -56,12 +56,48 @@ def test_trajectory_of_every_status_is_drawn_with_its_sentence(status):
     assert letters(f"{verdict} {details}") == letters(str(trajectory(status)))
 
 
-def test_a_cycle_too_fast_for_the_samples_of_its_run_is_the_band_that_it_fills():
-    run = epp.simulate(epp.case("backlash_servo"), t_end=1600.0, t_eval=np.linspace(0.0, 1600.0, 4001))
-    ax = run.plot(signals=["x"])
-    band = ax.collections[0].get_datalim(ax.transData)
-    assert band.height == pytest.approx(run.limit_cycle.peak_to_peak["x"], rel=1e-3)
-    assert band.x0 == pytest.approx(run.settled_since, abs=0.4) and band.x1 == 1600.0
+def test_of_a_long_run_as_much_is_drawn_as_can_be_told_apart_and_the_axis_says_how_far_it_goes_on():
+    """Runs of one loop that differ in length alone: fifteen periods on the cycle are shown of either."""
+    runs = [epp.simulate(epp.case("backlash_servo"), t_end=t_end) for t_end in (800.0, 1600.0)]
+    for run in runs:
+        ax = run.plot(signals=["x"])
+        shown = (ax.get_xlim()[1] - run.settled_since) / run.limit_cycle.period
+        assert ax.get_xlim()[0] == 0.0 and shown == pytest.approx(15.0)
+        assert ax.get_xlabel() == f"time [s], the same up to {run.end_time:.4g} s"
+        t, drawn = ax.lines[0].get_data()
+        late = (t > run.settled_since) & (t < ax.get_xlim()[1])
+        assert np.ptp(drawn[late]) == pytest.approx(run.limit_cycle.peak_to_peak["x"], rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["rate_limited_aircraft", "fig8b_reduced_backlash"])
+def test_a_run_that_rests_is_shown_until_nothing_moves(name):
+    run = epp.simulate(epp.case(name))
+    until = run.plot().get_xlim()[1]
+    assert 0.0 < until < 0.2 * run.end_time
+    hidden = run.t > until
+    assert all(np.ptp(y[hidden]) < 0.01 * np.ptp(y) for y in run.signals.values())
+
+
+def test_of_many_signals_those_are_drawn_that_answer_and_the_others_are_named():
+    run = replace(trajectory(), signals={f"s{i}": trajectory().signals["theta"] for i in range(6)}, units={})
+    figure = run.plot().figure
+    assert labels(figure) == ["s0", "s1"]
+    assert [text.get_text() for text in figure.axes[-1].texts] == ["Not drawn: s2, s3, s4, s5."]
+    assert labels(run.plot(signals=["s4", "s0", "s1", "s2"]).figure) == ["s4", "s0", "s1", "s2"]
+
+
+def test_long_details_stand_below_the_picture_and_leave_its_panels_their_height():
+    short, long = (figure_of_height(3.0) for _ in range(2))
+    boxes = []
+    for figure, details in ((short, "Nothing else."), (long, "More is known of this. " * 20)):
+        ax = figure.add_subplot()
+        ax.set_xlabel("time [s]")
+        put_verdict(figure, "Oscillates", details, "servo")
+        figure.draw_without_rendering()
+        boxes.append((ax.get_window_extent().height, ax.get_tightbbox(), figure.artists[-1].get_window_extent()))
+    assert boxes[1][0] == pytest.approx(boxes[0][0], rel=0.05)
+    assert boxes[0][2].y0 > boxes[0][1].y1 and 0.0 < boxes[1][2].y0 < boxes[1][2].y1 < boxes[1][1].y0
+    assert said_above(long) == ("Oscillates", f"servo {'More is known of this. ' * 20}".strip())
 
 
 def test_a_run_whose_samples_miss_the_peaks_of_its_cycle_is_drawn_with_the_cycle():

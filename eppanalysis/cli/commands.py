@@ -26,6 +26,7 @@ from eppanalysis.cli.bounds import bounds
 from eppanalysis.cli.certify import certify
 from eppanalysis.cli.common import (
     NOTHING,
+    Drawn,
     Json,
     Settings,
     check_output,
@@ -36,6 +37,7 @@ from eppanalysis.cli.common import (
     print_json,
     print_table,
     progress,
+    signals_drawn,
 )
 from eppanalysis.cli.cycles import branch, cycles
 from eppanalysis.cli.design import design
@@ -232,7 +234,13 @@ def predict(
 
 
 @app.command(cls=_Command)
-def simulate(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, output: Output = None) -> None:
+def simulate(
+    cases: Cases,
+    settings: Settings = NOTHING,
+    signal: Drawn = NOTHING,
+    as_json: Json = False,
+    output: Output = None,
+) -> None:
     """Simulate with every switch located, and say whether the motion settles or repeats itself."""
     from eppanalysis.tables.files import trajectory_table
 
@@ -241,9 +249,8 @@ def simulate(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, 
 
         return run_simulation(case)
 
-    _carry_out(
-        "simulate", cases, settings, as_json, output, _Analysis(run, trajectory_table, _show_trajectory, named=True)
-    )
+    analysis = _Analysis(run, trajectory_table, _show_trajectory, drawn=lambda case: signals_drawn(case, signal))
+    _carry_out("simulate", cases, settings, as_json, output, analysis)
 
 
 @app.command(cls=_Command)
@@ -314,7 +321,7 @@ class _Analysis:
     show: Callable[[Case, Any], None]
     show_all: Callable[[Sequence[Case], Sequence[Any]], None] | None = None
     beside: Callable[[Case, Any], Mapping[str, Any]] | None = None
-    named: bool = False  # whether its picture, as its table, has those signals alone that the file names
+    drawn: Callable[[Case], list[str]] = lambda case: []  # the signals in its picture, where it has some of many
 
 
 def _carry_out(
@@ -327,6 +334,8 @@ def _carry_out(
     cases = [load_case(text, settings) for text in texts]
     if output is not None:
         _check_names(output, cases)
+        for case in cases:
+            analysis.drawn(case)  # refuses a signal that is not there
     together = analysis.show_all if len(cases) > 1 else None
     results = []
     for case in cases:
@@ -376,8 +385,9 @@ def _write(output: Path, cases: Sequence[Case], results: Sequence[Any], analysis
         return
     for case, result in zip(cases, results, strict=True):
         path = output.with_name(output.name.replace("{case}", case.name))
-        options = {"signals": list(case.named_signals) or None} if analysis.named else {}
-        write_result(result, analysis.to_table, path, **options)
+        names = analysis.drawn(case)
+        drawn = {"signals": names} if names else {}
+        write_result(result, analysis.to_table, path, **drawn)
 
 
 def _read_response(path: Path) -> MeasuredResponse | MeasuredMatrix:

@@ -47,6 +47,12 @@ Settings = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print JSON in SI units instead of tables.")]
 Output = Annotated[Path | None, file_option("Write a picture (.png, .svg, .pdf) or a table (.csv, .nc).")]
 Picture = Annotated[Path | None, file_option("Write a picture (.png, .svg, .pdf).")]
+Drawn = Annotated[
+    list[str],
+    typer.Option(
+        "--signal", metavar="NAME", help="Signals in the picture; repeatable; all for every one that the file names."
+    ),
+]
 Prove = Annotated[
     bool, typer.Option("--prove", help="Prove what can be proved on both sides of every bound; seconds each.")
 ]
@@ -242,6 +248,24 @@ def write_output(path: Path | None, result: Any, to_table: Callable[[Any], FileT
         from eppanalysis.tables.files import write_result
 
         write_result(result, to_table, path, **options)
+
+
+def signals_drawn(case: Case, asked: Sequence[str]) -> list[str]:
+    """The signals in a picture of a run: those that were asked for, else few that answer what it does.
+
+    Raises
+    ------
+    EppError
+        If the case has no such signal.
+    """
+    from eppanalysis.plotting import chosen, main_signals
+    from eppanalysis.results.picture import MOST_PANELS
+
+    every = case.to_system().signals.names
+    named = list(case.named_signals) or list(every)
+    if asked:
+        return named if list(asked) == ["all"] else chosen(dict.fromkeys(every), asked)
+    return named if len(named) <= MOST_PANELS else main_signals(named, case.expected.signal)
 
 
 def print_table(table: Table) -> None:

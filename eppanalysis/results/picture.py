@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.plotting import (
     BLUE,
+    DARK,
     GREEN,
     GREY,
     SKY,
@@ -25,6 +26,7 @@ from eppanalysis.plotting import (
     label_time,
     label_up,
     legend_below,
+    main_signals,
     mark_events,
     note_below,
     place_of,
@@ -38,12 +40,15 @@ from eppanalysis.results import LimitCycle, Prediction, Status, Trajectory
 Array = NDArray[np.float64]
 
 
-#: Signals that are drawn of a run where none are named; more are too small to be read.
-_MOST_PANELS = 8
+#: So many signals of a run are all drawn where none are named; of more the two that answer what it does.
+MOST_PANELS = 3
 #: Samples in a period below which its peaks are missed, so that a steady motion would seem to beat.
 _FEWEST_IN_PERIOD = 60
-#: Periods side by side whose peaks are seen as a line, and that can be told apart.
-_MANY_PERIODS, _MOST_PERIODS = 60, 300
+#: Periods of a steady motion that are shown; more merge into a bar, behind which nobody sees how it began.
+_PERIODS_SHOWN = 15
+#: A run is at rest in a picture from where all signals stay this near to their last value, relative to their range; so
+#: much of that time is shown, and if no more than so much of the run would be left out, all of it.
+_AT_REST, _BEYOND, _REST_OF_RUN = 0.005, 1.5, 0.2
 #: Highest over lowest value of an axis of powers of ten, below which numbers between them are written, too.
 _NARROW = 30.0
 #: What the shaded part of a run is.
@@ -53,13 +58,13 @@ _STEADY = {Status.SETTLED: "at rest", Status.LIMIT_CYCLE: "on the limit cycle"}
 def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None, given: Axes | None = None) -> Figure:
     """Signals against time, one panel each; grey marks at the foot are events, shaded is where the run is steady.
 
-    Angles are in degrees, lengths in millimetres.
+    Of a long steady motion a part is shown. Angles are in degrees, lengths in millimetres.
 
     Parameters
     ----------
     trajectory : Trajectory
     signals : sequence of str, optional
-        Which signals, in this order; by default all, of many those that come first.
+        Which signals, in this order; by default all, of more than three the first and what the controller reads.
     given : matplotlib.axes.Axes, optional
         Where to draw the first of them; a figure of its own by default.
 
@@ -69,10 +74,13 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
         If the trajectory has no such signal.
     """
     names = chosen(trajectory.signals, signals)
-    left_out = names[_MOST_PANELS:] if signals is None else []
-    names = names[: len(names) - len(left_out)]
+    left_out: list[str] = []
+    if signals is None and len(names) > MOST_PANELS:
+        names, every = main_signals(names), names
+        left_out = [name for name in every if name not in names]
     figure, panels = places_of(given, len(names))
-    times = np.array([event.time for event in trajectory.events])
+    until = shown_until(trajectory)
+    times = np.array([event.time for event in trajectory.events if event.time <= until])
     for name, ax in zip(names, panels, strict=False):
         label, factor = label_of(name, trajectory.units)
         draw_run(ax, trajectory, name, factor, 1.0)
@@ -82,8 +90,8 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
         if trajectory.settled_since > 0.0 and trajectory.t.size:
             steady: dict[str, Any] = {"color": SKY, "alpha": 0.18, "linewidth": 0}
             text = f"{_STEADY.get(trajectory.status, 'steady')} (from {number(trajectory.settled_since)} s on)"
-            ax.axvspan(trajectory.settled_since, float(trajectory.t[-1]), **steady, label=text)
-    label_time(panels, "time [s]")
+            ax.axvspan(trajectory.settled_since, until, **steady, label=text)
+    label_time(panels, time_of(trajectory))
     if given is None:
         legend_below(figure, panels[0])
         if left_out:
@@ -91,26 +99,49 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
     return figure
 
 
-def draw_run(ax: Axes, run: Trajectory, name: str, factor: float, linewidth: float) -> None:
-    """A signal of a run in time; of a cycle too fast for the run's samples to meet its peaks, with the cycle's own.
+def shown_until(run: Trajectory) -> float:
+    """The time up to which a run is shown: some periods of its cycle, or a while of its rest, but for a short run all.
 
-    Where periods cannot be told apart, the band is drawn that the cycle fills.
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> run = epp.simulate(epp.case("backlash_servo"), t_end=1000.0)
+    >>> 1000.0 > shown_until(run) == run.settled_since + 15 * run.limit_cycle.period
+    True
     """
-    t, values, cycle = run.t, factor * run.signals[name], run.limit_cycle
-    periods = 0.0 if cycle is None or not t.size else float(t[-1]) / cycle.period
-    if cycle is not None and periods > max(_MANY_PERIODS, t.size / _FEWEST_IN_PERIOD):
+    if not run.t.size:
+        return 0.0
+    end = until = run.end_time
+    if run.limit_cycle is not None:
+        until = np.nan_to_num(run.settled_since) + _PERIODS_SHOWN * run.limit_cycle.period
+    elif run.settled_at:
+        moves = [np.abs(y - y[-1]) > _AT_REST * np.ptp(y) for y in run.signals.values()]
+        late = np.flatnonzero(np.any(moves, axis=0))
+        until = _BEYOND * float(run.t[late[-1]]) if late.size else end
+    return float(until) if 0.0 < until < (1.0 - _REST_OF_RUN) * end else end
+
+
+def time_of(run: Trajectory) -> str:
+    """What the time axis of a run is called: how long it goes on where it is not all shown."""
+    goes_on = f", the same up to {number(run.end_time)} s" if shown_until(run) < run.end_time else ""
+    return f"time [s]{goes_on}"
+
+
+def draw_run(ax: Axes, run: Trajectory, name: str, factor: float, linewidth: float) -> None:
+    """A signal of a run in time; of a cycle too fast for the run's samples to meet its peaks, with the cycle's own."""
+    t, values, cycle, until = run.t, factor * run.signals[name], run.limit_cycle, shown_until(run)
+    periods = 0.0 if cycle is None else run.end_time / cycle.period
+    if cycle is not None and periods > max(_FEWEST_IN_PERIOD, t.size / _FEWEST_IN_PERIOD):
         steady = t >= run.settled_since
         own, waveform = one_period(cycle)
         wave = factor * np.asarray(waveform[name])
-        if periods > _MOST_PERIODS:
-            ax.fill_between(t[steady], np.min(wave), np.max(wave), color=BLUE, linewidth=linewidth)
-            values = np.where(steady, np.nan, values)
-        else:
-            fine = np.arange(run.settled_since, t[-1], cycle.period / (2 * _FEWEST_IN_PERIOD))
-            shift = _shift_of(t[steady], values[steady], own - own[0], wave, cycle.period)
-            again = np.interp(fine - shift, own - own[0], wave, period=cycle.period)
-            t, values = np.append(t[~steady], fine), np.append(values[~steady], again)
+        fine = np.arange(run.settled_since, until, cycle.period / (2 * _FEWEST_IN_PERIOD))
+        shift = _shift_of(t[steady], values[steady], own - own[0], wave, cycle.period)
+        again = np.interp(fine - shift, own - own[0], wave, period=cycle.period)
+        t, values = np.append(t[~steady], fine), np.append(values[~steady], again)
     ax.plot(t, values, color=BLUE, linewidth=linewidth)
+    if until < run.end_time:
+        ax.set_xlim(run.t[0], until)
 
 
 def _shift_of(t: Array, values: Array, own: Array, wave: Array, period: float) -> float:
@@ -172,11 +203,15 @@ def plot_nyquist(prediction: Prediction, ax: Axes | None = None) -> Figure:
     ax : matplotlib.axes.Axes, optional
         Where to draw; a figure of its own by default.
     """
-    figure, ax = place_of(ax, 4.4)
+    drawn = prediction.curves.get("kind") == "nyquist" or prediction.curves.get("branches")
+    figure, ax = place_of(ax, 4.4 if drawn else 0.6)
     if prediction.curves.get("kind") == "nyquist":
         _draw_nyquist(ax, prediction)
-    else:
+    elif drawn:
         _draw_loop_gain(ax, prediction)
+    else:
+        ax.set_axis_off()
+        ax.text(0.5, 0.5, "The phase closes at no amplitude.", transform=ax.transAxes, ha="center", color=DARK)
     return figure
 
 
@@ -204,8 +239,6 @@ def _draw_loop_gain(ax: Axes, prediction: Prediction) -> None:
     points = [complex(factor * point["amplitude"], 1.0) for point in curves.get("intersections", ())]
     ax.set_xscale("log")
     ax.set_yscale("log")
-    if not curves.get("branches"):
-        ax.text(0.5, 0.6, "the phase closes at no amplitude", transform=ax.transAxes, ha="center", color=GREY)
     _mark_cycles(ax, points, prediction.cycles)
     ax.set_xlabel(with_unit(f"amplitude at the input of {element}", unit))
     ax.set_ylabel("loop gain (one at a cycle)")

@@ -201,6 +201,24 @@ def test_simulate_prints_the_verdict():
     assert "theta [deg]" in output
 
 
+def test_a_picture_has_the_signals_that_answer_or_those_that_are_asked_for(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("eppanalysis.tables.files.write_figure", lambda axes, path: drawn.append(axes.figure))
+    picture = ("-o", str(tmp_path / "run.png"))
+    for asked in ((), ("--signal", "voltage", "--signal", "theta"), ("--signal", "all")):
+        assert run("simulate", "fig8a_original", *asked, *picture).exit_code == 0
+    names = [[ax.get_ylabel().split()[0] for ax in figure.axes] for figure in drawn]
+    assert names[0] == ["theta", "sensor"] and names[1] == ["voltage", "theta"] and len(names[2]) == 10
+    assert "no signal 'angle'" in one_sentence(run("simulate", "fig8a_original", "--signal", "angle", *picture))
+
+
+def test_where_predictions_were_sought_is_told_in_the_units_of_the_tables():
+    for name, unit in (("fig8a_original", "deg by"), ("x15_flare", "deg/s.")):
+        output = " ".join(run("predict", name).stdout.split())
+        sought = output[output.index("Sought") :]
+        assert " Hz" in sought and unit in sought and "rad" not in sought.partition("margins")[0]
+
+
 def test_simulate_json_is_documented_data():
     (case,) = json.loads(run("simulate", "fig8a_original", "--json").stdout)["cases"]
     assert case["result"]["status"] == "limit_cycle"

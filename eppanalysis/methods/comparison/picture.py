@@ -22,12 +22,13 @@ from eppanalysis.plotting import (
     label_of,
     label_time,
     label_up,
+    main_signals,
     put_legend,
     root_figure,
 )
 from eppanalysis.readable import number
 from eppanalysis.results import LimitCycle, Prediction
-from eppanalysis.results.picture import draw_run, one_period, plot_nyquist
+from eppanalysis.results.picture import draw_run, one_period, plot_nyquist, time_of
 
 Array = NDArray[np.float64]
 
@@ -65,9 +66,7 @@ def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
         put_legend(given)
         given.spines[["top", "right"]].set_visible(False)
         return root_figure(given)
-    others = [name for name in ladder.run.signals if name != ladder.signal]
-    second = "sensor_force" if "sensor_force" in others else others[0] if others else None
-    names = [ladder.signal] if second is None else [ladder.signal, second]
+    names = main_signals(list(ladder.run.signals), ladder.signal)
     n = len(names)
     motion, predicted = _parts(ladder)
     heights = [_RUN] * n + [_CLOSE] * n * motion + [_PREDICTION] * predicted
@@ -81,8 +80,9 @@ def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
         label_up(ax, label, 0.75)
     for name, ax in zip(names, close, strict=False):
         draw(ax, ladder, name)
-    for group in filter(None, (runs, close)):
-        label_time(group, "time [s]")
+    label_time(runs, time_of(ladder.run))
+    if close:
+        label_time(close, "time [s]")
     for ax in panels:
         ax.spines[["top", "right"]].set_visible(False)
     for ax in close[:1]:

@@ -200,7 +200,7 @@ def _sentence(search: CycleSearch | None, why_not: str) -> str:
         ends = f"all {search.n_runs} runs of the search {'rest' if search.settles else 'grow without bound'}"
         if search.unclosed:
             return f"No exact limit cycle was found: {ends}, and no prediction leads to an orbit."
-        return f"There is no exact limit cycle: {ends}."
+        return f"No exact limit cycle was found: {ends}."
     exact = [c for c in search if c.method == EXACT_ORBIT]
     parts = [f"{n} {kind}" for kind, n in Counter(_STABILITY[c.stable] for c in exact).items()]
     sentences = [f"Exact limit cycles: {' and '.join(sorted(parts))}."] if exact else []

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import StaticBalance, static_balance, without_rounding
+from eppanalysis.readable import readable
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
@@ -398,3 +399,24 @@ def _start_inputs(system: LureSystem, rows: NDArray[np.intp]) -> Array:
             mean, _ = describe(e, np.array(scale), np.array(z[rows[i]]), np.array(1.0))
             w[system.output_slices[i]] = np.nan_to_num(mean)
     return z[rows]
+
+
+def unit_at_input(system: LureSystem, element: int) -> str:
+    """Unit of an element's input: its own, or of signals whose sum or difference it is; empty where none has one."""
+    z, signals = system.input_slices[element].start, system.signals
+    wanted = np.hstack([system.C[z], system.D[z], system.D_input[z]])
+    rows = np.hstack([signals.C, signals.D, signals.D_input])
+    for unit in () if system.elements[element].input_unit else filter(None, dict.fromkeys(signals.units)):
+        alike = np.unique(rows[[unit == other for other in signals.units]], axis=0)
+        share = np.rint(np.linalg.lstsq(alike.T, wanted)[0])
+        if np.abs(share).max() == 1.0 and np.allclose(share @ alike, wanted):
+            return unit
+    return system.elements[element].input_unit
+
+
+def ranges(system: LureSystem, element: int, amplitude: Array, omega: Array) -> tuple[str, str]:
+    """From where to where amplitudes at an element and frequencies run, in the units that people read."""
+    unit, factor = readable(unit_at_input(system, element))
+    low, high = factor * amplitude[[0, -1]]
+    slow, fast = omega[[0, -1]] / (2.0 * np.pi)
+    return f"{low:.3g} to {high:.3g} {unit}".rstrip(), f"{slow:.3g} to {fast:.3g} Hz"

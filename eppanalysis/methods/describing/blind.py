@@ -19,7 +19,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray
+from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray, unit_at_input
 from eppanalysis.methods.describing.error import BalancedOscillation, Estimate
 from eppanalysis.methods.describing.quality import Point
 from eppanalysis.methods.describing.search import (
@@ -40,7 +40,7 @@ from eppanalysis.models.systems.linear import poles, zeros
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.models.systems.sampled.averaged import AveragedSystem
-from eppanalysis.readable import listed, quantity
+from eppanalysis.readable import listed, quantity, readable
 
 #: Distance of the loop gain from one, up to which harmonics may make up for it, and how many places are tried.
 _NEAR, _PLACES = 0.3, 3
@@ -99,10 +99,11 @@ def made_by_harmonics(
         if here is None or any(_same(here, m) for m in known):
             continue
         known.append(here)
+        size = quantity(2.0 * abs(here.Z[0, 1]), unit_at_input(balance.system, 0))
         yield (
             "Harmonics make a cycle that first order does not have: its loop gain misses one by "
-            f"{100.0 * np.expm1(abs(x[-1])):.2g} % near {omega:.4g} rad/s, and a balance of {here.order} harmonics "
-            f"stands at {here.omega:.4g} rad/s, with {2.0 * abs(here.Z[0, 1]):.4g} peak to peak of the fundamental at "
+            f"{100.0 * np.expm1(abs(x[-1])):.2g} % near {omega / (2.0 * np.pi):.4g} Hz, and a balance of {here.order} "
+            f"harmonics stands at {here.omega / (2.0 * np.pi):.4g} Hz, with {size} peak to peak of the fundamental at "
             f"{balance.system.element_names[0]}."
         )
 
@@ -180,15 +181,17 @@ def _undamped(balance: Balance) -> Iterator[str]:
     beside, away = (np.abs(balance.linear(alone * share)[:, 0, 0]) for share in (1.0 + 1e-7, 1.3))
     alone = alone[beside > 1e3 * away]
     sizes: set[str] = set()
+    unit, factor = readable(unit_at_input(system, 0))
+    unit = f" {unit}".rstrip()
     for line, gains in _along_the_static_balance(balance) if alone.size else ():
         gain = gains.real
         for i in np.flatnonzero(gain[:-1] * gain[1:] < 0):
             share = gain[i] / (gain[i] - gain[i + 1])
-            sizes.add(f"{2.0 * float(line[i, 0] + share * (line[i + 1, 0] - line[i, 0])):.2g}")
+            sizes.add(f"{factor * 2.0 * float(line[i, 0] + share * (line[i + 1, 0] - line[i, 0])):.2g}")
     if sizes:
         yield (
-            f"The linear part swings undamped by itself at {listed([f'{w:.4g}' for w in alone])} rad/s, where first "
-            f"order has cycles of about {listed(sorted(sizes, key=float)[:_PLACES])} peak to peak at "
+            f"The linear part swings undamped by itself at {listed([f'{w / (2.0 * np.pi):.4g}' for w in alone])} Hz, "
+            f"where first order has cycles of about {listed(sorted(sizes, key=float)[:_PLACES])}{unit} peak to peak at "
             f"{system.element_names[0]}, whose gain passes zero, and does not follow them here."
         )
 

@@ -71,8 +71,8 @@ class FrozenLoop(Result):
         if self.nearest is None or self.point is None:
             return f"{cut}, at rest: G(jω) on {self.omega.size} frequencies."
         apart = abs(self.response[self.nearest] - self.point) / abs(self.point)
-        near, place = percent(max(apart, 1e-4)), number(self.omega[self.nearest])
-        return f"{cut}: G(jω) meets -1/N of the motion within {near}, at {place} rad/s."
+        near, place = percent(max(apart, 1e-4)), number(self.omega[self.nearest] / (2.0 * np.pi))
+        return f"{cut}: G(jω) meets -1/N of the motion within {near}, at {place} Hz."
 
     def to_frame(self) -> pandas.DataFrame:
         """The response over the frequency [rad/s]."""

@@ -19,6 +19,7 @@ from eppanalysis.methods.describing.balance import (
     describe,
     moved,
     newton,
+    ranges,
     solved_in_part,
 )
 from eppanalysis.methods.describing.curves import contour_lines, crossings, distinct, polish, settle
@@ -97,12 +98,13 @@ def search_several(balance: Balance) -> Found:
     seeds = _seeds(balance, sheets)
     curves = _followed(balance, settle(balance, pieces), seeds, box)
     cycles = [polish(balance, seeds[seeds[:, -1] == 0.0]), crossings(balance, curves)]
+    sizes, frequencies = ranges(balance.system, balance.pivot, amplitude, omega)
     search = (
-        f"Sought on {len(amplitude)} amplitudes {amplitude[0]:.3g} to {amplitude[-1]:.3g} of "
-        f"{balance.system.element_names[balance.pivot]} by {len(omega)} frequencies {omega[0]:.3g} to {omega[-1]:.3g} "
-        f"rad/s, all other amplitudes and means solved for at each ({count(len(sheets), 'branch')}); "
-        f"{'curves' if curves else 'no curve'} of zero phase followed to their ends, with all local extrema of the "
-        "loop gain located. A curve that runs wholly between points of this grid may be missed."
+        f"Sought on {len(amplitude)} amplitudes of {balance.system.element_names[balance.pivot]} from {sizes} by "
+        f"{len(omega)} frequencies from {frequencies}, all other amplitudes and means solved for at each "
+        f"({count(len(sheets), 'branch')}); {'curves' if curves else 'no curve'} of zero phase followed to their ends, "
+        "with all local extrema of the loop gain located. A curve that runs wholly between points of this grid may be "
+        "missed."
     )
     return Found(distinct(balance, np.concatenate(cycles)), tuple(curves), search, on_grid=True)
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from eppanalysis.methods.describing.balance import Array, Balance, newton, scales
+from eppanalysis.methods.describing.balance import Array, Balance, newton, scales, unit_at_input
 from eppanalysis.methods.describing.curves import settle
 from eppanalysis.methods.describing.quality import Point
 from eppanalysis.methods.describing.search import Found, frequency_nodes
@@ -92,21 +92,10 @@ def loop_gain_curves(
     return {
         "kind": "residual",
         "element": system.element_names[principal],
-        "unit": system.elements[principal].input_unit or _unit_at_input(system, principal),
+        "unit": unit_at_input(system, principal),
         "branches": branches,
         "intersections": _intersections(points, cycles, principal, output),
     }
-
-
-def _unit_at_input(system: LureSystem, element: int) -> str:
-    """Unit of a signal that is the input of an element, or its opposite; empty where none is or has one."""
-    z, signals = system.input_slices[element].start, system.signals
-    wanted = np.hstack([system.C[z], system.D[z], system.D_input[z]])
-    rows = np.hstack([signals.C, signals.D, signals.D_input])
-    for unit, row in zip(signals.units, rows, strict=False):
-        if unit and (np.allclose(row, wanted) or np.allclose(row, -wanted)):
-            return unit
-    return ""
 
 
 def _curves(cut: Balance, balance: Balance, found: Found, points: list[Point]) -> list[Array]:

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray
+from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray, ranges
 from eppanalysis.methods.describing.bias import SingleBias, goes_one_way, spread
 from eppanalysis.methods.describing.curves import (
     at_index,
@@ -470,9 +470,10 @@ def _sentence(system: LureSystem, real: bool, omega: Array, amplitude: Array, n_
         if real
         else "contours of zero phase over amplitude and frequency, then every crossing of unit gain along them"
     )
+    sizes, frequencies = ranges(system, 0, amplitude, omega)
     text = (
-        f"Sought {how} ({n_branches} of the bias), with all local extrema located: "
-        f"omega {omega[0]:.3g} to {omega[-1]:.3g} rad/s, amplitude {amplitude[0]:.3g} to {amplitude[-1]:.3g}."
+        f"Sought {how} ({n_branches} of the bias), with all local extrema located: frequencies from {frequencies}, "
+        f"amplitudes from {sizes}."
     )
     if np.any(system.delays):
         text += (

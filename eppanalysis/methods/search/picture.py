@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from eppanalysis.errors import EppError
 from eppanalysis.plotting import (
     BLUE,
+    DARK,
     GREEN,
     GREY,
     ORANGE,
@@ -39,7 +40,7 @@ Array = NDArray[np.float64]
 
 _STABLE, _UNSTABLE = (BLUE, GREEN, SKY), (VERMILLION, ORANGE, GREY)
 #: Words in the middle of an empty panel, and the letters on a line of them.
-_MIDDLE: dict[str, Any] = {"ha": "center", "va": "center", "color": GREY, "fontsize": SMALL}
+_MIDDLE: dict[str, Any] = {"ha": "center", "va": "center", "color": DARK, "fontsize": SMALL}
 _WIDTH = 60
 #: More than these are not told apart in one picture; what is left over is drawn thin.
 _TOLD_APART = 4

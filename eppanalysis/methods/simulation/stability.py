@@ -11,6 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.readable import DIGITS, number
+
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
@@ -107,4 +109,7 @@ def describe(values: ComplexArray, one_of_many: bool = False, drifting: bool = F
         return "no Floquet multipliers: every disturbance vanishes within a period"
     vanished = int(np.sum(values == 0))
     rest = f"; {vanished} of {values.size} vanish" if vanished else ""
-    return f"largest Floquet multiplier {abs(values[0]):.6g}{rest}"
+    size = abs(values[0])
+    # Next to one four digits do not say on which side.
+    digits = DIGITS if abs(size - 1.0) > 10.0 ** (1 - DIGITS) else DIGITS + 3
+    return f"largest Floquet multiplier {number(size, digits)}{rest}"
