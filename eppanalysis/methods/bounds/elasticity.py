@@ -152,7 +152,7 @@ def exact_slopes(question: Question, point: Point, sizes: Mapping[str, float]) -
         return {
             name: -_damping_slope(case, name, value(name), orbit, arc, size) / by_limit for name, size in sizes.items()
         }
-    A = orbit.A / orbit.row_scale[:, None] * orbit.column_scale
+    A = orbit.scaled
     # At a fold the derivative A by the unknowns is singular, and the row psi with psi
     # A = 0 leaves psi (r_limit dlimit + r_q dq) = 0. At a border collision one arc
     # keeps having no duration, so its column is no unknown (docs/howto/bounds.md).

@@ -23,7 +23,7 @@ from eppanalysis.methods.describing.balance import (
     solved_in_part,
 )
 from eppanalysis.methods.describing.curves import contour_lines, crossings, distinct, polish, settle
-from eppanalysis.methods.describing.search import Found, frequency_scales
+from eppanalysis.methods.describing.search import Found, frequency_scales, stretches
 from eppanalysis.methods.describing.trace import Box, trace
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.measured.loop import DataSystem
@@ -115,8 +115,7 @@ def _pieces(X: Array, loop: ComplexArray, path: Array) -> list[Array]:
     with np.errstate(all="ignore"):
         points[:, -1] = -np.log(np.abs(values))
         good = np.all(np.isfinite(points), -1) & (values.real > 0) & (np.abs(points[:, -1]) < _GAIN_RANGE)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
-    return [points[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
+    return [points[stretch] for stretch in stretches(good)]
 
 
 def _followed(balance: Balance, lines: list[Array], seeds: Array, box: Box) -> list[Array]:

@@ -404,7 +404,7 @@ def _on_crossings(
             if not np.any(line[:, 1]):
                 cycles.append(_roots_in_amplitude(balance, line[:, 0], N * gain, w, gain, np.zeros_like))
                 continue
-            for piece in _runs(N * gain > 0):
+            for piece in stretches(N * gain > 0):
                 X = _points(line[piece], np.full(len(line[piece]), w), N[piece] * gain)
                 curves += settle(balance, [X])
     return np.concatenate([*cycles, crossings(balance, curves)]), curves
@@ -432,7 +432,7 @@ def _points(line: Array, omega: Array, loop_gain: Array) -> Array:
     return np.stack([np.log(line[:, 0]), np.log(omega), line[:, 1], -np.log(np.abs(loop_gain))], -1)
 
 
-def _runs(mask: NDArray[np.bool_]) -> list[slice]:
+def stretches(mask: NDArray[np.bool_]) -> list[slice]:
     """Stretches of True that hold two points or more."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
@@ -461,7 +461,7 @@ def _phase_pieces(line: Array, N: ComplexArray, omega: Array, L: ComplexArray, p
     positive = (N[nearest[:, 0]] * L[nearest[:, 1]]).real > 0
     place = np.stack([np.exp(at_index(np.log(line[:, 0]), path[:, 0])), at_index(line[:, 1], path[:, 0])], -1)
     w = np.exp(at_index(np.log(omega), path[:, 1]))
-    return [_points(place[run], w[run], loop[run]) for run in _runs(positive)]
+    return [_points(place[run], w[run], loop[run]) for run in stretches(positive)]
 
 
 def _sentence(system: LureSystem, real: bool, omega: Array, amplitude: Array, n_branches: int) -> str:

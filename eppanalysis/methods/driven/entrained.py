@@ -200,7 +200,7 @@ def _beside(drive: Drive, cycle: Orbit, most_periods: int) -> Entrainment | None
     orbit = None if placed is None else passed(placed, own)
     if placed is None or orbit is None:
         return None
-    A = orbit.A / orbit.row_scale[:, None] * orbit.column_scale
+    A = orbit.scaled
     if not np.all(np.isfinite(A)):
         return None
     left, sizes, right = np.linalg.svd(A)

@@ -120,6 +120,11 @@ class Orbit:
         """Sizes of the unknowns, shape (m + p,)."""
         return np.concatenate([self.scale[self.arcs.free], np.full(self.tau.size, max(self.period, 1e-300))])
 
+    @property
+    def scaled(self) -> Array:
+        """The derivative A by unknowns and of equations in the sizes of the motion."""
+        return self.A / self.row_scale[:, None] * self.column_scale
+
     @cached_property
     def residual(self) -> float:
         """Largest residual relative to the size of the motion."""
@@ -164,7 +169,7 @@ class Orbit:
             return False
         # Scaled, or the smallest singular value would only show that angles stand beside seconds
         # (docs/theory/exact_orbits.md, All of them).
-        A = self.A / self.row_scale[:, None] * self.column_scale
+        A = self.scaled
         if not np.all(np.isfinite(A)):
             return False
         # A singular direction is that of a continuum only if closed orbits lie along it: near a fold the equations are
@@ -187,7 +192,7 @@ class Orbit:
 
     def correction(self, right: Array) -> Array:
         """Solution of the scaled linear equations for a right-hand side, in the units of the unknowns; nan for none."""
-        A, b = self.A / self.row_scale[:, None] * self.column_scale, right / self.row_scale
+        A, b = self.scaled, right / self.row_scale
         if not (np.all(np.isfinite(A)) and np.all(np.isfinite(b))):
             return np.full_like(b, np.nan)  # LAPACK would complain on the terminal
         try:

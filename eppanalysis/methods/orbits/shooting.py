@@ -40,6 +40,8 @@ _ALONG = 1e-7
 _TOUCHES = 1e-10
 #: Roundings that the value of a guard may be off, and the share of what a period changes that it must be beneath.
 _ROUNDINGS, _TOLD = 4.0 * 2.0**-52, 1e-3
+#: Difference of dwell times and states, relative to the motion, up to which two turns are the same.
+_SAME_TURN = 1e-7
 _NO_SAMPLES = np.zeros(0)
 
 
@@ -139,7 +141,7 @@ def _close_delayed(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
 def _goes_round(it: EventSequence, tau: Array, q: int) -> bool:
     """Whether a sequence of events is one of q arcs several times."""
     same = np.array_equal(it.guards, np.roll(it.guards, q)) and np.array_equal(it.modes, np.roll(it.modes, q, axis=0))
-    return same and bool(np.max(np.abs(tau - np.roll(tau, q))) < 1e-7 * tau.sum())
+    return same and bool(np.max(np.abs(tau - np.roll(tau, q))) < _SAME_TURN * tau.sum())
 
 
 def moves(orbit: Orbit) -> bool:
@@ -257,15 +259,13 @@ def _once(orbit: Orbit, q: int) -> Guess | None:
 
 
 def _repeats(orbit: Orbit, q: int) -> bool:
-    it, tol = orbit.arcs.event_sequence, 1e-7
-    same = np.array_equal(it.guards, np.roll(it.guards, q)) and np.array_equal(it.modes, np.roll(it.modes, q, axis=0))
-    if not same or np.max(np.abs(orbit.tau - np.roll(orbit.tau, q))) > tol * orbit.period:
+    if not _goes_round(orbit.arcs.event_sequence, orbit.tau, q):
         return False
     free, n = orbit.arcs.free, orbit.arcs.n_state
     free = free[(free < n) | (free >= n + orbit.arcs.n_timers)]  # each delayed switch has its own timers
     shift = orbit.arcs.shift[free] * orbit.tau[:q].sum()
     change = np.abs(orbit.starts[q, free] - shift - orbit.starts[0, free])
-    return bool(np.all(change <= tol * orbit.scale[free]))
+    return bool(np.all(change <= _SAME_TURN * orbit.scale[free]))
 
 
 def is_met(orbit: Orbit) -> bool:

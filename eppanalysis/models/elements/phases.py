@@ -123,9 +123,11 @@ def amplitude_and_bias(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) 
     return np.where(a == 0, SMALLEST_AMPLITUDE, a), b
 
 
-def with_nan(a: Array, b: Array, mean: ArrayLike, gain: ArrayLike) -> tuple[Array, NDArray[np.complex128]]:
+def with_nan(
+    a: Array, b: Array, mean: ArrayLike, gain: ArrayLike, omega: ArrayLike = 0.0
+) -> tuple[Array, NDArray[np.complex128]]:
     """Not-a-number in, not-a-number out (comparisons would take it for an amplitude below the threshold)."""
-    undefined = np.isnan(a) | np.isnan(b)
+    undefined = np.isnan(a) | np.isnan(b) | np.isnan(omega)
     return np.where(undefined, np.nan, mean), np.where(undefined, np.nan, gain) + 0j
 
 

@@ -309,7 +309,7 @@ class _Equations:
         self._joints()
         if motion is not None:
             self._shifts(motion)
-        self.matrices = self._built()
+        self.matrices = by_turns(self.entries, mesh.n_pieces * (mesh.degree + 1) * arcs.size)
 
     def places(self, of_y: IntArray) -> IntArray:
         """Where places of y stand among the unknowns."""
@@ -416,16 +416,6 @@ class _Equations:
         """Of the equations, and behind them of the guards."""
         return np.concatenate([(self.around @ whole.ravel())[free], self.guards @ whole.ravel()])
 
-    def _built(self) -> list[csc_array]:
-        from scipy.sparse import coo_array
-
-        turn, row, column, value = (np.concatenate(parts) for parts in zip(*self.entries, strict=True))
-        size = self.mesh.n_pieces * (self.mesh.degree + 1) * self.arcs.size
-        return [
-            coo_array((value[turn == k], (row[turn == k], column[turn == k])), shape=(size, size)).tocsc()
-            for k in range(int(turn.max()) + 1)
-        ]
-
 
 def _multipliers(motion: DelayedMotion) -> ComplexArray | None:
     """The largest Floquet multipliers without that of a shift along the orbit; None where that one is not there."""
@@ -434,6 +424,17 @@ def _multipliers(motion: DelayedMotion) -> ComplexArray | None:
     system = _Equations(motion.arcs, motion.mesh, motion.lines, motion)
     free = system.places(motion.arcs.free)
     return multipliers_of([a[free][:, free] for a in system.matrices])
+
+
+def by_turns(entries: Sequence[tuple[IntArray, IntArray, IntArray, Array]], size: int) -> list[csc_array]:
+    """The matrix (size, size) of each turn from entries with their turn, row, column and value."""
+    from scipy.sparse import coo_array
+
+    turn, row, column, value = (np.concatenate(parts) for parts in zip(*entries, strict=True))
+    return [
+        coo_array((value[turn == k], (row[turn == k], column[turn == k])), shape=(size, size)).tocsc()
+        for k in range(int(turn.max()) + 1)
+    ]
 
 
 def multipliers_of(matrices: Sequence[csc_array]) -> ComplexArray | None:

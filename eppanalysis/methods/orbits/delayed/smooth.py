@@ -27,7 +27,7 @@ from eppanalysis.methods.harmonic.loop import Loop, inputs_of
 from eppanalysis.methods.harmonic.series import TURN, orders, values as waves
 from eppanalysis.methods.orbits.asked import Asked
 from eppanalysis.methods.orbits.delayed.mesh import Mesh, basis
-from eppanalysis.methods.orbits.delayed.motion import COARSE, FINE, agrees, multipliers_of
+from eppanalysis.methods.orbits.delayed.motion import COARSE, FINE, agrees, by_turns, multipliers_of
 from eppanalysis.methods.simulation.effort import spend
 from eppanalysis.methods.simulation.period import analyse_period
 from eppanalysis.methods.simulation.stability import describe, is_stable
@@ -156,14 +156,7 @@ class _Course:
 
     def matrices(self) -> list[csc_array]:
         """The linearised equations: ``sum of matrices[k] y(k periods ago) = 0`` for a disturbance y at the nodes."""
-        from scipy.sparse import coo_array
-
-        parts = list(self._blocks())
-        turn, row, column, value = (np.concatenate(a) for a in zip(*parts, strict=True))
-        return [
-            coo_array((value[turn == k], (row[turn == k], column[turn == k])), shape=(self.values.size,) * 2).tocsc()
-            for k in range(int(turn.max()) + 1)
-        ]
+        return by_turns(list(self._blocks()), self.values.size)
 
     def _blocks(self) -> Iterator[tuple[IntArray, IntArray, IntArray, Array]]:
         """Turn, row, column and value of entries: of states and rates, of what comes late, and of the joints."""

@@ -26,6 +26,7 @@ from eppanalysis.models.elements.phases import (
     distances,
     require,
     require_numbers,
+    with_nan,
 )
 from eppanalysis.models.elements.static import Saturation
 
@@ -161,8 +162,7 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
         slow = Saturation(self.lower, self.upper).describing_function(a, b)
         mean = np.where(moves, b + a * whole, np.where(follows, slow[0], level))
         gain = np.where(moves, wave, np.where(follows, slow[1], 0.0))
-        undefined = np.isnan(a) | np.isnan(b) | np.isnan(w)
-        return np.where(undefined, np.nan, mean), np.where(undefined, np.nan, gain)
+        return with_nan(a, b, mean, gain, w)
 
     def _integrator(self, a: Array, b: Array, w: Array) -> tuple[Array, ComplexArray]:
         """Mean of the integrator's state, and its fundamental over the amplitude.
@@ -192,8 +192,7 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
         )  # fmt: skip
         mean = np.where(never, level, b + a * whole.real / (2 * np.pi))
         gain = np.where(never, 0.0, 1j * wave / np.pi)
-        undefined = np.isnan(a) | np.isnan(b) | np.isnan(w)
-        return np.where(undefined, np.nan, mean), np.where(undefined, np.nan, gain)
+        return with_nan(a, b, mean, gain, w)
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """Amplitudes at which v reaches a limit."""

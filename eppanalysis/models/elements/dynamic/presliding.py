@@ -25,6 +25,7 @@ from eppanalysis.models.elements.phases import (
     broadcast,
     broadcast_with_frequency,
     require_numbers,
+    with_nan,
 )
 from eppanalysis.models.elements.piecewise import UNITY
 
@@ -132,10 +133,10 @@ def _answer(a: Array, b: Array, w: Array, stiffness: float, coulomb: float) -> A
             _arc(reach, np.pi + beta, lengths[1], sine, high, -1.0),
         ]
         mean, wave = (np.sum(both, axis=0) for both in zip(*parts, strict=True))
-        one_way, undefined = np.abs(b) >= a, np.isnan(a) | np.isnan(b) | np.isnan(w)
+        one_way = np.abs(b) >= a
         mean = np.where(one_way, coulomb * np.sign(b), coulomb * mean / (2 * np.pi))
         gain = np.where(one_way, 0.0, 1j * coulomb * wave / (np.pi * a))
-    return np.where(undefined, np.nan, mean), np.where(undefined, np.nan, gain)
+    return with_nan(a, b, mean, gain, w)
 
 
 def _arc(reach: Array, begin: Array, length: Array, sine: Array, start: Array, way: float) -> Answer:

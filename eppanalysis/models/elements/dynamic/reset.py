@@ -25,6 +25,7 @@ from eppanalysis.models.elements.phases import (
     broadcast,
     broadcast_with_frequency,
     require_numbers,
+    with_nan,
 )
 from eppanalysis.models.elements.piecewise import UNITY
 
@@ -107,9 +108,7 @@ def _answer(a: Array, b: Array, w: Array, k: float, pole: float, n: int = 1) -> 
         linear = (n == 1) * k / (pole + 1j * w)
         steady = k * b / pole if pole else np.where(b == 0, 0.0, np.copysign(np.inf, k * b))
         rests = (np.abs(b) >= a) | (w == 0)
-    undefined = np.isnan(a) | np.isnan(b) | np.isnan(w)
-    mean, gain = np.where(rests, steady, mean), np.where(rests, linear, gain)
-    return np.where(undefined, np.nan, mean), np.where(undefined, np.nan, gain)
+    return with_nan(a, b, np.where(rests, steady, mean), np.where(rests, linear, gain), w)
 
 
 def _half(kappa: Array, length: Array, sine: Array, cosine: Array) -> tuple[Array, Array]:
