@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from eppanalysis.methods.continuation.result import Branch
-from eppanalysis.methods.harmonic.states import OtherStates
 from eppanalysis.methods.orbits.apart import unmixed
+from eppanalysis.methods.simulation.states import OtherStates
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import is_sampled
 from eppanalysis.models.systems.subject import CaseLike

@@ -25,8 +25,8 @@ from eppanalysis.methods.describing.quality import Point, point, stability
 from eppanalysis.methods.describing.search import Found, is_one_loop, search_one
 from eppanalysis.methods.harmonic.averaged import left_out, of_samples
 from eppanalysis.methods.harmonic.loop import role_of_input
-from eppanalysis.methods.harmonic.states import without_held_states
 from eppanalysis.methods.margins.margins import margins
+from eppanalysis.methods.simulation.states import without_held_states
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state
 from eppanalysis.models.systems.measured.loop import DataSystem, MeasuredLoop

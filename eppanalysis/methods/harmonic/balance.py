@@ -22,7 +22,7 @@ from eppanalysis.methods.harmonic.elements import Regime, Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of, order_one
 from eppanalysis.methods.harmonic.newton import Iterate, newton
 from eppanalysis.methods.harmonic.series import TURN, ComplexArray, anchored, extrema, orders, sampled
-from eppanalysis.methods.harmonic.states import without_held_states
+from eppanalysis.methods.simulation.states import without_held_states
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state
 from eppanalysis.models.systems.measured.loop import DataSystem, MeasuredLoop

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from eppanalysis.methods.harmonic.states import OtherStates, without_held_states
+from eppanalysis.methods.simulation.states import OtherStates, unread_apart, without_held_states
 from eppanalysis.models.systems.linear import balanced, poles
 from eppanalysis.models.systems.lure import LureSystem
 
@@ -35,8 +35,11 @@ _FADES = 0.1
 
 
 def in_states_of_its_own(system: LureSystem) -> OtherStates | None:
-    """The loop without states that nothing drives, else in those of its own motions; None where it needs none."""
-    return without_held_states(system) or (None if system.time_step else unmixed(system) or integrators_apart(system))
+    """The loop without states that nothing drives, with those apart that nothing reads, else in those of its own
+    motions; None where it needs none.
+    """
+    own = without_held_states(system) or unread_apart(system)
+    return own or (None if system.time_step else unmixed(system) or integrators_apart(system))
 
 
 def unmixed(system: LureSystem) -> OtherStates | None:

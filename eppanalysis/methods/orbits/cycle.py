@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle, sample_arcs
 from eppanalysis.methods.orbits.shooting import restarted
-from eppanalysis.methods.simulation.period import PeriodShape, analyse_period
+from eppanalysis.methods.simulation.period import PeriodShape, advance, advances, analyse_period
 from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
 from eppanalysis.methods.simulation.stability import describe, is_stable
 from eppanalysis.models.systems.lure import LureSystem
@@ -29,6 +29,7 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
     orbit : Orbit
     """
     shape = orbit_shape(system, orbit)
+    note = advances(system, _gained(orbit), shape)
     values = orbit.multipliers
     n = orbit.hybrid.n_plant
     y = orbit.y
@@ -40,6 +41,7 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
         mean=shape.mean,
         peak_to_peak=shape.peak_to_peak,
         harmonics=shape.harmonics,
+        note=note,
         stable=is_stable(values, orbit.one_of_many),
         stability_criterion=describe(values, orbit.one_of_many),
         multipliers=values,
@@ -78,12 +80,13 @@ def orbit_shape(system: LureSystem, orbit: Orbit) -> PeriodShape:
         start = restarted(orbit.hybrid, orbit.arcs, middle(orbit, 0), orbit.arcs.event_sequence.modes[0])
         first = int(np.searchsorted(times, half))
         turned = np.concatenate([times[first:] - half, times[:first] + (orbit.period - half)])
+        goes_on = np.outer(turned, _gained(orbit) / orbit.period)
         base = 2.0 * orbit.hybrid.time_scale
         samples = run_hybrid(start, orbit.period, turned, base, 10 * marks.size + 100, 1).samples
-        return np.roll(samples, first, axis=0)
+        return np.roll(samples - goes_on[: len(samples)], first, axis=0)
 
     def by_arcs(times: Array) -> Array:
-        return sample_arcs(orbit, times)
+        return sample_arcs(orbit, times) - np.outer(times, _gained(orbit) / orbit.period)
 
     if orbit.motion is not None:
         # Its pieces end where a signal has a corner.
@@ -91,6 +94,15 @@ def orbit_shape(system: LureSystem, orbit: Orbit) -> PeriodShape:
     else:
         sample = by_arcs if delayed else by_engine
     return analyse_period(marks, np.zeros(0), orbit.hybrid.time_scale, system.signals.names, sample)
+
+
+def _gained(orbit: Orbit) -> Array:
+    """What each signal gains in a period."""
+    return (
+        advance(orbit.hybrid, orbit.starts[-1] - orbit.y)
+        if orbit.motion is None
+        else np.zeros(len(orbit.hybrid.model.Yx))
+    )
 
 
 def _events(orbit: Orbit) -> Events:

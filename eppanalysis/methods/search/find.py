@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.predict import predicted_cycles
-from eppanalysis.methods.harmonic.states import OtherStates
 from eppanalysis.methods.orbits.apart import in_states_of_its_own
 from eppanalysis.methods.orbits.asked import Asked
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
@@ -45,6 +44,7 @@ from eppanalysis.methods.search.told import N_RANDOM, SCALES, Told
 from eppanalysis.methods.simulation.effort import Spent, allotted, left
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
+from eppanalysis.methods.simulation.states import OtherStates
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint

@@ -65,7 +65,8 @@ def iterate(
     s = system.signals
     Y = X @ s.C.T + W @ s.D.T + v @ s.D_input.T + s.constant
     signals = dict(zip(s.names, Y.T.copy(), strict=True))
-    status, period, change = _verdict(X, _rounding(system, X, W, v))
+    rounding = _rounding(system, X, W, v)
+    status, period, change = _verdict(X, rounding)
     facts = Provenance("iteration", {"t_end": t_end, "time_step": step, "system": system.name})
     cycle = cycle_of_samples(signals, period, step, change, facts) if status is Status.LIMIT_CYCLE else None
     if cycle is not None and not np.any(lag):
@@ -79,7 +80,7 @@ def iterate(
         status=status,
         limit_cycle=cycle,
         settled_at={k: float(y[-1]) for k, y in signals.items()} if status is Status.SETTLED else {},
-        settled_since=_since(t, X, period) if status.ok else float("nan"),
+        settled_since=_since(t, X, period, rounding) if status.ok else float("nan"),
         units=s.units_by_name(),
         provenance=facts,
     )
@@ -101,10 +102,10 @@ def whole_samples(system: LureSystem, what: str, times: Array) -> NDArray[np.int
     return np.asarray(counts, np.int64)
 
 
-def _since(t: Array, X: Array, period: int) -> float:
+def _since(t: Array, X: Array, period: int, rounding: Array) -> float:
     """From when on the state is where it rests, or where it is one period later, to a millionth of its motion."""
     later = X[period:] if period else X[-1:]
-    away = np.abs(X[: len(X) - period] - later) > 1e-6 * np.ptp(X, axis=0)
+    away = np.abs(X[: len(X) - period] - later) > np.maximum(1e-6 * np.ptp(X, axis=0), rounding)
     moving = np.flatnonzero(np.any(away, axis=1))
     return float(t[moving[-1] + 1]) if moving.size else 0.0
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.readable import number
 from eppanalysis.results import Status
 
@@ -25,6 +25,8 @@ EARLY = {
 }
 #: The last switches of a run, as a share of those kept, come this much closer where they accumulate than all did.
 _LATE, _CLOSER = 0.1, 1e-6
+#: So many events tell how large the last swings are; below this share of the whole motion it is said.
+_FEW, _TINY = 64, 1e-4
 VERDICTS = (Status.UNDECIDED, Status.SETTLED, Status.LIMIT_CYCLE, Status.DIVERGED)
 
 
@@ -79,6 +81,12 @@ class Run:
         last = self._last_of_events
         return bool(np.ptp(last) <= _CLOSER * last[-1] / self.count * (last.size - 1))
 
+    @property
+    def _last_swings(self) -> float:
+        """Size of the motion over the last events, relative to that of the whole run: of the state that moves most."""
+        size = np.where(self.high > self.low, self.high - self.low, np.inf)
+        return float((np.ptp(self.state[self.order[-_FEW:]], axis=0) / size).max())
+
     def why_early(self, t_end: float) -> str:
         """Why a run has ended before its time, and what to do, in a sentence; empty for one that has not."""
         if EARLY.get(self.code) is not Status.EVENT_LIMIT:
@@ -93,7 +101,25 @@ class Run:
         if self._accumulates:
             return f"{stopped}: its switches accumulate there, as the time between them shrinks to nothing."
         each = float(np.ptp(self._last_of_events)) / max(self._last_of_events.size - 1, 1)
+        if self._last_swings < _TINY:
+            return (
+                f"{stopped}: it had used up all its events, the last in swings of {number(self._last_swings, 1)} of "
+                f"the whole motion, one each {number(each)} s; hysteresis or a delay, as real switches have, would "
+                "bound them."
+            )
         return (
             f"{stopped}: it had used up all its events, of which one comes each {number(each)} s; let it end sooner or "
             f"give it some {number((t_end - reached) / each, 2)} more (max_events)."
         )
+
+
+def from_event(hybrid: HybridSystem, run: Run, place: int) -> tuple[HybridSystem, float]:
+    """The system started behind an event of its run, and when that was [s].
+
+    From the run's own start where the input still changes later, or where what is delayed must be known from before.
+    """
+    begin = float(run.time[place])
+    if np.any(hybrid.model.breakpoint_time > begin) or np.any(hybrid.model.smooth_kind == DELAY_LINE):
+        return hybrid, 0.0
+    x, memory, modes = (a[place].copy() for a in (run.state, run.memory_values, run.modes))
+    return replace(hybrid.held, x0=x, H0=memory, modes0=modes), begin

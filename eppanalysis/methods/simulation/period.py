@@ -6,7 +6,7 @@ so that integrals are spectrally exact and the interpolating polynomial gives ex
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -15,6 +15,9 @@ from numpy.polynomial import legendre, polynomial
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.readable import listed, quantity, words
 
 Array = NDArray[np.float64]
 
@@ -31,6 +34,8 @@ _FEWEST, _MOST, _MORE = 32, 6000, 1.5
 _ROUNDS = 14
 #: Tails of the Legendre series, relative to the range of the signal: resolved, and where rounding may begin to show.
 _RESOLVED, _ROUNDING = 1e-12, 1e-9
+#: Share of a signal that it may go on by in as long a run again, and rests.
+_STANDS = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +89,29 @@ def analyse_period(
         pieces, before = pieces.halved(coarse, before)
         values = _whole(sample, pieces.times)
     return pieces.analyse(names, values)
+
+
+def advance(hybrid: HybridSystem, change: Array) -> Array:
+    """What the signals gain where the state changes so (n,), by those of its places that need not repeat."""
+    apart = np.flatnonzero(~hybrid.compared[: hybrid.n_plant])
+    return np.asarray(hybrid.model.Yx[:, apart] @ change[apart], float)
+
+
+def advances(system: LureSystem, gained: Array, shape: PeriodShape) -> str:
+    """Which signals go on from period to period, in a sentence; nothing where all repeat."""
+    units, most = system.signals.units_by_name(), shape.peak_to_peak
+    on = [
+        f"{words(name)} by {quantity(float(more), units.get(name, ''))}"
+        for name, more in zip(system.signals.names, gained, strict=True)
+        if abs(more) > _RESOLVED * most[name]
+    ]
+    return f"From period to period {listed(on)} more; the figures are those of the swing beside." if on else ""
+
+
+def resting(signals: Mapping[str, Array], more: Array) -> dict[str, float]:
+    """Where signals rest, but for those that go on: the angle of a motor that keeps its speed."""
+    still = [m <= _STANDS * np.abs(v).max() for v, m in zip(signals.values(), np.abs(more), strict=True)]
+    return {name: float(v[-1]) for (name, v), rests in zip(signals.items(), still, strict=True) if rests}
 
 
 def _whole(sample: Callable[[Array], Array], times: Array) -> Array:

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.effort import left, spend
-from eppanalysis.methods.simulation.kept import EARLY, VERDICTS, Run
-from eppanalysis.methods.simulation.period import analyse_period
+from eppanalysis.methods.simulation.kept import EARLY, VERDICTS, Run, from_event
+from eppanalysis.methods.simulation.period import advance, advances, analyse_period, resting
 from eppanalysis.methods.simulation.rounding import (
     BENEATH_ROUNDING,
     SAMPLES,
@@ -22,6 +22,7 @@ from eppanalysis.methods.simulation.rounding import (
     watched,
 )
 from eppanalysis.methods.simulation.samples import judge_samples, locked_or_not, rests_since
+from eppanalysis.methods.simulation.states import unread_apart
 from eppanalysis.methods.simulation.workspaces import announce_compilation, of_thread
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
 from eppanalysis.models.systems.inputs import InputSignal, input_signals_by_name
@@ -128,6 +129,10 @@ def simulate(
 
         iterated = iterate(system, input, t_end, None if t_eval is None else times)
         return _with_point(iterated, OperatingPoint.of(system, input, t_end))
+    if (apart := unread_apart(system)) is not None:
+        run_apart = simulate(apart.system, input, t_end, t_eval, max_events=max_events, max_steps=max_steps, step=step)
+        cycle = run_apart.limit_cycle
+        return replace(run_apart, limit_cycle=None if cycle is None else apart.told(cycle))
     hybrid = HybridSystem.from_lure(system, input_signals_by_name(system.input_names, input))
     base = step or _base_step(times, t_eval is None, hybrid)
     samples = 0 if (strobe := Strobe.of(hybrid)) is None else strobe.samples_in(t_end)
@@ -149,7 +154,7 @@ def simulate(
         events=_events(hybrid, run),
         status=status,
         limit_cycle=cycle,
-        settled_at={k: float(v[-1]) for k, v in signals.items()} if settled and n_written else {},
+        settled_at=resting(signals, advance(hybrid, run.rate_end) * t_end) if settled and n_written else {},
         settled_since=_since(hybrid, run, found) if status.ok else float("nan"),
         n_events=run.count,
         note=BENEATH_ROUNDING if lost else early and (hybrid.chatters or early),
@@ -321,7 +326,7 @@ def repeats_undecided(status: Status, found: Array) -> bool:
 def _loses_elements(hybrid: HybridSystem, run: Run, found: Array) -> bool:
     """Whether a run is on a cycle on which what its elements change in a period is beneath rounding."""
     period, end = float(found[1]), float(run.time[run.order[-1]])
-    start, begin = _from_event(hybrid, run, int(run.order[-int(found[0]) - 1]))
+    start, begin = from_event(hybrid, run, int(run.order[-int(found[0]) - 1]))
     # What the verdict lets pass as rounding: changes from period to period, and that of times in states that swing.
     changes = min(max(found[2], found[3], 1e-15 * 2.0 * np.pi * end / period), _STANDING)
     return loses_elements(start, end - begin, period, changes, 2 * run.count + 100)
@@ -431,18 +436,6 @@ def _since(hybrid: HybridSystem, run: Run, found: Array) -> float:
     return float(run.time[turns[first]])
 
 
-def _from_event(hybrid: HybridSystem, run: Run, place: int) -> tuple[HybridSystem, float]:
-    """The system started behind an event of its run, and when that was [s].
-
-    From the run's own start where the input still changes later, or where what is delayed must be known from before.
-    """
-    begin = float(run.time[place])
-    if np.any(hybrid.model.breakpoint_time > begin) or np.any(hybrid.model.smooth_kind == DELAY_LINE):
-        return hybrid, 0.0
-    x, memory, modes = (a[place].copy() for a in (run.state, run.memory_values, run.modes))
-    return replace(hybrid.held, x0=x, H0=memory, modes0=modes), begin
-
-
 def cycle_of_run(
     system: LureSystem, hybrid: HybridSystem, run: Run, found: Array, facts: Provenance
 ) -> LimitCycle | None:
@@ -463,13 +456,14 @@ def cycle_of_run(
     p, period = int(found[0]), float(found[1])
     marks = run.time[run.order[-p - 1 :]]
     first = int(run.order[-p - 1])
-    start, begin = _from_event(hybrid, run, first)
+    start, begin = from_event(hybrid, run, first)
+    gained = advance(hybrid, run.state[run.order[-1]] - run.state[first])
 
     def sample(times: Array) -> Array:
         again = run_hybrid(
             start, float(marks[-1]) - begin, times - begin, 2.0 * hybrid.time_scale, 2 * run.count + 100, 1
         )
-        return again.samples[: int(again.stats[2])]
+        return again.samples[: int(again.stats[2])] - np.outer(times - marks[0], gained / period)[: int(again.stats[2])]
 
     try:
         shape = analyse_period(marks, system.delays, hybrid.time_scale, system.signals.names, sample)
@@ -479,7 +473,9 @@ def cycle_of_run(
     return LimitCycle(
         method=SIMULATION,
         status=Status.CONVERGED,
-        note="" if strobe is None else locked_or_not(strobe, found),
+        note=" ".join(
+            ("" if strobe is None else locked_or_not(strobe, found), advances(system, gained, shape))
+        ).strip(),
         period=period,
         mean=shape.mean,
         peak_to_peak=shape.peak_to_peak,

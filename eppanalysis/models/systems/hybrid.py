@@ -275,9 +275,9 @@ class _Packer:
         fastest = float(fastest_poles(system.A[None])[0])
         self._refuse_tiny_delays(fastest)
         A, B, S, K = model.A, model.B, model.S, model.K
-        # A clock never comes back, and an input need not: neither is asked whether a cycle has closed.
+        # A clock never comes back, nor need an input or an integral that nothing reads: the angle behind a speed loop.
         clock = ~np.any(A, axis=1) & ~np.any(B, axis=1) & ~np.any(S, axis=1) & (K[:, -1] != 0)
-        exo = np.arange(len(A)) >= self.n
+        unread = ~np.any(A, axis=0) & ~np.any(model.C, axis=0)
         return HybridSystem(
             elements=tuple(system.elements),
             automata=tuple(self.automata),
@@ -286,7 +286,7 @@ class _Packer:
             H0=np.append(np.zeros(self.n_H - 1), 1.0),
             modes0=np.array([a.start_mode for a in self.automata], np.int64),
             n_plant=self.n,
-            compared=~(clock | exo),
+            compared=~(clock | unread | (np.arange(len(A)) >= self.n)),
             element_names=tuple(self.names),
             time_scale=2.0 / fastest if fastest > 0 else 1.0,
         )
@@ -334,7 +334,7 @@ class _Packer:
         given = np.flatnonzero(np.any(self.system.D_input != 0.0, axis=1))
         inputs = np.zeros(len(acts), bool)
         inputs[np.searchsorted(self.first[:, 0], given, side="right") - 1] = True
-        return np.asarray(reaching(np.vstack([acts.T, inputs]), acts.T), np.int64)
+        return reaching(np.vstack([acts.T, inputs]), acts.T).astype(np.int64)
 
     def _refuse_tiny_delays(self, fastest: float) -> None:
         """A run would need ten million steps and more while the linear part hardly moves."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -748,3 +749,13 @@ def test_a_dead_time_hands_on_what_was_put_out_before_a_step_at_once(element, me
     run = epp.simulate(stepped, {"r": epp.inputs.Step(-3.0)}, t_end=0.5, t_eval=times)
     seen = run.signals[f"{element.kind}_input"]
     np.testing.assert_allclose(seen, 0.1 * handed_on * np.expm1(-times), rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("damping", [1.0, 3.0])
+def test_a_run_of_ever_smaller_swings_says_so(damping):
+    """A relay on a damped double integrator: by the engine's end of events its swings are nothing beside its start."""
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, damping, 0.0]), epp.Relay())
+    run = epp.simulate(loop, t_end=200.0)
+    assert run.status is Status.EVENT_LIMIT
+    share = float(re.search(r"in swings of (\S+) of the whole motion", str(run)).group(1))
+    assert 0.0 < share < 1e-4 and "give it" not in str(run)

@@ -1,7 +1,7 @@
 """A loop in other states than its user's, and its cycles in these: without those that nothing drives.
 
 An integrator without an input keeps its start: a disturbance, a set point. It is a held input that stands among the
-states, and no unknown of a cycle.
+states, and no unknown of a cycle. One without a reader (an angle under control of speed) may go on for ever.
 """
 
 from __future__ import annotations
@@ -9,13 +9,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.means import without_rounding
+from eppanalysis.models.systems.means import equilibrate, without_rounding
 from eppanalysis.results import LimitCycle
 
 Array = NDArray[np.float64]
+
+#: Share of the largest number of a loop, in units that suit it, below which one is none.
+_UNREAD = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +43,34 @@ class OtherStates:
     def asked(self, cycle: LimitCycle) -> LimitCycle:
         """A cycle in the user's states as one of the loop."""
         return OtherStates(self.system, self.inverse, self.T, np.zeros(len(self.inverse))).told(cycle)
+
+
+def unread_apart(system: LureSystem) -> OtherStates | None:
+    """The loop with integrals that nothing reads as states of their own; None where they are, or there are none.
+
+    The angles of two inertias on a shaft go on for ever where it turns, and their difference does not.
+    """
+    if not system.A.size or system.time_step:
+        return None
+    read = np.vstack([system.A, system.C])
+    row, column = equilibrate(read)
+    _, s, vt = np.linalg.svd(row[:, None] * read * column)
+    still = column[:, None] * vt[int(np.sum(s > _UNREAD * s.max(initial=0.0))) :].T
+    if not still.size:
+        return None
+    places = scipy.linalg.qr((still / column[:, None]).T, mode="r", pivoting=True)[-1][: still.shape[1]]
+    still = still @ np.linalg.inv(still[places])
+    beside = np.where(np.abs(still) <= _UNREAD * np.outer(column, 1.0 / column[places]), 0.0, still)
+    beside[places] = 0.0
+    if not np.any(beside):
+        return None
+    T, inverse = np.eye(len(still)), np.eye(len(still))
+    T[:, places] += beside
+    inverse[:, places] -= beside
+    apart = system.in_coordinates(T, inverse)
+    A, C = apart.A.copy(), apart.C.copy()
+    A[:, places], C[:, places] = 0.0, 0.0
+    return OtherStates(replace(apart, A=A, C=C), T, inverse, np.zeros(len(T)))
 
 
 def without_held_states(system: LureSystem) -> OtherStates | None:
