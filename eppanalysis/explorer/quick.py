@@ -104,6 +104,8 @@ def _sentence(run: Trajectory, signal: str, unit: str, factor: float) -> str:
         size = f"{factor * cycle.peak_to_peak[signal]:.4g} {unit}".strip()
         return f"Oscillates at {cycle.frequency:.4g} Hz, {name} by {size} peak to peak."
     if run.status is Status.SETTLED:
+        if run.stands_still:
+            return "Stands still where it starts, which says nothing of other starts."
         return "Settles at rest" + f", from {run.settled_since:.3g} s on" * (run.settled_since > 0.0) + "."
     return run.message
 

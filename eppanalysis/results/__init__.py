@@ -321,13 +321,13 @@ class Trajectory(Result):
                 if where is None
                 else f": {words(where[0])} at {quantity(at_rest(where[1]), self.units.get(where[0], ''))}"
             )
-            return f"{_STANDS if self._stands else 'Settles at rest'}{at}{since}."
+            return f"{_STANDS if self.stands_still else 'Settles at rest'}{at}{since}."
         end = f"after {number(self.end_time)} s" if self.t.size else "without samples"
         begin = f"Undecided {end}" if self.status is Status.UNDECIDED else end.capitalize()
         return f"{begin}: {self.message}"
 
     @property
-    def _stands(self) -> bool:
+    def stands_still(self) -> bool:
         """Whether the run never leaves the place where it starts, but for rounding."""
         spans = [np.ptp(v) <= _STILL * np.abs(v).max() for v in self.signals.values() if v.size]
         return bool(spans) and all(spans) and not self.settled_since > 0.0

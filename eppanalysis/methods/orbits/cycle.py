@@ -29,7 +29,6 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
     orbit : Orbit
     """
     shape = orbit_shape(system, orbit)
-    note = advances(system, _gained(orbit), shape)
     values = orbit.multipliers
     n = orbit.hybrid.n_plant
     y = orbit.y
@@ -41,7 +40,7 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
         mean=shape.mean,
         peak_to_peak=shape.peak_to_peak,
         harmonics=shape.harmonics,
-        note=note,
+        note="".join(advances(system, _gained(orbit), shape)),
         stable=is_stable(values, orbit.one_of_many),
         stability_criterion=describe(values, orbit.one_of_many),
         multipliers=values,

@@ -97,15 +97,15 @@ def advance(hybrid: HybridSystem, change: Array) -> Array:
     return np.asarray(hybrid.model.Yx[:, apart] @ change[apart], float)
 
 
-def advances(system: LureSystem, gained: Array, shape: PeriodShape) -> str:
-    """Which signals go on from period to period, in a sentence; nothing where all repeat."""
+def advances(system: LureSystem, gained: Array, shape: PeriodShape) -> list[str]:
+    """Which signals go on from period to period, in words; nothing where all repeat."""
     units, most = system.signals.units_by_name(), shape.peak_to_peak
     on = [
-        f"{words(name)} by {quantity(float(more), units.get(name, ''))}"
+        f"{quantity(float(more), units.get(name, ''))} to {words(name)}"
         for name, more in zip(system.signals.names, gained, strict=True)
         if abs(more) > _RESOLVED * most[name]
     ]
-    return f"From period to period {listed(on)} more; the figures are those of the swing beside." if on else ""
+    return [f"each period adds {listed(on)}, beside the swing that is told"] if on else []
 
 
 def resting(signals: Mapping[str, Array], more: Array) -> dict[str, float]:

@@ -473,9 +473,7 @@ def cycle_of_run(
     return LimitCycle(
         method=SIMULATION,
         status=Status.CONVERGED,
-        note=" ".join(
-            ("" if strobe is None else locked_or_not(strobe, found), advances(system, gained, shape))
-        ).strip(),
+        note="; ".join([*([] if strobe is None else [locked_or_not(strobe, found)]), *advances(system, gained, shape)]),
         period=period,
         mean=shape.mean,
         peak_to_peak=shape.peak_to_peak,

@@ -85,7 +85,7 @@ def test_a_speed_swings_on_a_cycle_while_its_angle_goes_on():
         angle = [integrate.cumulative_trapezoid(v - mean, s, initial=0.0) for v, s in zip(speed, t, strict=True)]
         angle[1] = angle[1] + angle[0][-1]
         assert cycle.peak_to_peak["angle"] == pytest.approx(np.ptp(np.concatenate(angle)), rel=1e-5)
-        assert f"angle by {turned:.4g}" in cycle.note
+        assert f"{turned:.4g} to angle" in cycle.note
 
 
 def drill(turned: bool = False) -> LureSystem:
@@ -134,3 +134,24 @@ def test_a_drill_string_sticks_and_slips_while_all_its_angles_go_on(turned):
     assert run.limit_cycle.period == pytest.approx(known.period, rel=1e-6)
     assert run.limit_cycle.peak_to_peak["bit"] == pytest.approx(next(iter(known.peak_to_peak.values())), rel=1e-6)
     assert epp.exact_orbit(drill(turned), run.limit_cycle).period == pytest.approx(known.period, rel=1e-6)
+
+
+def test_an_encoder_between_two_levels_of_a_speed_makes_cycles_whose_angles_go_on():
+    """A sampled controller: the swing of the angle is that of the speed about its mean, integrated."""
+    loop = epp.Diagram(
+        parts={
+            "controller": epp.blocks.PI(kp=2.0, ti=0.05, sample_time=0.01),
+            "motor": epp.blocks.Inertia(inertia=0.05, damping=0.02),
+            "encoder": epp.Quantiser(0.5, 200),
+            "setpoint": epp.blocks.Constant(value=5.2),
+        },
+        connect=["setpoint - encoder -> controller", "controller -> motor", "motor.speed -> encoder"],
+        signals={"angle": "motor.angle", "speed": "motor.speed"},
+    ).to_system()
+    run = epp.simulate(loop, t_end=30.0)
+    for cycle in (run.limit_cycle, epp.exact_orbit(loop, run.limit_cycle)):
+        assert cycle.peak_to_peak["angle"] < cycle.peak_to_peak["speed"] * cycle.period
+        moving = cycle.waveform["speed"] - cycle.mean["speed"]
+        swing = integrate.cumulative_trapezoid(moving, cycle.time, initial=0.0)
+        assert cycle.peak_to_peak["angle"] == pytest.approx(np.ptp(swing), rel=1e-2)
+        assert "to angle" in cycle.note and "locked to the samples" in cycle.note.lower()

@@ -22,7 +22,7 @@ from eppanalysis.methods.orbits.guess import brought_about, marked
 from eppanalysis.methods.orbits.samples.continua import joined
 from eppanalysis.methods.orbits.samples.sampled import BORDER
 from eppanalysis.methods.simulation.kept import Run
-from eppanalysis.methods.simulation.period import analyse_period
+from eppanalysis.methods.simulation.period import advance, advances, analyse_period
 from eppanalysis.methods.simulation.rounding import left_by_rounding
 from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
 from eppanalysis.methods.simulation.stability import describe, drifts, is_stable, multipliers
@@ -287,15 +287,18 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
     strobe, start, run, last = found.strobe, found.start, found.run, found.last
     period = found.n * strobe.period
     marks = np.unique(np.concatenate([[0.0], run.time[: last + 1]]))
+    gained = advance(start, found.rows[-1] - found.rows[0])
 
     def sample(times: Array) -> Array:
         again = run_hybrid(start, float(marks[-1]), times, 2.0 * start.time_scale, 2 * run.count + 100, 1)
-        return again.samples[: int(again.stats[2])]
+        signals = again.samples[: int(again.stats[2])]
+        return signals - np.outer(times[: len(signals)], gained / period)
 
     shape = analyse_period(marks, system.delays, start.time_scale, system.signals.names, sample)
     values, many = found.multipliers, found.one_of_many
     drifting = many and drifts(found.derivative, found.scale)
     n = start.n_plant
+    locked = f"locked to the samples: {found.n * strobe.every} of {strobe.controllers[0].sample_time:g} s"
     noise = found.residual + np.finfo(float).eps * np.sqrt(last + 1.0)
     error = float("nan")
     if values is not None:
@@ -321,7 +324,7 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
         mean_state=found.rows[:-1, :n].mean(axis=0),
         event_states=found.rows[:-1, :n].copy(),
         units=system.signals.units_by_name(),
-        note=f"locked to the samples: {found.n * strobe.every} of {strobe.controllers[0].sample_time:g} s",
+        note="; ".join([locked, *advances(system, gained, shape)]),
         provenance=Provenance(
             EXACT_ORBIT, {"system": system.name, "samples": found.n * strobe.every}, {"residual": CLOSED}
         ),
