@@ -269,17 +269,21 @@ def recurrences(
     spend(_PAIR * order.size**2)
     # Of several events at one instant the last one counts.
     free = np.flatnonzero(np.diff(time, append=np.inf) > 0)
-    gap = time[free] - time[free][:, None]
     kind = np.column_stack([run.guard[order[free]], run.modes[order[free]]])
-    fits = np.all(kind[:, None] == kind, axis=2) & (gap > 0)
+    _, kinds = np.unique(kind.view(f"V{kind.itemsize * kind.shape[1]}").ravel(), return_inverse=True)
+    i, j = np.nonzero(np.triu(kinds[:, None] == kinds, 1))
+    gap = time[free[j]] - time[free[i]]
     if period is not None:
-        fits &= (gap >= period[0]) & (gap <= period[1])
+        wanted = (gap >= period[0]) & (gap <= period[1])
+        i, j, gap = i[wanted], j[wanted], gap[wanted]
     span = np.ptp(state, axis=0)
-    i, j = np.nonzero(fits)
     away = np.max(np.abs(state[free[i]] - state[free[j]]) / np.where(span > 0, span, np.inf), axis=1, initial=0.0)
     # The nearest return first; of those that are equal to rounding the shortest, or a cycle would be closed over two
     # turns.
-    for k in np.lexsort((gap[i, j], np.round(away, 12)))[:most]:
+    away = np.round(away, 12)
+    worst = np.partition(away, most - 1)[most - 1] if away.size > most else np.inf
+    near = np.flatnonzero(~(away > worst))
+    for k in near[np.lexsort((gap[near], away[near]))[:most]]:
         guess = stretch(hybrid, run, skipped + int(free[i[k]]), skipped + int(free[j[k]]))
         if guess is not None:
             yield guess
