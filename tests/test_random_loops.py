@@ -8,6 +8,8 @@ that much.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,10 +60,16 @@ def starts_slipping(system: LureSystem) -> bool:
     )
 
 
-@pytest.mark.parametrize("block", [0, *(pytest.param(block, marks=pytest.mark.slow) for block in range(1, 10))])
-def test_halved_steps_change_nothing(block: int) -> None:
+def blocks(first: int, *ends: int) -> list[Any]:
+    """Seeds from the first to each of the ends, block by block; all but the first block are slow."""
+    parts = [range(*pair) for pair in pairwise((first, *ends))]
+    return [pytest.param(seeds, id=str(seeds[0]), marks=[pytest.mark.slow] * (i > 0)) for i, seeds in enumerate(parts)]
+
+
+@pytest.mark.parametrize("seeds", blocks(0, 250, *range(1000, 11_000, 1000)))
+def test_halved_steps_change_nothing(seeds: range) -> None:
     unexplained, hung = [], []
-    for seed in range(1000 * block, 1000 * (block + 1)):
+    for seed in seeds:
         system = with_states(random_loop(seed))
         a, code_a, _ = states(system)
         b, code_b, _ = states(system, 0.5)
@@ -76,10 +84,11 @@ def test_halved_steps_change_nothing(block: int) -> None:
     assert not unexplained
 
 
-def test_a_run_without_samples_ends_where_one_with_samples_does() -> None:
+@pytest.mark.parametrize("seeds", blocks(30_000, 30_250, 31_000))
+def test_a_run_without_samples_ends_where_one_with_samples_does(seeds: range) -> None:
     """Samples hold a run to their grid; without them the grid begins anew at every switch."""
     unexplained = []
-    for seed in range(30_000, 31_000):
+    for seed in seeds:
         system = with_states(random_loop(seed))
         a, code, _ = states(system)
         hybrid = HybridSystem.from_lure(system)

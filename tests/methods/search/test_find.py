@@ -209,7 +209,7 @@ def test_a_loop_of_integrators_alone_has_no_time_scale_of_its_own(slower):
     assert [c.stable for c in scaled] == [c.stable for c in own]
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_run_that_has_gone_is_not_made_longer(seed):
     """Beyond an unstable cycle of three integrators under a valve with overlap states grow to 1e23, and what turned
     states leave of the valve's input is rounding: it switched without number, until no work was left.
@@ -407,13 +407,18 @@ def test_a_centre_is_one_continuum_and_not_a_list_of_cycles(plant, element, fami
     assert "for a continuum of cycles" in found.search
 
 
-@pytest.mark.parametrize("element", [epp.DeadZone(), epp.Saturation(), epp.Play(0.2)])
+@pytest.mark.parametrize(
+    "element", [epp.DeadZone(), epp.Saturation(), pytest.param(epp.Play(0.2), marks=pytest.mark.slow)]
+)
 def test_an_undamped_swing_does_not_settle(element):
     """However small it is beside what was predicted: nothing takes its energy."""
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 0.0, 1.0]), element)
     found = epp.find_limit_cycles(loop)
     assert not found.settles and not found.rest_state.size
     assert epp.simulate(loop, t_end=300.0).status is not Status.SETTLED
+
+
+def test_a_damped_swing_settles():
     damped = epp.find_limit_cycles(epp.LureSystem.from_tf(([1.0], [1.0, 0.5, 1.0]), epp.Saturation()))
     assert damped.settles
 

@@ -578,7 +578,9 @@ def test_error_estimate_counts_a_state_that_creeps_back() -> None:
     A, B, C = np.zeros((4, 4)), np.vstack([fast.B, [[1.0]]]), np.hstack([fast.C, [[0.0]]])
     A[:3, :3], A[3, 3] = fast.A, -1e-6
     slow = epp.LureSystem.build(A, B, C, [epp.Relay()], x0=[0.2, 0.1, 0.05, 0.0])
-    (cycle,) = epp.find_limit_cycles(slow)
+    (predicted,) = epp.predict_limit_cycles(slow)
+    cycle = epp.exact_orbit(slow, predicted)
+    assert cycle.status.ok
     away = cycle.state + np.array([0.0, 0.0, 0.0, 1e-4])
     found = epp.simulate(replace(slow, x0=away), t_end=120.0).limit_cycle
     size = cycle.peak_to_peak["relay_output"] / 2.0 * cycle.period / 2.0

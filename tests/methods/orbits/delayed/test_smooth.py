@@ -75,7 +75,7 @@ def test_a_run_by_the_method_of_steps_comes_back_to_the_cycle_and_departs_by_its
 @pytest.mark.parametrize(
     "element",
     [
-        pytest.param(e, id=n, marks=[pytest.mark.slow] * (i > 1))
+        pytest.param(e, id=n, marks=[pytest.mark.slow] * (i > 0))
         for i, ((e, _), n) in enumerate(zip(LOOPS, NAMES, strict=True))
     ],
 )
