@@ -44,18 +44,21 @@ def run_cells(
 ):  # fmt: skip
     """Run cells first..last-1 of a stack of models; every result goes to its own place in `out`.
 
+    A stack of one model serves all cells, and its mode combinations are compiled once.
     `none` and `period_samples` are Samples without and with SAMPLES + 1 times; mode combinations, work and workspace
-    are those of any of the models; `now` says when runs end.
+    are those of any of the models, from these cells alone; `now` says when runs end.
     """
     n, keep = x0.shape[1], buffer.t.size
     x, modes, H, found, t_end = workspace.x, workspace.modes, workspace.H, np.empty(4), now.t_end
     times, signals = period_samples.times, period_samples.out
+    one = len(stack.A) == 1
     for c in range(first, last):
-        model = rows(stack, c)
+        model = rows(stack, 0 if one else c)
         fill(x[:n], x0[c])
         fill(modes, modes0[c])
         fill(H, H0[c])
-        compiled.count[0] = 0
+        if not one or base_step[c] != now.base_step:
+            compiled.count[0] = 0
         now.base_step, now.t_end, now.watch, now.paused, code = base_step[c], t_end, True, False, PAUSED
         while code == PAUSED:
             if out.stop[0]:

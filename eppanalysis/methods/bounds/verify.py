@@ -288,20 +288,7 @@ def cloud(hybrid: HybridSystem, rest: Array, v0: Array, size: Array, n: int, see
 
 def _stack(hybrid: HybridSystem, starts: Array, names: Sequence[str]) -> HybridStack:
     """One system from many starts."""
-    n = len(starts)
-
-    def many(array: NDArray) -> NDArray:
-        return np.repeat(array[None], n, axis=0)
-
-    return HybridStack(
-        model=type(hybrid.model)(*(many(a) for a in hybrid.model)),
-        x0=starts,
-        modes0=many(hybrid.modes0),
-        H0=many(hybrid.H0),
-        compared=hybrid.compared,
-        time_scale=np.full(n, hybrid.time_scale),
-        signal_names=tuple(names),
-    )
+    return HybridStack.of([replace(hybrid, x0=x) for x in starts], names)
 
 
 def check_verification(margin: float, n_starts: int) -> None:

@@ -47,7 +47,7 @@ _ENDS = {
 
 @dataclass(frozen=True, eq=False)
 class HybridStack:
-    """Hybrid systems of one structure, array by array, with the cell as leading axis."""
+    """Hybrid systems of one structure, array by array, with the cell as leading axis; one model may serve all cells."""
 
     model: Any
     x0: Array
@@ -64,7 +64,7 @@ class HybridStack:
 
     def take(self, rows: IntArray) -> HybridStack:
         """Some of the cells."""
-        model = type(self.model)(*(a[rows] for a in self.model))
+        model = self.model if len(self.model.A) == 1 else type(self.model)(*(a[rows] for a in self.model))
         return replace(
             self,
             model=model,
@@ -91,10 +91,10 @@ class HybridStack:
             raise EppError(
                 "The systems of a batch differ in structure (states, elements or modes); run them in groups."
             )
+        # Runs of one system from many starts have its model.
+        models = [s.model for s in (systems[:1] if all(s.model is systems[0].model for s in systems) else systems)]
         return cls(
-            model=type(systems[0].model)(
-                *(np.stack(arrays) for arrays in zip(*(s.model for s in systems), strict=True))
-            ),
+            model=type(models[0])(*(np.stack(arrays) for arrays in zip(*models, strict=True))),
             x0=np.stack([s.x0 for s in systems]),
             modes0=np.stack([s.modes0 for s in systems]),
             H0=np.stack([s.H0 for s in systems]),

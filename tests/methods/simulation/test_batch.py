@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
+import numpy as np
 import pytest
 
 import eppanalysis as epp
@@ -44,6 +46,25 @@ def test_threads_change_no_bit(stack: HybridStack) -> None:
     assert one.period.tobytes() == two.period.tobytes()
     for name in stack.signal_names:
         assert one.peak_to_peak[name].tobytes() == two.peak_to_peak[name].tobytes()
+
+
+def test_runs_of_one_model_share_what_is_compiled_of_it_and_have_the_bits_of_runs_apart() -> None:
+    """From states inside and outside its cycle, in modes that others have met before, and with two first steps."""
+    hybrid, names = made({}), epp.case("fig8a_original").to_system().signals.names
+    rng = np.random.default_rng(4)
+    runs = [replace(hybrid, x0=hybrid.x0 * rng.uniform(-3.0, 3.0)) for _ in range(40)]
+    one = HybridStack.of(runs, names)
+    one.time_scale[20:] *= 0.5
+    apart = replace(one, model=type(one.model)(*(np.repeat(a, len(runs), axis=0) for a in one.model)))
+    assert len(one.model.A) == 1 and len(set(simulate_batch(one, 1.0).events.tolist())) > 3
+    for stacks in ((one, apart), (one.take(np.arange(7, 30)), apart.take(np.arange(7, 30)))):
+        for t_end in (1.0, 6.0):
+            shared, separate = (simulate_batch(s, t_end, threads=n) for s, n in zip(stacks, (3, 1), strict=True))
+            assert shared.status == separate.status
+            for field in ("period", "events", "last_event", "change"):
+                assert getattr(shared, field).tobytes() == getattr(separate, field).tobytes()
+            for name in names:
+                assert shared.mean[name].tobytes() == separate.mean[name].tobytes()
 
 
 def test_different_structures_are_refused() -> None:
