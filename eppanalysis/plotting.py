@@ -25,12 +25,13 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 #: Colours that stay apart under every form of colour blindness (Okabe and Ito, "Color Universal Design", 2008).
-BLUE, VERMILLION, GREEN, ORANGE, SKY, GREY = (
+BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE, GREY = (
     "#0072B2",
     "#D55E00",
     "#009E73",
     "#E69F00",
     "#56B4E9",
+    "#CC79A7",
     "#7F7F7F",
 )
 #: Grey letters that are still read with ease.

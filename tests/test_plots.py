@@ -20,7 +20,7 @@ from eppanalysis.plotting import figure_of_height, lines_of, put_verdict
 from eppanalysis.results import Status
 from eppanalysis.results.picture import plot_limit_cycle, plot_nyquist, plot_trajectory
 from eppanalysis.results.provenance import Provenance
-from tests.shared import of_unknown_response, said_above
+from tests.shared import cycles_of, of_unknown_response, said_above
 from tests.synthetic import cycle, prediction, prediction_of_several, trajectory
 
 
@@ -130,6 +130,32 @@ def test_a_branch_whose_cycles_grow_without_bound_leaves_the_picture_and_not_the
     upper, lower = branch.plot(signal="x").figure.axes
     assert upper.get_ylim() == (0.0, pytest.approx(2.0 / 0.3, rel=0.1))
     assert lower.get_ylim()[1] > 3.0
+
+
+def test_a_cycle_of_a_run_that_closes_to_a_small_error_is_a_smooth_orbit():
+    """A sine whose samples end a billionth of a period before they begin again, a thousandth of its size away."""
+    time = np.append(np.linspace(0.0, 0.99, 100), 1.0 - 2e-9)
+    wave = np.sin(2.0 * np.pi * time) + np.append(np.zeros(100), 1e-3)
+    own = replace(
+        cycles_of("relay_deadzone")[1], period=1.0, time=time, waveform={"x": wave}, harmonics={"x": [0, -0.5j]}
+    )
+    search = replace(cycles_of("relay_deadzone"), cycles=(own,))
+    phase = search.plot().figure.axes[1]
+    x, rate = phase.lines[0].get_data()
+    assert np.abs(rate).max() == pytest.approx(2.0 * np.pi, rel=0.05)
+    assert np.ptp(x) == pytest.approx(2.0, rel=1e-2)
+
+
+def test_cycles_that_are_told_apart_have_colours_of_their_own():
+    cycle_ = cycles_of("relay_deadzone")[1]
+    many = tuple(replace(cycle_, period=cycle_.period * (1.0 + 0.1 * i)) for i in range(4))
+    lines = replace(cycles_of("relay_deadzone"), cycles=many).plot().lines
+    assert len({line.get_color() for line in lines}) == 4
+
+
+def test_a_loop_that_no_gain_stands_for_has_no_empty_axes_for_its_margins():
+    ax = epp.margins(epp.case("relay_deadzone")).plot()
+    assert not ax.axison and not ax.lines and ax.get_legend() is None
 
 
 def test_unknown_signal_is_one_sentence():

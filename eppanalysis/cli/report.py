@@ -42,9 +42,11 @@ def report(
 
 def _told(titles: Sequence[str]) -> Progress:
     """Where no bar is seen, a line for each of several cases: eight take minutes."""
+    told: set[str] = set()
 
     def tell(done: int, total: int | None, doing: str) -> None:
-        if len(titles) > 1 and doing in titles:
+        if len(titles) > 1 and doing in titles and doing not in told:
+            told.add(doing)
             typer.echo(f"{titles.index(doing) + 1} of {len(titles)}: {doing}", err=True)
 
     return tell

@@ -23,6 +23,7 @@ from eppanalysis.plotting import (
     VERMILLION,
     figure_of_height,
     label_of,
+    label_up,
     place_of,
     put_legend,
     show_constant,
@@ -68,6 +69,11 @@ _FEW = 60
 _MOST_CONTOURS, _MOST_SLICES = 6, 6
 #: Lines of slices by method.
 _DASHES: dict[str, Literal["-", "--", ":"]] = {"run": "-", "predicted": "--", "exact": ":"}
+#: Height of a panel of slices [inch].
+_SLICES = 2.0
+#: Variables that are those of the signal of the case, and the mark at the foot of cells that no curve has.
+_OF_SIGNAL = ("amplitude", "mean", "size")
+_UNKNOWN: dict[str, Any] = {"color": GREY, "marker": "x", "markersize": 6, "linestyle": "none", "clip_on": False}
 #: A marker at every cell, for a curve may be broken on both sides of one.
 _MARKERS = {"run": ".", "predicted": "x", "exact": "+"}
 
@@ -260,7 +266,7 @@ def plot_slices(
     >>> axes = {"bands.range": "2:3:2:lbf", "lock_pin.backlash": "0.5:2.5:3:deg"}
     >>> figure = plot_slices(epp.sweep(epp.case("fig8a_original"), axes, progress=False))
     >>> [ax.get_ylabel() for ax in figure.axes]
-    ['amplitude [deg]', 'frequency [Hz]']
+    ['amplitude of theta [deg]', 'frequency [Hz]']
     """
     dims = [str(d) for d in dataset.dims if d in dataset.coords]
     if not dims:
@@ -279,18 +285,25 @@ def plot_slices(
             raise EppError(f"The sweep has no {name}; expected one of {', '.join(map(str, dataset.data_vars))}.")
     others = {d: int((at or {}).get(d, 0)) for d in dims if d not in (x, by)}
     plane = dataset.isel(others)
-    figure = figure_of_height(0.8 + 2.0 * len(shown))
+    figure = figure_of_height(0.8 + _SLICES * len(shown))
     panels = figure.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
     across, label = readable_axis(plane, x)
+    unknown = _unknown(plane, by)
     for ax, names, variable in zip(panels, shown, variables, strict=True):
         _slices(ax, plane, across, by, names)
-        ax.set_ylabel(with_unit(words(variable), readable(str(plane[names[0]].attrs.get("units", "")))[0]))
+        of = (
+            f" of {words(str(dataset.attrs['signal']))}" if variable in _OF_SIGNAL and "signal" in dataset.attrs else ""
+        )
+        unit = readable(str(plane[names[0]].attrs.get("units", "")))[0]
+        label_up(ax, with_unit(f"{words(variable)}{of}", unit), _SLICES)
+        if unknown.size:
+            ax.plot(across[unknown], 0.0 * across[unknown], **_UNKNOWN, transform=ax.get_xaxis_transform())
         ax.spines[["top", "right"]].set_visible(False)
         if variable == "size" and is_sized(dataset):
             most = readable(str(plane[names[0]].attrs.get("units", "")))[1] * float(dataset.attrs["allowed_size"])
             ax.axhline(most, **_MOST, zorder=1)
     panels[-1].set_xlabel(label)
-    _slice_legend(panels[0], plane, by, [n for names in shown for n in names])
+    _slice_legend(panels[0], plane, by, [n for names in shown for n in names], unknown.size > 0)
     places = ", ".join(f"{words(d)} = {place_in(dataset, d, i)}" for d, i in others.items())
     put_verdict_of(figure, plane, places)
     return figure
@@ -299,6 +312,14 @@ def plot_slices(
 def _chosen_places(dataset: xarray.Dataset, by: str | None) -> list[int]:
     n = 1 if by is None else dataset.sizes[by]
     return sorted({round(i) for i in np.linspace(0, n - 1, min(n, _MOST_SLICES))})
+
+
+def _unknown(plane: xarray.Dataset, by: str | None) -> np.ndarray:
+    """Where on the axis of the slices a run that is drawn neither settles nor repeats itself."""
+    if "outcome" not in plane:
+        return np.zeros(0, int)
+    outcome = plane["outcome"] if by is None else plane["outcome"].transpose(by, ...)[_chosen_places(plane, by)]
+    return np.flatnonzero(np.any(np.atleast_2d(outcome.values) == 0, axis=0))
 
 
 def _slice_colours(n: int) -> list[Any]:
@@ -334,7 +355,7 @@ def _method(name: str) -> str:
     return next((p for p in ("predicted", "exact") if name.startswith(f"{p}_")), "run")
 
 
-def _slice_legend(ax: Axes, plane: xarray.Dataset, by: str | None, names: Sequence[str]) -> None:
+def _slice_legend(ax: Axes, plane: xarray.Dataset, by: str | None, names: Sequence[str], unknown: bool) -> None:
     places = _chosen_places(plane, by)
     handles = []
     if by is not None:
@@ -346,6 +367,8 @@ def _slice_legend(ax: Axes, plane: xarray.Dataset, by: str | None, names: Sequen
         handles += [Line2D([], [], linestyle=_DASHES[m], marker=_MARKERS[m], label=m, **style) for m in methods]
     if is_sized(plane):
         handles.append(Line2D([], [], **_MOST, label="allowed"))
+    if unknown:
+        handles.append(Line2D([], [], **_UNKNOWN, label="unknown"))
     put_legend(ax, handles)
 
 

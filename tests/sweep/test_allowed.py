@@ -165,7 +165,7 @@ def test_a_map_tells_apart_what_is_allowed(grid: xarray.Dataset, edge: epp.Bound
 
 def test_slices_show_the_size_that_is_allowed(gaps: xarray.Dataset) -> None:
     size = plot_slices(gaps).axes[0]
-    assert size.get_ylabel() == "size"
+    assert size.get_ylabel() == "size of x"
     assert any(np.allclose(line.get_ydata(), 0.5) for line in size.lines)
     assert plot_sweep(epp.sweep(SERVO, epp.Sobol({"play.gap": "0.2:0.3"}, 4), allow="x 0.5", progress=False)).axes
 

@@ -81,17 +81,29 @@ def test_a_map_of_more_axes_says_where_it_is() -> None:
 def test_slices_have_a_line_for_every_value_of_the_other_axis(grid) -> None:
     figure = plot_slices(grid)
     amplitude, frequency = figure.axes
-    assert [ax.get_ylabel() for ax in figure.axes] == ["amplitude [deg]", "frequency [Hz]"]
+    assert [ax.get_ylabel() for ax in figure.axes] == ["amplitude of theta [deg]", "frequency [Hz]"]
     assert frequency.get_xlabel() == "lock pin backlash [deg]"
-    assert texts(figure) == [f"bands range {v} lbf" for v in ("2", "2.5", "3")]
+    assert texts(figure) == [*(f"bands range {v} lbf" for v in ("2", "2.5", "3")), "unknown"]
     backlash = grid["lock_pin.backlash"].values / DEG
-    for line, i in zip(amplitude.lines, range(3), strict=True):
+    for line, i in zip(amplitude.lines[:3], range(3), strict=True):
         drawn = np.asarray(line.get_ydata(), float)
         values = grid["amplitude"].values[i] / DEG
         np.testing.assert_allclose(drawn[np.isin(line.get_xdata(), backlash)], values)
     # Dark to light, so that the lines keep apart in print.
-    brightness = [float(np.mean(line.get_color()[:3])) for line in amplitude.lines]
+    brightness = [float(np.mean(line.get_color()[:3])) for line in amplitude.lines[:3]]
     assert brightness == sorted(brightness)
+
+
+def test_designs_of_which_nothing_is_known_have_a_mark_where_no_curve_goes() -> None:
+    found = epp.sweep(epp.case("robot_servo").with_values({"run.t_end": "0.6 s"}), {"Kp": [20.0, 60.0]}, progress=False)
+    unknown = found["Kp"].values[found["outcome"].values == 0]
+    assert unknown.size
+    figure = plot_slices(found)
+    assert "unknown" in texts(figure)
+    for ax in figure.axes:
+        marks = [line for line in ax.lines if line.get_marker() == "x"]
+        np.testing.assert_array_equal(marks[0].get_xdata(), unknown)
+        assert ax.get_xlim()[0] <= found["Kp"].values.min() and found["Kp"].values.max() <= ax.get_xlim()[1]
 
 
 def test_slices_are_broken_between_rest_and_oscillation(relays) -> None:
@@ -166,7 +178,7 @@ def test_colours_of_outcomes_differ_without_hue(grid) -> None:
 
 def test_every_sweep_has_its_picture(grid, relays) -> None:
     assert plot_sweep(grid).axes[0].get_ylabel() == "lock pin backlash [deg]"
-    assert plot_sweep(relays).axes[0].get_ylabel() == "amplitude"
+    assert plot_sweep(relays).axes[0].get_ylabel() == "amplitude of x"
     sample = epp.sweep(RELAY, epp.Sobol({"relay_dead_zone.threshold": (0.5, 2.0)}, 2), run="predict", progress=False)
     assert plot_sweep(sample).axes[0].get_xticklabels()[-1].get_text() == "predicted\nfrequency [Hz]"
 

@@ -32,15 +32,22 @@ from eppanalysis.readable import readable, with_unit, words
 
 Array = NDArray[np.float64]
 
+#: Filled marks of special points that have one of their own; all others are open squares.
+_MARKS: dict[str, dict[str, Any]] = {
+    Change.FOLD: {"marker": "D", "color": ORANGE, "markersize": 5},
+    Change.PERIOD_DOUBLING: {"marker": "^", "color": "black", "markersize": 6},
+}
+_SQUARE: dict[str, Any] = {"marker": "s", "color": GREY, "markerfacecolor": "none", "markersize": 5}
+
 
 def plot_branch(
     branch: Branch, signal: str | None = None, at: float | None = None, given: Axes | None = None
 ) -> Figure:
     """Bifurcation diagram: amplitude and frequency over the parameter; stable solid, unstable dashed.
 
-    Folds are filled diamonds, period doublings triangles, other special points open squares, simulated runs crosses on
-    top. Parts of the range asked for that no branch covers are hatched, with the reason in the legend. Angles are in
-    degrees, lengths in millimetres.
+    Folds are filled diamonds, period doublings triangles, other special points open squares that are named where all
+    are alike, simulated runs crosses on top. Parts of the range asked for that no branch covers are hatched, with the
+    reason in the legend. Angles are in degrees, lengths in millimetres.
 
     Parameters
     ----------
@@ -62,10 +69,12 @@ def plot_branch(
     unit, factor = readable(branch.units.get(name, ""))
     label = with_unit(f"{words(name)}\npeak to peak", unit)
     figure, panels = places_of(given, 2, height=2.0)
+    others = {special.kind for one in (branch, *branch.others) for special in one.special} - set(_MARKS)
+    squares = next(iter(others)) if len(others) == 1 else "other special point"
     for ax, key, scale in zip(panels, (name, "frequency"), (factor, 1.0), strict=False):
         y = scale * branch.points[key]
         for one in (branch, *branch.others):
-            _draw_branch(ax, one, name, key, x_factor, scale)
+            _draw_branch(ax, one, name, key, x_factor, scale, squares)
             y = np.append(y, scale * one.points[key])
         for gap in branch.missing:
             edges: dict[str, Any] = {"facecolor": "none", "edgecolor": "#BBBBBB", "linewidth": 0, "hatch": "xx"}
@@ -99,8 +108,8 @@ def plot_folds(curve: FoldCurve, ax: Axes | None = None) -> Figure:
     return figure
 
 
-def _draw_branch(ax: Axes, branch: Branch, name: str, key: str, across: float, scale: float) -> None:
-    """One curve of the diagram with its special points."""
+def _draw_branch(ax: Axes, branch: Branch, name: str, key: str, across: float, scale: float, squares: str) -> None:
+    """One curve of the diagram with its special points, and what open squares are."""
     value, stable = across * branch.points["value"], branch.points["stable"]
     y = scale * branch.points[key]
     ceases = [s.index for s in branch.special if s.kind == Change.SAMPLES]  # another cycle goes on from there
@@ -112,14 +121,5 @@ def _draw_branch(ax: Axes, branch: Branch, name: str, key: str, across: float, s
             ax.plot(*line, style, color=colour, linewidth=1.4, label=STABILITY[kind])
     for special in branch.special:
         height = special.cycle.frequency if key == "frequency" else special.cycle.peak_to_peak[name]
-        _mark_special(ax, special.kind, across * special.value, scale * height)
-
-
-def _mark_special(ax: Axes, kind: str, x: float, y: float) -> None:
-    """A filled diamond for a fold, a filled triangle for a period doubling, an open square for the rest."""
-    if kind == Change.FOLD:
-        ax.plot(x, y, "D", color=ORANGE, markersize=5, label="fold")
-    elif kind == Change.PERIOD_DOUBLING:
-        ax.plot(x, y, "^", color="black", markersize=6, label="period doubling")
-    else:
-        ax.plot(x, y, "s", color=GREY, markerfacecolor="none", markersize=5, label="other special point")
+        mark, label = _MARKS.get(special.kind, _SQUARE), special.kind if special.kind in _MARKS else squares
+        ax.plot(across * special.value, scale * height, linestyle="none", label=label, **mark)

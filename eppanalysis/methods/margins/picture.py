@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eppanalysis.methods.margins.olop_result import BOUNDARY
-from eppanalysis.plotting import BLUE, GREEN, VERMILLION, place_of, put_legend
+from eppanalysis.plotting import BLUE, DARK, GREEN, VERMILLION, place_of, put_legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,8 +22,12 @@ _REACH = 2.5
 
 def plot_margins(margins: Margins, ax: Axes | None = None) -> Figure:
     """L(j omega) about -1, the unit circle, and where the margins are taken."""
-    figure, ax = place_of(ax, 4.2)
     shown = np.abs(margins.response) < _REACH
+    figure, ax = place_of(ax, 4.2 if np.any(shown) else 0.6)
+    if not np.any(shown):
+        ax.set_axis_off()
+        ax.text(0.5, 0.5, "There is no open loop to draw.", transform=ax.transAxes, ha="center", color=DARK)
+        return figure
     L = np.where(shown, margins.response, np.nan)
     ax.plot(L.real, L.imag, color=BLUE, linewidth=1.6, label="L(jω)")
     turn = np.linspace(0.0, 2.0 * np.pi, 181)

@@ -17,6 +17,7 @@ from eppanalysis.plotting import (
     GREEN,
     GREY,
     ORANGE,
+    PURPLE,
     SKY,
     SMALL,
     VERMILLION,
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_STABLE, _UNSTABLE = (BLUE, GREEN, SKY), (VERMILLION, ORANGE, GREY)
+_STABLE, _UNSTABLE = (BLUE, GREEN, SKY, PURPLE), (VERMILLION, ORANGE, GREY, PURPLE)
 #: Words in the middle of an empty panel, and the letters on a line of them.
 _MIDDLE: dict[str, Any] = {"ha": "center", "va": "center", "color": DARK, "fontsize": SMALL}
 _WIDTH = 60
@@ -81,12 +82,12 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
     name = _chosen(shown[0][0], signal)
     unit, factor = readable(shown[0][0].units.get(name, ""))
     for cycle, style, text in shown:
-        time, wave = _turned(cycle, name)
+        time, wave, rate = _turned(cycle, name)
         # Of many waveforms, each over a period of its own, none can be followed; orbits can.
         followed = slice(0) if style["linewidth"] == _THIN["linewidth"] else slice(None)
         panels[0].plot((time / cycle.period)[followed], factor * wave[followed], label=text, **style)
         for right in panels[1:]:
-            right.plot(factor * wave[1:-1], factor * np.gradient(wave, time)[1:-1], **style)
+            right.plot(factor * wave, factor * rate, **style)
     panels[0].set_xlim(0.0, 1.0)
     panels[0].set_xlabel("time over period")
     panels[0].set_ylabel(with_unit(words(name), unit))
@@ -118,7 +119,7 @@ def _listed(cycle: LimitCycle, used: dict[str, dict[str, Any]]) -> tuple[dict[st
     text = f"{'stable' if stable else 'unstable'}, {number(cycle.frequency)} Hz"
     style = {"linestyle": "-" if stable else "--", "linewidth": 1.3}
     others = sum(one["linestyle"] == style["linestyle"] for one in used.values())
-    return used.setdefault(text, style | {"color": (_STABLE if stable else _UNSTABLE)[others % 3]}), text
+    return used.setdefault(text, style | {"color": (_STABLE if stable else _UNSTABLE)[others % len(_STABLE)]}), text
 
 
 def _thin(cycle: LimitCycle, others: Sequence[LimitCycle]) -> tuple[dict[str, Any], str]:
@@ -186,16 +187,22 @@ def plot_basin(basin: Basin, ax: Axes | None = None) -> Figure:
     return figure
 
 
-def _turned(cycle: LimitCycle, name: str) -> tuple[Array, Array]:
-    """Times and waveform from the rise of the fundamental through zero on: one period, and a few samples around it."""
+def _turned(cycle: LimitCycle, name: str) -> tuple[Array, Array, Array]:
+    """Times, waveform and its rate from the rise of the fundamental through zero on: one period, and a few samples
+    around it.
+
+    Rates are those of the samples as they follow each other: where a cycle of a run begins again it closes to a small
+    error, over a time that may be smaller.
+    """
     begin = (-np.pi / 2 - np.angle(cycle.harmonics[name][1])) / (2 * np.pi) * cycle.period
-    time = (cycle.time - begin) % cycle.period
+    new = np.append(True, np.diff(cycle.time) > 1e-9 * cycle.period)
+    own, wave = cycle.time[new], cycle.waveform[name][new]
+    time = (own - begin) % cycle.period
     order = np.argsort(time)
-    time, wave = time[order], cycle.waveform[name][order]
-    new = np.append(True, np.diff(time) > 1e-9 * cycle.period)
-    time, wave = time[new], wave[new]
-    before = [time[-1:] - cycle.period, time, time[:3] + cycle.period]
-    return np.concatenate(before), np.concatenate([wave[-1:], wave, wave[:3]])
+    order = order[np.append(True, np.diff(time[order]) > 1e-9 * cycle.period)]
+    around = np.concatenate([order[-1:], order, order[:3]])
+    turns = np.repeat([-1.0, 0.0, 1.0], [1, len(order), len(order[:3])])
+    return time[around] + turns * cycle.period, wave[around], np.gradient(wave, own)[around]
 
 
 def _chosen(cycle: LimitCycle, signal: str | None) -> str:
