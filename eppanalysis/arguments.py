@@ -188,7 +188,6 @@ def floats(value: Any, name: str, **options: Any) -> NDArray[Any]:
 
     Parameters
     ----------
-    value : array_like
     name : str
         What it is, for the message.
     **options

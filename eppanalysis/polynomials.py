@@ -100,7 +100,6 @@ def polynomial(function: Callable[[float], Array | None], low: float, high: floa
     ----------
     function : callable
         The vector (n,) at a place; None where it is another one.
-    low, high : float
 
     Returns
     -------
@@ -206,7 +205,6 @@ def polynomial_at(function: Callable[[float], Array | None], x: float, size: flo
     ----------
     function : callable
         As :func:`polynomial` takes it.
-    x : float
     size : float
         Where the place is zero, what is large there.
 

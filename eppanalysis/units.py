@@ -360,7 +360,6 @@ def format_si(value: float, unit: str, friendly: str | None = None, digits: int 
     ----------
     value : float
         In the SI unit `unit`.
-    unit : str
     friendly : str, optional
         Unit to write in; by default `unit` itself.
     digits : int

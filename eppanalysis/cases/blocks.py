@@ -260,7 +260,6 @@ def without(
         What stands in for each that is missing, made of a number.
     field, kind : str
         Where the part stands in the file, and what it is.
-    raw : RawCase
     """
     first, *others = (raw.refused(f"{field}.{key}", f"a value: {kind} needs it") for key in lacking)
     found: list[ModelError] = []

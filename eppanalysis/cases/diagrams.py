@@ -155,26 +155,14 @@ def _require_different_names(file: Any, raw: RawCase) -> None:
 
 @dataclass(frozen=True)
 class _Reader:
-    """Reads values of a file, be they quantities or expressions of its parameters.
+    """Reads values of a file, be they quantities or expressions of its parameters."""
 
-    Attributes
-    ----------
-    named : dict of str to Named
-        The named parameters.
-    raw : RawCase
-    given : dict of str to Parameter
-        Fields of parts that are quantities, filled while they are read.
-    with_units : dict of str to dict of str to Parameter
-        Of each part ("blocks.controller") the numbers that have a unit, filled while they are read.
-    tables : dict of str to Block
-        The elements' own by their places, filled while they are read.
-    """
-
-    named: Mapping[str, Named]
+    named: Mapping[str, Named]  # the named parameters
     raw: RawCase
-    given: dict[str, Parameter]
+    given: dict[str, Parameter]  # fields of parts that are quantities, filled while they are read
+    #: Of each part ("blocks.controller") the numbers that have a unit, filled while they are read.
     with_units: dict[str, dict[str, Parameter]]
-    tables: dict[str, ElementTable]
+    tables: dict[str, ElementTable]  # the elements' own by their places, filled while they are read
 
     @classmethod
     def of(cls, parameters: Mapping[str, Any], raw: RawCase) -> _Reader:

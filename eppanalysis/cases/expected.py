@@ -13,34 +13,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Cycle:
-    """A known limit cycle of the signal that the case names.
+    """A known limit cycle of the signal that the case names."""
 
-    Attributes
-    ----------
-    amplitude : float
-        Half the peak-to-peak of an exact cycle, the amplitude of the sine of a first-order one [unit of the signal].
-    omega, period : float
-        [rad/s], [s]; per sample and in samples when the loop is in discrete time with a step of one.
-    mean, middle : float or None
-        Mean over time, and halfway between the extremes [unit of the signal].
-    fundamental : float or None
-        Amplitude of the fundamental [unit of the signal].
-    stable : bool or None
-    largest_multiplier : float or None
-        Largest modulus of the Floquet multipliers, without the one that belongs to the motion along the cycle.
-    also : dict of str to float
-        Further numbers of the cycle, by name.
-    """
-
+    #: Half the peak-to-peak of an exact cycle, the amplitude of the sine of a first-order one [unit of the signal].
     amplitude: float
+    #: omega, period: [rad/s], [s]; per sample and in samples when the loop is in discrete time with a step of one.
     omega: float
     period: float
+    #: mean, middle: mean over time, and halfway between the extremes [unit of the signal].
     mean: float | None = None
     middle: float | None = None
-    fundamental: float | None = None
+    fundamental: float | None = None  # amplitude of the fundamental [unit of the signal]
     stable: bool | None = None
+    #: Largest modulus of the Floquet multipliers, without the one that belongs to the motion along the cycle.
     largest_multiplier: float | None = None
-    also: dict[str, float] = field(default_factory=dict)
+    also: dict[str, float] = field(default_factory=dict)  # further numbers of the cycle, by name
 
 
 @dataclass(frozen=True)
@@ -56,26 +43,16 @@ class Published:
 
 @dataclass(frozen=True)
 class Expected:
-    """What a case should give.
+    """What a case should give."""
 
-    Attributes
-    ----------
-    outcome : Outcome or None
-        Of the simulated run.
-    signal : str or None
-        Signal that the amplitudes are of.
-    describing_function, exact : tuple of Cycle, or None
-        All first-order cycles and the known exact ones; empty when there are none, None when the case does not say.
-    published : tuple of Published
-    paper, finding, source, note : str
-        Figure of the paper, what it shows, where the answers come from, remarks.
-    """
-
-    outcome: Outcome | None = None
-    signal: str | None = None
+    outcome: Outcome | None = None  # of the simulated run
+    signal: str | None = None  # signal that the amplitudes are of
+    #: describing_function, exact: all first-order cycles and the known exact ones; empty when there are none, None when
+    #: the case does not say.
     describing_function: tuple[Cycle, ...] | None = None
     exact: tuple[Cycle, ...] | None = None
     published: tuple[Published, ...] = ()
+    #: paper, finding, source, note: figure of the paper, what it shows, where the answers come from, remarks.
     paper: str = ""
     finding: str = ""
     source: str = ""

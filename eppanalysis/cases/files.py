@@ -71,24 +71,14 @@ class Connections:
 
 @dataclass(frozen=True)
 class RawCase:
-    """A case file with its bases merged in, not yet validated.
+    """A case file with its bases merged in, not yet validated."""
 
-    Attributes
-    ----------
-    name, source : str
-        Stem of the file, and its path as the user gave it.
-    folder : Path
-        Where files that the case names are looked for.
-    data : dict
-        Plain TOML values.
-    origins : dict of str to str
-        File (or other source) that each dotted field was last set by.
-    """
-
+    #: name, source: stem of the file, and its path as the user gave it.
     name: str
     source: str
-    folder: Path
-    data: dict[str, Any]
+    folder: Path  # where files that the case names are looked for
+    data: dict[str, Any]  # plain TOML values
+    #: File (or other source) that each dotted field was last set by.
     origins: dict[str, str] = field(default_factory=dict)
 
     def origin(self, dotted: str) -> str:

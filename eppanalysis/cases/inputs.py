@@ -54,7 +54,6 @@ def make_input_signal(given: Input, unit: str, raw: RawCase, field: str = "run.i
 
     Parameters
     ----------
-    given : StepInput, StepsInput, RampInput, SineInput or RecordedInput
     unit : str
         SI unit of the system's input.
     raw : RawCase

@@ -86,32 +86,20 @@ def sentences_of(text: str, first: EppError) -> list[str]:
 
 @dataclass
 class _Reading:
-    """A file under way; lives for one call.
+    """A file under way; lives for one call."""
 
-    Attributes
-    ----------
-    whole, left : RawCase
-        The file, and what has not been taken out of it.
-    found : list of CaseError
-    gone, absent : set of str
-        Names, and fields, that have been taken out; fields that are missing.
-    missed, stood_in : dict of str to None
-        Names among them that were used elsewhere; parts in whose place another one stands.
-    cut : dict of str to list of int
-        Places of the entries of lists that have been.
-    fed : set of str
-        Names in connections that have been.
-    """
-
+    #: whole, left: the file, and what has not been taken out of it.
     whole: RawCase
     left: RawCase
     found: list[CaseError] = field(default_factory=list)
+    #: gone, absent: names, and fields, that have been taken out; fields that are missing.
     gone: set[str] = field(default_factory=set)
     absent: set[str] = field(default_factory=set)
+    #: missed, stood_in: names among them that were used elsewhere; parts in whose place another one stands.
     missed: dict[str, None] = field(default_factory=dict)
     stood_in: dict[str, None] = field(default_factory=dict)
-    cut: dict[str, list[int]] = field(default_factory=dict)
-    fed: set[str] = field(default_factory=set)
+    cut: dict[str, list[int]] = field(default_factory=dict)  # places of the entries of lists that have been
+    fed: set[str] = field(default_factory=set)  # names in connections that have been
 
     def goes_on(self, error: CaseError) -> bool:
         """Note what is wrong and take it out; whether there was anything to be taken out."""

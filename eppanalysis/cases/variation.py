@@ -15,20 +15,12 @@ from eppanalysis.readable import with_unit, words
 
 @dataclass(frozen=True)
 class Slider:
-    """A parameter with the range that it is moved over; its numbers are in the unit that people use.
-
-    Attributes
-    ----------
-    name, title, unit : str
-    per_unit : float
-        SI value of one `unit`.
-    low, high, step, value : float
-    """
+    """A parameter with the range that it is moved over; its numbers are in the unit that people use."""
 
     name: str
     title: str
     unit: str
-    per_unit: float
+    per_unit: float  # SI value of one `unit`
     low: float
     high: float
     step: float
@@ -61,19 +53,11 @@ class Varied(Protocol):
 
 @dataclass(frozen=True)
 class Variation(ABC):
-    """What is worth varying in a case of one kind.
+    """What is worth varying in a case of one kind."""
 
-    Attributes
-    ----------
-    case : Varied
-    guided : (str, str) or None
-        The parameter that guidelines run over and the one that they bound, where nothing else is asked for.
-    example : str
-        A field and a value for it, as one sets them.
-    """
-
+    #: The parameter that guidelines run over and the one that they bound, where nothing else is asked for.
     guided: ClassVar[tuple[str, str] | None] = None
-    example: ClassVar[str]
+    example: ClassVar[str]  # a field and a value for it, as one sets them
 
     case: Varied
 

@@ -196,7 +196,6 @@ def heading(text: str, settings: Sequence[str], case: Case | None = None) -> Non
 
     Parameters
     ----------
-    text : str
     settings : sequence of str
         As ``--set`` takes them.
     case : Case, optional
@@ -288,11 +287,8 @@ def answer(
 
     Parameters
     ----------
-    command : str
-    case : Case
     settings : sequence of str
         As ``--set`` takes them.
-    as_json : bool
     data : callable
         Gives the plain data of the document.
     show : callable
@@ -312,8 +308,6 @@ def print_json(command: str, results: Sequence[tuple[Case, Any]], settings: Sequ
 
     Parameters
     ----------
-    command : str
-    results : sequence of (Case, plain data)
     settings : sequence of str
         As ``--set`` takes them.
     """

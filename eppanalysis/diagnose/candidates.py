@@ -56,17 +56,9 @@ def resized(element: Nonlinearity, size: float) -> Nonlinearity:
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """The loop with all of its elements as gains.
+    """The loop with all of its elements as gains."""
 
-    Attributes
-    ----------
-    loop : LureSystem
-        Without dead time; elements to which no gain belongs are left in it.
-    gains : dict of int to array
-    at : OperatingPoint
-    """
-
-    loop: LureSystem
+    loop: LureSystem  # without dead time; elements to which no gain belongs are left in it
     gains: dict[int, Array]
     at: OperatingPoint
 
@@ -120,22 +112,12 @@ def _parts(system: LureSystem, active: int, size: float) -> LureSystem:
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """The limit cycles of a loop with one of its elements, over the size of that element.
-
-    Attributes
-    ----------
-    system : LureSystem
-    number : int
-        Of the element.
-    at : OperatingPoint
-    gains : dict of int to array
-        Of the other elements; those without a gain stay as they are.
-    """
+    """The limit cycles of a loop with one of its elements, over the size of that element."""
 
     system: LureSystem
-    number: int
+    number: int  # of the element
     at: OperatingPoint
-    gains: dict[int, Array]
+    gains: dict[int, Array]  # of the other elements; those without a gain stay as they are
 
     @property
     def element(self) -> Nonlinearity:
@@ -184,24 +166,13 @@ class Family:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """All that may explain an oscillation of a loop.
-
-    Attributes
-    ----------
-    system : LureSystem
-    at : OperatingPoint
-    families : tuple of Family
-        Of the elements that a gain stands for.
-    linear : Linear
-    left_out : dict of str to str
-        Elements that are no candidate of their own, and why.
-    """
+    """All that may explain an oscillation of a loop."""
 
     system: LureSystem
     at: OperatingPoint
-    families: tuple[Family, ...]
+    families: tuple[Family, ...]  # of the elements that a gain stands for
     linear: Linear
-    left_out: dict[str, str]
+    left_out: dict[str, str]  # elements that are no candidate of their own, and why
 
 
 def candidates_of(system: LureSystem, at: OperatingPoint) -> Candidates:

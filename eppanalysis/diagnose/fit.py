@@ -37,55 +37,31 @@ _ROOT = float(np.log(np.sqrt(2.0 * np.pi)))
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """One way in which a candidate explains an oscillation.
+    """One way in which a candidate explains an oscillation."""
 
-    Attributes
-    ----------
-    evidence : float
-        Logarithm of the likelihood, averaged over what the candidate may choose.
-    misfit, freedom : float, int
-        Sum of squares in units of the standard deviations, and how many of them are free.
-    period : float
-        That the candidate has [s].
-    harmonics : complex array, shape (signals, K)
-        That it has, laid against those of the record.
-    size, size_error : float
-        Factor on the model's element (or gain), and the standard deviation of its logarithm.
-    cycle : LimitCycle or None
-    place : str
-        Where a disturbance comes in.
-    """
-
-    evidence: float
+    evidence: float  # logarithm of the likelihood, averaged over what the candidate may choose
+    #: misfit, freedom: sum of squares in units of the standard deviations, and how many of them are free.
     misfit: float
     freedom: int
-    period: float
-    harmonics: ComplexArray
+    period: float  # that the candidate has [s]
+    harmonics: ComplexArray  # (signals, K): that it has, laid against those of the record
+    #: size, size_error: factor on the model's element (or gain), and the standard deviation of its logarithm.
     size: float = float("nan")
     size_error: float = float("nan")
     cycle: LimitCycle | None = None
-    place: str = ""
+    place: str = ""  # where a disturbance comes in
 
 
 @dataclass(frozen=True, eq=False)
 class Yardstick:
-    """An oscillation with the standard deviations that differences from it are measured in.
-
-    Attributes
-    ----------
-    found : Oscillation
-    model_error : float
-    period, growth : float
-        Standard deviations of the logarithm of the frequency, and of the growth per period.
-    each : array, shape (signals, K)
-        Of the real and of the imaginary part of every harmonic.
-    """
+    """An oscillation with the standard deviations that differences from it are measured in."""
 
     found: Oscillation
     model_error: float
+    #: period, growth: standard deviations of the logarithm of the frequency, and of the growth per period.
     period: float = field(init=False)
     growth: float = field(init=False)
-    each: Array = field(init=False)
+    each: Array = field(init=False)  # (signals, K): of the real and of the imaginary part of every harmonic
 
     def __post_init__(self) -> None:
         c, m = self.found.harmonics, self.model_error

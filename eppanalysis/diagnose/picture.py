@@ -24,7 +24,6 @@ def plot_diagnosis(found: Diagnosis, ax: Axes | None = None) -> Figure:
 
     Parameters
     ----------
-    found : Diagnosis
     ax : matplotlib.axes.Axes, optional
         Where to draw the first signal alone; all of them on a figure of their own by default.
     """

@@ -33,62 +33,31 @@ _BETWEEN = np.array([-0.45, -0.35, -0.25, 0.25, 0.35, 0.45])
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Measured signals.
+    """Measured signals."""
 
-    Attributes
-    ----------
-    source : str
-        The file, or what the record was given as.
-    time : array, shape (n,)
-        [s], ascending.
-    signals : dict of str to array, shape (n,)
-        By the loop's names, in SI units.
-    notes : tuple of str
-        What happened to the rows of the file.
-    """
-
-    source: str
-    time: Array
-    signals: dict[str, Array]
-    notes: tuple[str, ...] = ()
+    source: str  # the file, or what the record was given as
+    time: Array  # (n,): [s], ascending
+    signals: dict[str, Array]  # (n,): by the loop's names, in SI units
+    notes: tuple[str, ...] = ()  # what happened to the rows of the file
 
 
 @dataclass(frozen=True, eq=False)
 class Oscillation:
-    """The oscillation of a record.
+    """The oscillation of a record."""
 
-    Attributes
-    ----------
-    omega : float
-        [rad/s]
-    omega_error : float
-        Its standard deviation, relative.
-    growth, growth_error : float
-        Of the amplitude per period, as a logarithm; its standard deviation.
-    names : tuple of str
-    harmonics : complex array, shape (signals, K)
-        Coefficients c[k] of ``sum Re(c[k] exp((growth + j k omega) (t - middle)))``, k = 1 ... K.
-    variance : array, shape (signals, K)
-        Of each coefficient, of its real and imaginary part together.
-    noise : dict of str to float
-        Standard deviation of what the harmonics leave, by signal.
-    middle : float
-        Time to which the phases refer [s].
-    n_periods : float
-    mean, drift : dict of str to float
-        What is taken off each signal: at `middle`, and per second.
-    """
-
-    omega: float
-    omega_error: float
+    omega: float  # [rad/s]
+    omega_error: float  # its standard deviation, relative
+    #: growth, growth_error: of the amplitude per period, as a logarithm; its standard deviation.
     growth: float
     growth_error: float
     names: tuple[str, ...]
+    #: (signals, K): coefficients c[k] of ``sum Re(c[k] exp((growth + j k omega) (t - middle)))``, k = 1 ... K.
     harmonics: ComplexArray
-    variance: Array
-    noise: dict[str, float]
-    middle: float
+    variance: Array  # (signals, K): of each coefficient, of its real and imaginary part together
+    noise: dict[str, float]  # standard deviation of what the harmonics leave, by signal
+    middle: float  # time to which the phases refer [s]
     n_periods: float
+    #: mean, drift: what is taken off each signal: at `middle`, and per second.
     mean: dict[str, float] = field(default_factory=dict)
     drift: dict[str, float] = field(default_factory=dict)
 

@@ -29,7 +29,6 @@ def explore(case: Case, port: int = 0, ready: Callable[[str], None] | None = Non
 
     Parameters
     ----------
-    case : Case
     port : int
         Port on the loopback address; 0 for any free one.
     ready : callable, optional

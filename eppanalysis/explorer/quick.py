@@ -29,41 +29,24 @@ _SAMPLES = 2401
 
 @dataclass(frozen=True, eq=False)
 class Quick:
-    """A run and the picture that belongs to it.
-
-    Attributes
-    ----------
-    case : Case
-    signal, unit : str
-        Which signal, and the unit that people read it in.
-    factor : float
-        To that unit from SI.
-    time, values : array, shape (n,)
-        [s], [unit].
-    frequency, peak_to_peak : float
-        Of the limit cycle [Hz], [unit]; nan where there is none.
-    sentence : str
-        The verdict.
-    loop : FrozenLoop or None
-        Frozen at the cycle of first order next to the run's; at the run's own where there is none; or at rest.
-    of_run : complex or None
-        -1/N at the amplitude of the run's cycle.
-    first_order : bool
-        Whether the loop is frozen at a cycle of first order.
-    """
+    """A run and the picture that belongs to it."""
 
     case: Case
+    #: signal, unit: which signal, and the unit that people read it in.
     signal: str
     unit: str
-    factor: float
+    factor: float  # to that unit from SI
+    #: time, values: (n,): [s], [unit].
     time: Array
     values: Array
+    #: frequency, peak_to_peak: of the limit cycle [Hz], [unit]; nan where there is none.
     frequency: float
     peak_to_peak: float
-    sentence: str
+    sentence: str  # the verdict
+    #: Frozen at the cycle of first order next to the run's; at the run's own where there is none; or at rest.
     loop: FrozenLoop | None
-    of_run: complex | None
-    first_order: bool
+    of_run: complex | None  # -1/N at the amplitude of the run's cycle
+    first_order: bool  # whether the loop is frozen at a cycle of first order
 
 
 def shown_signal(case: Case) -> str:

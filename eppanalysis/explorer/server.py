@@ -78,7 +78,6 @@ def serve(case: Case, port: int, ready: Callable[[str], None]) -> None:
 
     Parameters
     ----------
-    case : Case
     port : int
         0 for any.
     ready : callable

@@ -30,20 +30,13 @@ _BRANCH: dict[str, Any] = {"n_points": 240, "max_step": 0.1, "n_others": 0}
 
 @dataclass(frozen=True)
 class Given:
-    """A case as plain data.
+    """A case as plain data."""
 
-    Attributes
-    ----------
-    text, name, folder : str
-        TOML text, name, and where files that it names are looked for.
-    signal : str
-        What the page shows of it.
-    """
-
+    #: text, name, folder: TOML text, name, and where files that it names are looked for.
     text: str
     name: str
     folder: str
-    signal: str
+    signal: str  # what the page shows of it
 
     @classmethod
     def of(cls, case: Case, signal: str) -> Given:

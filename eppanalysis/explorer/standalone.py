@@ -24,7 +24,6 @@ def standalone(doc: Document, heading: str, sentences: Sequence[str], pictures: 
     ----------
     doc : bokeh.document.Document
         Of the page; it is copied and stays as it is.
-    heading : str
     sentences : sequence of str
         What the page says above its pictures, the verdict first.
     pictures : sequence of str

@@ -62,7 +62,6 @@ def read_query(case: Case, arguments: Mapping[str, list[bytes]]) -> tuple[Values
 
     Parameters
     ----------
-    case : Case
     arguments : mapping of str to list of bytes
         The query of the address, decoded from per cent.
     """

@@ -62,7 +62,6 @@ def plot_guide(guide: Guide, given: Axes | None = None) -> Figure:
 
     Parameters
     ----------
-    guide : Guide
     given : matplotlib.axes.Axes, optional
         Where to draw the regions of the first variant alone; all on a figure of its own by default.
 

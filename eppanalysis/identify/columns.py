@@ -31,24 +31,14 @@ _HEADER = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?\s*", re.DOTAL
 
 @dataclass(frozen=True)
 class Layout:
-    """What the columns of a recorded response are of a case.
+    """What the columns of a recorded response are of a case."""
 
-    Attributes
-    ----------
-    signals, inputs : dict of str to str
-        Signal of the loop, and external input, by the role of the column that may hold it.
-    units : dict of str to str
-        SI unit of every role, "time" among them.
-    clipped : tuple of str
-        Roles whose sensor may saturate, which the loop itself does not know.
-    from_first : bool
-        Whether a recorded input counts from its first row on; else from where the case has it before the start.
-    """
-
+    #: signals, inputs: signal of the loop, and external input, by the role of the column that may hold it.
     signals: Mapping[str, str]
     inputs: Mapping[str, str]
-    units: Mapping[str, str]
-    clipped: tuple[str, ...] = ()
+    units: Mapping[str, str]  # SI unit of every role, "time" among them
+    clipped: tuple[str, ...] = ()  # roles whose sensor may saturate, which the loop itself does not know
+    #: Whether a recorded input counts from its first row on; else from where the case has it before the start.
     from_first: bool = False
 
 

@@ -83,21 +83,11 @@ class Estimate(PlainData):
 
 @dataclass(frozen=True)
 class Residual:
-    """What a fit leaves of one measured column.
+    """What a fit leaves of one measured column."""
 
-    Attributes
-    ----------
-    rms : float
-        In `unit`.
-    autocorrelation : float
-        Of neighbouring samples; near zero where the model leaves nothing but noise.
-    drift : float
-        Linear drift that was fitted beside the model, in `unit` over the whole record.
-    """
-
-    rms: float
-    autocorrelation: float
-    drift: float
+    rms: float  # in `unit`
+    autocorrelation: float  # of neighbouring samples; near zero where the model leaves nothing but noise
+    drift: float  # linear drift that was fitted beside the model, in `unit` over the whole record
     unit: str
 
 

@@ -29,23 +29,12 @@ _CORNERS = 12
 
 @dataclass(frozen=True, eq=False)
 class Weighted:
-    """What is left of a least-squares fit once the correlation of its residuals is accounted for.
+    """What is left of a least-squares fit once the correlation of its residuals is accounted for."""
 
-    Attributes
-    ----------
-    step : array, shape (p,)
-        What the weighted fit adds to the parameters.
-    matrix : array, shape (p, p)
-        Covariance of the parameters.
-    critical : float
-        Factor that makes 95 % half widths of standard errors.
-    power : array, shape (n,)
-        Variance of every cosine coefficient of the noise, the mean over what the record leaves possible.
-    """
-
-    step: Array
-    matrix: Array
-    critical: float
+    step: Array  # (p,): what the weighted fit adds to the parameters
+    matrix: Array  # (p, p): covariance of the parameters
+    critical: float  # factor that makes 95 % half widths of standard errors
+    #: (n,): variance of every cosine coefficient of the noise, the mean over what the record leaves possible.
     power: Array
 
     def half_widths(self) -> Array:
@@ -131,7 +120,6 @@ def confounded(jacobian: Array, names: list[str]) -> list[str]:
     Parameters
     ----------
     jacobian : array, shape (n, p)
-    names : list of str
 
     Examples
     --------

@@ -38,7 +38,6 @@ def plot_bench(fit: BenchFit, ax: Axes | None = None) -> Figure:
 
     Parameters
     ----------
-    fit : BenchFit
     ax : matplotlib.axes.Axes, optional
         Where to draw the intervals alone; all of it on a figure of its own by default.
     """

@@ -48,7 +48,6 @@ def explained(channel: Channel, left: Array) -> float:
 
     Parameters
     ----------
-    channel : Channel
     left : array, shape (n,)
         What the fit leaves.
     """
@@ -61,7 +60,6 @@ def refuse_what_is_no_response(response: Response, candidates: Sequence[dict[str
 
     Parameters
     ----------
-    response : Response
     candidates : sequence of dict of str to array
         Signals of the case and of others about it, by role.
     source : str

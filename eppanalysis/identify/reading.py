@@ -36,34 +36,17 @@ _LOOKED_AT = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Columns of a file.
+    """Columns of a file."""
 
-    Attributes
-    ----------
-    source : str
-        The file, as the user gave it.
-    columns : dict of str to array, shape (n,)
-        By role, in SI units; "time" counts rows where the file has no times.
-    n_rows, n_holes : int
-        Rows in the file; those left out because a cell is empty.
-    block : int
-        Rows that were averaged into one.
-    resolution : dict of str to float
-        Smallest step between different readings of a column, in SI units.
-    timed : bool
-        Whether the file has times.
-    unused : tuple of str
-        Headers of the other columns.
-    """
-
-    source: str
-    columns: dict[str, Array]
+    source: str  # the file, as the user gave it
+    columns: dict[str, Array]  # (n,): by role, in SI units; "time" counts rows where the file has no times
+    #: n_rows, n_holes: rows in the file; those left out because a cell is empty.
     n_rows: int
     n_holes: int
-    block: int
-    resolution: dict[str, float]
-    timed: bool
-    unused: tuple[str, ...] = ()
+    block: int  # rows that were averaged into one
+    resolution: dict[str, float]  # smallest step between different readings of a column, in SI units
+    timed: bool  # whether the file has times
+    unused: tuple[str, ...] = ()  # headers of the other columns
 
     def __len__(self) -> int:
         return len(self.columns[Role.TIME])
@@ -101,14 +84,12 @@ def read_recording(
 
     Parameters
     ----------
-    path : str or Path
     needed, optional : sequence of str
         Roles of columns; "time" among the optional ones gives row numbers where the file has no times.
     columns : mapping of str to (str, str), optional
         Header and unit of a role where its header is not its name.
     fewest : int
         A file with fewer complete rows is refused.
-    progress : callable, optional
     units : mapping of str to str
         SI unit of every role; those of the benches by default.
 
@@ -174,7 +155,6 @@ def read_signals(
 
     Parameters
     ----------
-    path : str or Path
     signals : sequence of str
         Names of which the file has one or more.
     units : mapping of str to str

@@ -51,29 +51,15 @@ def layout_of(case: Case) -> Layout:
 
 @dataclass(frozen=True)
 class Unknown:
-    """A parameter that is fitted, on a scale on which its range is even.
-
-    Attributes
-    ----------
-    name : str
-    start : float
-        Value in the case (SI).
-    logarithmic : bool
-        Parameters that must be positive are fitted by their logarithm, others by their multiple of `scale`.
-    vanishes : bool
-        Whether it may be zero.
-    scale : float
-        Negative for what is negative in the case: no fit changes a sign.
-    prior : float or None
-        Where the case gives a tolerance: standard deviation on the fitted scale.
-    """
+    """A parameter that is fitted, on a scale on which its range is even."""
 
     name: str
-    start: float
+    start: float  # value in the case (SI)
+    #: Parameters that must be positive are fitted by their logarithm, others by their multiple of `scale`.
     logarithmic: bool
-    vanishes: bool
-    scale: float
-    prior: float | None
+    vanishes: bool  # whether it may be zero
+    scale: float  # negative for what is negative in the case: no fit changes a sign
+    prior: float | None  # where the case gives a tolerance: standard deviation on the fitted scale
 
     @classmethod
     def of(cls, case: Case, name: str) -> Unknown:
@@ -113,28 +99,14 @@ _TYPICAL = {"controller.delay": 1e-3, "drive.coulomb_friction": 0.3, "lock_pin.b
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """A measured column with its nuisances: zero and drift.
-
-    Attributes
-    ----------
-    role : str
-    data : array, shape (n,)
-    nuisance : array, shape (n, 2)
-        Zero and drift.
-    noise : float
-        Standard deviation of what no model explains, from differences of neighbours.
-    live : bool array, shape (n,)
-        Rows in which the column does not saturate; only these count.
-    unit : str
-        SI unit.
-    """
+    """A measured column with its nuisances: zero and drift."""
 
     role: str
-    data: Array
-    nuisance: Array
-    noise: float
-    live: NDArray[np.bool_]
-    unit: str = ""
+    data: Array  # (n,)
+    nuisance: Array  # (n, 2): zero and drift
+    noise: float  # standard deviation of what no model explains, from differences of neighbours
+    live: NDArray[np.bool_]  # (n,): rows in which the column does not saturate; only these count
+    unit: str = ""  # SI unit
 
     def first(self, n: int) -> Channel:
         """The first rows."""

@@ -31,26 +31,13 @@ _APART, _WIDER = 1.0, 2.0
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Draws in a few numbers.
+    """Draws in a few numbers."""
 
-    Attributes
-    ----------
-    best : array, shape (p,)
-        Place of the least cost seen.
-    mean : array, shape (p,)
-    matrix : array, shape (p, p)
-        Covariance.
-    effective : float
-        How many independent draws they are worth.
-    settled : bool
-        Whether more of them would say the same.
-    """
-
-    best: Array
-    mean: Array
-    matrix: Array
-    effective: float
-    settled: bool = True
+    best: Array  # (p,): place of the least cost seen
+    mean: Array  # (p,)
+    matrix: Array  # (p, p): covariance
+    effective: float  # how many independent draws they are worth
+    settled: bool = True  # whether more of them would say the same
 
 
 def walk(cost: Callable[[Array], float], start: Array, matrix: Array, bounds: tuple[Array, Array], seed: int) -> Cloud:
@@ -65,7 +52,6 @@ def walk(cost: Callable[[Array], float], start: Array, matrix: Array, bounds: tu
     matrix : array, shape (p, p)
         Covariance to begin with.
     bounds : (array, array), shapes (p,)
-    seed : int
 
     Examples
     --------
@@ -126,8 +112,6 @@ def step_chains(
         Of places `u`, shape (m, p).
     u, found : array, shapes (n, p), (n,)
         Where the chains are, and the costs there.
-    rng : Generator
-    turn : int
     share : float
         Of the stride that is best on a smooth surface.
     """

@@ -67,7 +67,6 @@ def fit_step(
         Fields to identify; `DEFAULT` of an elbow.
     seed : int
         Of the starts.
-    progress : callable, optional
 
     Raises
     ------
@@ -216,28 +215,15 @@ def _sizes(unknowns: Sequence[Unknown]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """Where the fit ends.
-
-    Attributes
-    ----------
-    response : Response
-    q : array, shape (p,)
-        With what is held where the case has it.
-    low, high : array, shape (p,)
-        Ends of the intervals on the fitted scale.
-    held : dict of str to str
-        What the data cannot identify, and what it is confused with.
-    together : dict of str to str
-        What they identify only together with a held one.
-    cloud : Cloud
-    """
+    """Where the fit ends."""
 
     response: Response
-    q: Array
+    q: Array  # (p,): with what is held where the case has it
+    #: low, high: (p,): ends of the intervals on the fitted scale.
     low: Array
     high: Array
-    held: dict[str, str]
-    together: dict[str, str]
+    held: dict[str, str]  # what the data cannot identify, and what it is confused with
+    together: dict[str, str]  # what they identify only together with a held one
     cloud: Cloud
 
     @property

@@ -57,18 +57,12 @@ def strokes(signal: Array, threshold: float) -> tuple[Stroke, ...]:
 
 @dataclass(frozen=True)
 class Pulley:
-    """Force at the sensor over the load (a force, or a stretch) where a pulley with friction slides and breaks away.
+    """Force at the sensor over the load (a force, or a stretch) where a pulley with friction slides and breaks away."""
 
-    Attributes
-    ----------
-    rises, falls : float
-        While it slides with rising and with falling load.
-    breaks_up, breaks_down : float
-        Where it breaks away upward and downward.
-    """
-
+    #: rises, falls: while it slides with rising and with falling load.
     rises: float
     falls: float
+    #: breaks_up, breaks_down: where it breaks away upward and downward.
     breaks_up: float
     breaks_down: float
 
@@ -92,7 +86,6 @@ def sensor_force(load: Array, pieces: tuple[Stroke, ...], pulley: Pulley) -> Arr
         Not negative.
     pieces : tuple of Stroke
         Of the load.
-    pulley : Pulley
 
     Returns
     -------

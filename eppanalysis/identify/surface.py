@@ -43,7 +43,6 @@ def explore(
         Covariance to begin with.
     low, high : array, shape (p,)
         Bounds.
-    seed : int
 
     Returns
     -------
@@ -106,19 +105,12 @@ def _next(places: Array, costs: Array, draws: Array, best: Array) -> tuple[Array
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """Residuals as quadratic functions of the distance from a centre, in few numbers.
+    """Residuals as quadratic functions of the distance from a centre, in few numbers."""
 
-    Attributes
-    ----------
-    centre, root : array, shapes (p,), (p, p)
-        A place is ``centre + root @ u``.
-    triangle : array, shape (k, k)
-        Cost is the square of ``triangle @ features(u)``.
-    """
-
+    #: centre, root: (p,), (p, p): a place is ``centre + root @ u``.
     centre: Array
     root: Array
-    triangle: Array
+    triangle: Array  # (k, k): cost is the square of ``triangle @ features(u)``
 
     @classmethod
     def of(cls, places: Array, values: Array, centre: Array, root: Array) -> _Surface:

@@ -121,7 +121,6 @@ def suspects(whitener: Whitener, q: Array, known: Sequence[str]) -> dict[str, tu
 
     Parameters
     ----------
-    whitener : Whitener
     q : array, shape (p,)
         The best place.
     known : sequence of str

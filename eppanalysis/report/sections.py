@@ -22,22 +22,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Section:
-    """One section.
+    """One section."""
 
-    Attributes
-    ----------
-    title, text : str
-        Heading, and what the reader needs to know; empty for none.
-    code : callable of Case to str
-        The cell for a case, as a reader would write it; empty where the section does not apply.
-    full : callable of Case to str, optional
-        The cell in place of `code` in a full report, which may take minutes.
-    """
-
+    #: title, text: heading, and what the reader needs to know; empty for none.
     title: str
     text: str
+    #: The cell for a case, as a reader would write it; empty where the section does not apply.
     code: Callable[[Case], str]
-    full: Callable[[Case], str] | None = None
+    full: Callable[[Case], str] | None = None  # the cell in place of `code` in a full report, which may take minutes
 
     def cell(self, case: Case, *, full: bool) -> str:
         """The cell for a case in a report of either length."""

@@ -33,27 +33,13 @@ _AT = 1e-9
 
 @dataclass(frozen=True)
 class FirstPage:
-    """What a reader of a report sees first.
+    """What a reader of a report sees first."""
 
-    Attributes
-    ----------
-    verdict : str
-        What the loop does, in one or two sentences.
-    numbers : tuple of (str, str, str)
-        Three at most: what, its value with unit, and how it is known.
-    advice : str
-        What to do about it.
-    known : tuple of (str, str)
-        What each method says: predicted, exact, simulated, proved.
-    picture : bytes
-        PNG; empty where there is none.
-    """
-
-    verdict: str
-    numbers: tuple[tuple[str, str, str], ...]
-    advice: str
-    known: tuple[tuple[str, str], ...]
-    picture: bytes = b""
+    verdict: str  # what the loop does, in one or two sentences
+    numbers: tuple[tuple[str, str, str], ...]  # three at most: what, its value with unit, and how it is known
+    advice: str  # what to do about it
+    known: tuple[tuple[str, str], ...]  # what each method says: predicted, exact, simulated, proved
+    picture: bytes = b""  # PNG; empty where there is none
 
     def __str__(self) -> str:
         """All of it but the picture, a line each."""

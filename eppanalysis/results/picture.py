@@ -62,7 +62,6 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
 
     Parameters
     ----------
-    trajectory : Trajectory
     signals : sequence of str, optional
         Which signals, in this order; by default all, of more than three the first and what the controller reads.
     given : matplotlib.axes.Axes, optional
@@ -159,7 +158,6 @@ def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None, gi
 
     Parameters
     ----------
-    cycle : LimitCycle
     signals : sequence of str, optional
         Which signals, in this order; all by default.
     given : matplotlib.axes.Axes, optional
@@ -199,7 +197,6 @@ def plot_nyquist(prediction: Prediction, ax: Axes | None = None) -> Figure:
 
     Parameters
     ----------
-    prediction : Prediction
     ax : matplotlib.axes.Axes, optional
         Where to draw; a figure of its own by default.
     """

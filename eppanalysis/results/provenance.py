@@ -30,20 +30,6 @@ class Provenance:
 
     What an algorithm needs is a field of the result: nothing computes with its provenance.
 
-    Attributes
-    ----------
-    method : str
-    settings : mapping
-        What was asked for: arguments in SI units, the name of the ``system``.
-    tolerances : mapping of str to float
-        Within which the method's equations hold, or its verdicts are given.
-    statistics : mapping
-        What was counted on the way: runs, events, iterations.
-    case : mapping
-        File, checksum, version and parameters of the case; empty for a loop made in Python.
-    versions : mapping of str to str
-        Of Python and the packages that compute.
-
     Examples
     --------
     >>> Provenance("simulation", {"t_end": 6.0}).to_dict()["settings"]
@@ -51,11 +37,14 @@ class Provenance:
     """
 
     method: str = ""
+    #: What was asked for: arguments in SI units, the name of the ``system``.
     settings: Mapping[str, Any] = field(default_factory=dict)
+    #: Within which the method's equations hold, or its verdicts are given.
     tolerances: Mapping[str, float] = field(default_factory=dict)
-    statistics: Mapping[str, Any] = field(default_factory=dict)
+    statistics: Mapping[str, Any] = field(default_factory=dict)  # what was counted on the way: runs, events, iterations
+    #: File, checksum, version and parameters of the case; empty for a loop made in Python.
     case: Mapping[str, Any] = field(default_factory=dict)
-    versions: Mapping[str, str] = field(default_factory=_versions)
+    versions: Mapping[str, str] = field(default_factory=_versions)  # of Python and the packages that compute
 
     @property
     def subject(self) -> str:

@@ -42,18 +42,10 @@ class Zipped:
 @checked_class
 @dataclass(frozen=True)
 class _Ranges:
-    """Ranges that are sampled along one dimension "sample".
-
-    Attributes
-    ----------
-    ranges : mapping of str to (low, high) or "low:high:unit"
-    n : int
-        Number of cells; of a Sobol sample a power of two.
-    seed : int
-    """
+    """Ranges that are sampled along one dimension "sample"."""
 
     ranges: Mapping[str, Limits]
-    n: int
+    n: int  # number of cells; of a Sobol sample a power of two
     seed: int = 0
 
 
@@ -92,20 +84,11 @@ Axes = Mapping[str, Axis] | Zipped | LatinHypercube | Sobol | Tolerances
 
 @dataclass(frozen=True, eq=False)
 class Dimension:
-    """One dimension of a sweep.
-
-    Attributes
-    ----------
-    name : str
-    values : dict of str to array, shape (n,)
-        By parameter, in SI units (counts and flags as numbers).
-    given : dict of str to tuple
-        The same as a case takes them: whole numbers and flags stay what they are.
-    """
+    """One dimension of a sweep."""
 
     name: str
-    values: dict[str, Array]
-    given: dict[str, tuple[Any, ...]]
+    values: dict[str, Array]  # (n,): by parameter, in SI units (counts and flags as numbers)
+    given: dict[str, tuple[Any, ...]]  # the same as a case takes them: whole numbers and flags stay what they are
 
     @property
     def n(self) -> int:

@@ -48,25 +48,12 @@ def structure(system: HybridSystem) -> tuple[Any, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Part of a grid whose cells are put together from systems along its axes.
+    """Part of a grid whose cells are put together from systems along its axes."""
 
-    Attributes
-    ----------
-    base : HybridStack
-        One cell: the first place of the part on every axis.
-    lines : tuple of HybridStack
-        Systems along each axis, the other axes at their first places.
-    changed : tuple of tuples of bool array
-        By array and axis: which numbers the axis moves.
-    clock : int
-        The axis that moves the time scale; -1 where the linear part depends on several axes or on none.
-    n_plant : int
-    """
-
-    base: HybridStack
-    lines: tuple[HybridStack, ...]
-    changed: tuple[tuple[NDArray[np.bool_], ...], ...]
-    clock: int
+    base: HybridStack  # one cell: the first place of the part on every axis
+    lines: tuple[HybridStack, ...]  # systems along each axis, the other axes at their first places
+    changed: tuple[tuple[NDArray[np.bool_], ...], ...]  # by array and axis: which numbers the axis moves
+    clock: int  # the axis that moves the time scale; -1 where the linear part depends on several axes or on none
     n_plant: int
 
     def stack(self, places: IntArray) -> HybridStack:
@@ -111,24 +98,13 @@ def _time_scale(A: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class Builder:
-    """Makes the stacks of a sweep's cells.
-
-    Attributes
-    ----------
-    case : Case
-    design : Design
-    classes : tuple of int array
-        For each axis: which group of equal structure a place belongs to.
-    within : tuple of int array
-        For each axis: which place it is within its group.
-    parts : dict of tuple of int to _Part
-        By the groups of a cell on every axis; cells of no part are made in full.
-    """
+    """Makes the stacks of a sweep's cells."""
 
     case: Case
     design: Design
-    classes: tuple[IntArray, ...] = ()
-    within: tuple[IntArray, ...] = ()
+    classes: tuple[IntArray, ...] = ()  # for each axis: which group of equal structure a place belongs to
+    within: tuple[IntArray, ...] = ()  # for each axis: which place it is within its group
+    #: By the groups of a cell on every axis; cells of no part are made in full.
     parts: dict[tuple[int, ...], _Part] = field(default_factory=dict)
 
     def stacks(self, places: IntArray) -> tuple[list[tuple[IntArray, HybridStack]], dict[int, str]]:

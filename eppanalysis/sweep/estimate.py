@@ -24,23 +24,12 @@ _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 
 @dataclass(frozen=True)
 class Cost:
-    """What the cells of a sweep cost.
+    """What the cells of a sweep cost."""
 
-    Parameters
-    ----------
-    cells : int
-        Cells that are to be computed.
-    measured : int
-        Cells of the sample.
-    seconds : float
-        Mean processor time of a cell [s].
-    least, most : float
-        The same of the quickest and of the slowest part of the sample [s].
-    """
-
-    cells: int
-    measured: int
-    seconds: float
+    cells: int  # cells that are to be computed
+    measured: int  # cells of the sample
+    seconds: float  # mean processor time of a cell [s]
+    #: least, most: the same of the quickest and of the slowest part of the sample [s].
     least: float
     most: float
 
@@ -66,7 +55,6 @@ def measure(work: Work, cells: int) -> Cost:
 
     Parameters
     ----------
-    work : Work
     cells : int
         How many are to be computed.
     """

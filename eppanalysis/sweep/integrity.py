@@ -46,7 +46,6 @@ def file_digest(path: Path, *, on_disk: bool = False) -> str | None:
 
     Parameters
     ----------
-    path : Path
     on_disk : bool
         Have the system bring the file to the disk before.
     """

@@ -58,10 +58,8 @@ def run_blocks(
 
     Parameters
     ----------
-    task : Task
     blocks : sequence of Bounds
         Those that the store misses.
-    store : MemoryStore or ZarrStore
     scheduler : str
         "threads", "processes", or the address of a Dask scheduler ("tcp://host:8786").
     workers : int, optional

@@ -57,7 +57,6 @@ def read_automaton(table: Mapping[str, Any], place: str, raw: RawCase) -> OwnEle
         Without what all elements have (`element`, `name`, `memory`).
     place : str
         Dotted name of the table.
-    raw : RawCase
 
     Raises
     ------

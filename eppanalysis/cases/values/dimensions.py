@@ -58,11 +58,8 @@ def check_units(loop: LoopSection, blocks: Sequence[Block], place: str, raw: Raw
 
     Parameters
     ----------
-    loop : LoopSection
-    blocks : sequence of Block
     place : str
         Where the blocks stand in the file.
-    raw : RawCase
 
     Raises
     ------
@@ -242,7 +239,6 @@ def remarks(parameters: Mapping[str, Parameter], without_unit: Sequence[str]) ->
 
     Parameters
     ----------
-    parameters : mapping of str to Parameter
     without_unit : sequence of str
         Those that are plain numbers in the file.
     """

@@ -48,21 +48,12 @@ Unit = Mapping[str, int | Fraction]
 
 @dataclass(frozen=True)
 class Value:
-    """What an expression comes to.
+    """What an expression comes to."""
 
-    Attributes
-    ----------
-    number : float
-        In SI units.
-    unit : mapping of str to int or Fraction
-        Exponents of the base units, angles among them.
-    gradient : mapping of str to float
-        Derivative by each parameter that it depends on, in SI units; nan where there is none (abs at 0, equal arguments
-        of min).
-    """
-
-    number: float
-    unit: Unit = field(default_factory=dict)
+    number: float  # in SI units
+    unit: Unit = field(default_factory=dict)  # exponents of the base units, angles among them
+    #: Derivative by each parameter that it depends on, in SI units; nan where there is none (abs at 0, equal arguments
+    #: of min).
     gradient: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -122,17 +113,10 @@ def _shown(unit: Unit) -> str:
 
 @dataclass(frozen=True)
 class Expression:
-    """An arithmetic expression of parameters.
-
-    Attributes
-    ----------
-    text : str
-    names : tuple of str
-        Parameters that it uses, in their order.
-    """
+    """An arithmetic expression of parameters."""
 
     text: str
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # parameters that it uses, in their order
     _tree: ast.expr = field(repr=False, compare=False)
 
     def value(self, values: Mapping[str, Value]) -> Value:

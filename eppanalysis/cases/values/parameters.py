@@ -52,7 +52,6 @@ def read(
         What the file holds there.
     place : str
         Dotted name of the field.
-    raw : RawCase
     parameters : mapping of str to Named
         What expressions may use.
     kind : Quantity or AnyQuantity
@@ -150,7 +149,6 @@ def resolve(tables: Mapping[str, Any], place: str, raw: RawCase) -> dict[str, Na
         What the file holds of each.
     place : str
         Dotted name of the section.
-    raw : RawCase
 
     Returns
     -------

@@ -22,27 +22,17 @@ _KEYS = ("value", "mark", "note", "tolerance")
 
 @dataclass(frozen=True)
 class Parameter:
-    """One value of a case, in SI units.
+    """One value of a case, in SI units."""
 
-    Attributes
-    ----------
-    value : float or bool
-        In the SI unit `unit`.
-    unit, friendly : str
-        SI unit, and the unit that people use.
-    mark : {"paper", "derived", "assumed", "measured", "tunable"}
-        Where the value comes from, or that it is free to choose; what a user gives without a mark is assumed.
-    note : str
-    tolerance : float or None
-        Half width of the interval that the value lies in, in `unit`.
-    """
-
-    value: float | bool
+    value: float | bool  # in the SI unit `unit`
+    #: unit, friendly: SI unit, and the unit that people use.
     unit: str = ""
     friendly: str = ""
+    #: {"paper", "derived", "assumed", "measured", "tunable"}: where the value comes from, or that it is free to choose;
+    #: what a user gives without a mark is assumed.
     mark: Mark = "assumed"
     note: str = ""
-    tolerance: float | None = None
+    tolerance: float | None = None  # half width of the interval that the value lies in, in `unit`
 
     @property
     def with_tolerance(self) -> str:
@@ -169,18 +159,12 @@ class _Field(ABC):
 
 @dataclass(frozen=True)
 class Quantity(_Field):
-    """A quantity of a given dimension and range.
+    """A quantity of a given dimension and range."""
 
-    Attributes
-    ----------
-    unit, friendly : str
-        SI unit, and the unit that people use (the same by default).
-    above, at_least, at_most : float or None
-        Range, in SI units.
-    """
-
+    #: unit, friendly: SI unit, and the unit that people use (the same by default).
     unit: str
     friendly: str = ""
+    #: above, at_least, at_most: range, in SI units.
     above: float | None = None
     at_least: float | None = None
     at_most: float | None = None

@@ -30,7 +30,6 @@ def read_columns(name: Any, columns: Sequence[str], field: str, raw: RawCase) ->
         What the columns are called in the case.
     field : str
         Field of the case that names the file.
-    raw : RawCase
 
     Raises
     ------

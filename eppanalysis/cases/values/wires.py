@@ -81,12 +81,10 @@ def units_along_wires(
 
     Parameters
     ----------
-    diagram : Diagram
     units : mapping of str to str
         Units that the file gives to external inputs and named signals.
     fields : mapping of str to mapping of str to Parameter
         Numbers of the file's blocks ("blocks.controller") and elements that have a unit, by their fields.
-    raw : RawCase
 
     Returns
     -------

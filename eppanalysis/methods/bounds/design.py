@@ -387,7 +387,6 @@ def bound_of_branch(question: Question, value: float, branch: Branch, settings: 
         That value [SI].
     branch : Branch
         Over the limiting parameter, from cycles above their bound.
-    settings : Settings
 
     Returns
     -------

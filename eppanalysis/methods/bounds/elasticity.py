@@ -67,7 +67,6 @@ def elasticities(question: Question, programmes: Programmes, fold: Fold) -> dict
         At one value of the parameter that runs.
     programmes : Programmes
         Those of the fold.
-    fold : Fold
     """
     value = question.case.value
     sizes = {name: abs(value(name)) for name in parameters_of(question)}
@@ -198,7 +197,6 @@ def size_elasticities(
         At one value of the parameter that runs.
     point : Point
         The orbit there.
-    allowed : Allowed
     names : collection of str, optional
         Those that are wanted; by default all parameters of the case.
 

@@ -76,27 +76,15 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Expressions:
-    """The balance of one plan as a CasADi function.
-
-    Attributes
-    ----------
-    layout : Layout
-    residual : casadi.Function
-        From (unknowns, numbers) to the equations.
-    slope : casadi.Function
-        From the same to their derivative by the unknowns.
-    by_numbers : casadi.Function
-        From (unknowns, numbers, multipliers) to the gradient of ``multipliers @ equations`` by the numbers.
-    used : bool array
-        Which numbers are not structurally zero.
-    """
+    """The balance of one plan as a CasADi function."""
 
     plan: Plan
     layout: Layout
-    residual: Any
-    slope: Any
+    residual: Any  # from (unknowns, numbers) to the equations
+    slope: Any  # from the same to their derivative by the unknowns
+    #: From (unknowns, numbers, multipliers) to the gradient of ``multipliers @ equations`` by the numbers.
     by_numbers: Any
-    used: NDArray[np.bool_]
+    used: NDArray[np.bool_]  # which numbers are not structurally zero
 
     def scales(self, X: Array) -> Array:
         """Sizes of the unknowns, shape (n,): amplitudes of the series, the frequency, one turn."""
@@ -126,7 +114,6 @@ def write(
 
     Parameters
     ----------
-    plan : Plan
     shape : LoopNumbers
         Of any value of the parameter; only the shapes of its arrays count.
     used : bool array, shape (n,)

@@ -47,29 +47,14 @@ _N_SEARCHED = 7
 
 @dataclass(frozen=True, eq=False)
 class ExactBound:
-    """The exact bound, or why there is none.
+    """The exact bound, or why there is none."""
 
-    Attributes
-    ----------
-    value : float
-        [SI]; nan where it could not be found.
-    period : float
-        Of the orbit at the bound [s].
-    cycle : LimitCycle or None
-        The orbit there.
-    kind : Turn
-    point : Point or None
-        The orbit with the direction of its branch.
-    message : str
-        Why there is none.
-    """
-
-    value: float = float("nan")
-    period: float = float("nan")
-    cycle: LimitCycle | None = None
+    value: float = float("nan")  # [SI]; nan where it could not be found
+    period: float = float("nan")  # of the orbit at the bound [s]
+    cycle: LimitCycle | None = None  # the orbit there
     kind: Turn = Turn.UNKNOWN
-    point: Point | None = None
-    message: str = ""
+    point: Point | None = None  # the orbit with the direction of its branch
+    message: str = ""  # why there is none
 
 
 def correct(question: Question, near: Cycle, sign: float) -> ExactBound:

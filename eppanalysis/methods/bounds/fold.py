@@ -55,21 +55,11 @@ _OPTIONS: dict[str, Any] = {
 
 @dataclass(frozen=True, eq=False)
 class Cycle:
-    """A periodic motion at a value of the parameter, as far as harmonic balance knows it.
+    """A periodic motion at a value of the parameter, as far as harmonic balance knows it."""
 
-    Attributes
-    ----------
-    value : float
-        The parameter [SI].
-    Z : array, shape (F, n + 1)
-        Coefficients of the elements' free inputs.
-    omega : float
-        [rad/s].
-    """
-
-    value: float
-    Z: ComplexArray
-    omega: float
+    value: float  # the parameter [SI]
+    Z: ComplexArray  # (F, n + 1): coefficients of the elements' free inputs
+    omega: float  # [rad/s]
 
     @property
     def order(self) -> int:
@@ -79,30 +69,16 @@ class Cycle:
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """A solution of the programme.
+    """A solution of the programme."""
 
-    Attributes
-    ----------
-    cycle : Cycle
-        The periodic motion at the bound.
-    plan : Plan
-    unknowns, multipliers : array
-        Of the equations.
-    at_end : bool
-        The bound is the end of the range: the family goes on beyond it.
-    merging : bool
-        Two switches come together there: the family may go on with others.
-    iterations : int
-        Of IPOPT, all programmes together.
-    """
-
-    cycle: Cycle
+    cycle: Cycle  # the periodic motion at the bound
     plan: Plan
+    #: unknowns, multipliers: of the equations.
     unknowns: Array
     multipliers: Array
-    at_end: bool
-    merging: bool
-    iterations: int
+    at_end: bool  # the bound is the end of the range: the family goes on beyond it
+    merging: bool  # two switches come together there: the family may go on with others
+    iterations: int  # of IPOPT, all programmes together
 
 
 @dataclass(eq=False)

@@ -47,24 +47,14 @@ Each = Callable[[Callable[[float], Any], Iterable[float]], Iterable[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """A case with the parameter that runs and the one that is bounded.
-
-    Attributes
-    ----------
-    case : Case
-    limit : str
-        The parameter that is bounded.
-    low, high : float
-        Range in which its bound is sought [SI].
-    over : str or None
-        The parameter that runs.
-    """
+    """A case with the parameter that runs and the one that is bounded."""
 
     case: CaseLike
-    limit: str
+    limit: str  # the parameter that is bounded
+    #: low, high: range in which its bound is sought [SI].
     low: float
     high: float
-    over: str | None = None
+    over: str | None = None  # the parameter that runs
 
     def at(self, value: float) -> Question:
         """The same question at a value of the parameter that runs."""
@@ -113,44 +103,23 @@ def steady_loop(case: CaseLike) -> Loop:
 
 @dataclass(frozen=True, eq=False)
 class Outlook:
-    """Where cycles exist: their side of the range, and the cycles from which bounds are sought.
+    """Where cycles exist: their side of the range, and the cycles from which bounds are sought."""
 
-    Attributes
-    ----------
-    finding : Finding
-        BOUND where there are cycles at some values of the limiting parameter and none at others.
-    sign : float
-        1 where large values have cycles (the bound is the least of them), -1 where small ones have.
-    cycles : tuple of Cycle
-        At the value farthest from the bound.
-    note : str
-        What else is known.
-    """
-
-    finding: Finding
-    sign: float = 1.0
-    cycles: tuple[Cycle, ...] = ()
-    note: str = ""
+    finding: Finding  # BOUND where there are cycles at some values of the limiting parameter and none at others
+    sign: float = 1.0  # 1 where large values have cycles (the bound is the least of them), -1 where small ones have
+    cycles: tuple[Cycle, ...] = ()  # at the value farthest from the bound
+    note: str = ""  # what else is known
 
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """The cycles at one value of the limiting parameter: first order's, and what the exact search found.
+    """The cycles at one value of the limiting parameter: first order's, and what the exact search found."""
 
-    Attributes
-    ----------
-    value : float
-        [SI]
-    predicted, exact : list of Cycle
-        As inputs of the elements, smallest first.
-    complete : bool
-        Whether every run of the exact search came to an end that it lists.
-    """
-
-    value: float
+    value: float  # [SI]
+    #: predicted, exact: as inputs of the elements, smallest first.
     predicted: list[Cycle] = field(default_factory=list)
     exact: list[Cycle] = field(default_factory=list)
-    complete: bool = False
+    complete: bool = False  # whether every run of the exact search came to an end that it lists
 
     @property
     def there(self) -> bool | None:
@@ -285,63 +254,32 @@ def scales(question: Question, cycle: Cycle) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class HarmonicBound:
-    """The bound by harmonic balance at one value of the parameter that runs.
-
-    Attributes
-    ----------
-    finding : Finding
-    sign : float
-        1: free below the bound; -1: free above it.
-    first_order : float
-        By describing functions [SI]; nan where there is none.
-    value : float
-        In the order chosen [SI]; nan where there is none.
-    order : int
-        The order chosen; 0 where there is none.
-    error_estimate : float
-        Largest relative difference of the bound from those of the orders from half of it on.
-    fold : Fold or None
-        Of the order chosen.
-    first_fold : Fold or None
-    message : str
-    """
+    """The bound by harmonic balance at one value of the parameter that runs."""
 
     finding: Finding
-    sign: float
-    first_order: float = float("nan")
-    value: float = float("nan")
-    order: int = 0
+    sign: float  # 1: free below the bound; -1: free above it
+    first_order: float = float("nan")  # by describing functions [SI]; nan where there is none
+    value: float = float("nan")  # in the order chosen [SI]; nan where there is none
+    order: int = 0  # the order chosen; 0 where there is none
+    #: Largest relative difference of the bound from those of the orders from half of it on.
     error_estimate: float = float("nan")
-    fold: Fold | None = None
+    fold: Fold | None = None  # of the order chosen
     first_fold: Fold | None = None
     message: str = ""
 
 
 @dataclass
 class HarmonicSweep:
-    """Bounds at one value after another, each begun from the last; lives for one sweep.
-
-    Attributes
-    ----------
-    question : Question
-    outlook : Outlook or None
-        Of the first value.
-    folds : dict of int to Fold
-        The last fold of each order.
-    families : tuple of Fold
-        The last folds of first order, of all families that were met.
-    each : callable
-        See :func:`look`.
-    """
+    """Bounds at one value after another, each begun from the last; lives for one sweep."""
 
     question: Question
-    each: Each = map
+    each: Each = map  # see :func:`look`
     programmes: Programmes = field(default_factory=Programmes)
-    outlook: Outlook | None = None
+    outlook: Outlook | None = None  # of the first value
     far: tuple[Cycle, ...] = ()
     leading: tuple[Cycle, ...] = ()
-    folds: dict[int, Fold] = field(default_factory=dict)
-    families: tuple[Fold, ...] = ()
+    folds: dict[int, Fold] = field(default_factory=dict)  # the last fold of each order
+    families: tuple[Fold, ...] = ()  # the last folds of first order, of all families that were met
     last_order: int = 0
     done: int = 0
 

@@ -32,17 +32,12 @@ _CHECKED = (-0.9, -0.35, 0.2, 0.65, 0.97)
 
 @dataclass(frozen=True)
 class Sequence:
-    """The switches of one element in one period: the mode before each, its mode guard, and whether it follows at once.
-
-    Attributes
-    ----------
-    mode : int
-        Mode behind the last switch (the only one where there are none).
-    steps : tuple of (int, int, int, bool)
-        Mode before, number of the mode guard in it, mode behind, and whether it shares the instant of the one before.
+    """The switches of one element in one period: the mode before each, its mode guard, and whether it follows at
+    once.
     """
 
-    mode: int
+    mode: int  # mode behind the last switch (the only one where there are none)
+    #: Mode before, number of the mode guard in it, mode behind, and whether it shares the instant of the one before.
     steps: tuple[tuple[int, int, int, bool], ...] = ()
 
     @classmethod
@@ -164,25 +159,14 @@ def _pair(row: Row) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Dependence:
-    """The numbers of a plan as polynomials of one parameter between two values (SI).
-
-    Attributes
-    ----------
-    base : array, shape (n,)
-        The numbers that do not depend on it, and zero in the places of the others.
-    places : int array, shape (k,)
-    coefficients : array, shape (k, DEGREE + 1)
-        Of the Chebyshev polynomials over the range, for the numbers at `places`.
-    used : bool array, shape (n,)
-        Which numbers are not zero throughout.
-    """
+    """The numbers of a plan as polynomials of one parameter between two values (SI)."""
 
     low: float
     high: float
-    base: Array
-    places: NDArray[np.intp]
-    coefficients: Array
-    used: NDArray[np.bool_]
+    base: Array  # (n,): the numbers that do not depend on it, and zero in the places of the others
+    places: NDArray[np.intp]  # (k,)
+    coefficients: Array  # (k, DEGREE + 1): of the Chebyshev polynomials over the range, for the numbers at `places`
+    used: NDArray[np.bool_]  # (n,): which numbers are not zero throughout
 
     def at(self, value: float) -> Array:
         """All numbers at a value."""
@@ -194,17 +178,10 @@ class Dependence:
 
 @dataclass(eq=False)
 class Numbers:
-    """The numbers of one case over one parameter; systems are built once for each value.
+    """The numbers of one case over one parameter; systems are built once for each value."""
 
-    Attributes
-    ----------
-    build : callable
-        From the value (SI) of the parameter to the loop.
-    low, high : float
-        Range of the parameter.
-    """
-
-    build: Callable[[float], Loop]
+    build: Callable[[float], Loop]  # from the value (SI) of the parameter to the loop
+    #: low, high: range of the parameter.
     low: float
     high: float
     _loops: dict[float, Loop] = field(default_factory=dict)

@@ -43,7 +43,6 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
 
     Parameters
     ----------
-    bounds : DesignBounds
     ax : matplotlib.axes.Axes, optional
         Where to draw; a figure of its own by default.
 
@@ -139,7 +138,6 @@ def plot_tornado(bounds: DesignBounds, cell: int = 0, ax: Axes | None = None) ->
 
     Parameters
     ----------
-    bounds : DesignBounds
     cell : int
         Which one.
     ax : matplotlib.axes.Axes, optional

@@ -26,18 +26,12 @@ _GRID, _HALVINGS = 40, 3
 
 @dataclass(frozen=True)
 class OwnRuns:
-    """What the case's own run does beyond a bound.
+    """What the case's own run does beyond a bound."""
 
-    Attributes
-    ----------
-    rests_to : float
-        The last value up to which it comes to rest (or to a cycle that is allowed) wherever it was tried [SI]; nan
-        where it does not at the first.
-    oscillates_from : float
-        The value from which on it ends on a cycle (that is larger than allowed) [SI]; nan where it never does.
-    """
-
+    #: The last value up to which it comes to rest (or to a cycle that is allowed) wherever it was tried [SI]; nan where
+    #: it does not at the first.
     rests_to: float = math.nan
+    #: The value from which on it ends on a cycle (that is larger than allowed) [SI]; nan where it never does.
     oscillates_from: float = math.nan
 
 

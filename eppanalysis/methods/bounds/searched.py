@@ -33,24 +33,13 @@ _SMALL = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What the search and the case's own run say at a value of the limiting parameter.
+    """What the search and the case's own run say at a value of the limiting parameter."""
 
-    Attributes
-    ----------
-    value : float
-        [SI]
-    cycles : tuple of LimitCycle
-        Those found that are not allowed, the search's before that of the run.
-    open_ends : tuple of str
-        Why it is not known that nothing but rest (or what is allowed) was found, in words; empty where it is.
-    n_runs : int
-        Of the search, and the case's own.
-    """
-
-    value: float
-    cycles: tuple[LimitCycle, ...]
+    value: float  # [SI]
+    cycles: tuple[LimitCycle, ...]  # those found that are not allowed, the search's before that of the run
+    #: Why it is not known that nothing but rest (or what is allowed) was found, in words; empty where it is.
     open_ends: tuple[str, ...]
-    n_runs: int
+    n_runs: int  # of the search, and the case's own
 
     @property
     def free(self) -> bool:
@@ -76,28 +65,14 @@ def why_by_search(system: LureSystem) -> str:
 
 @dataclass(frozen=True)
 class Asking:
-    """What is asked at each value.
+    """What is asked at each value."""
 
-    Attributes
-    ----------
-    allowed : Allowed or None
-        The largest stable cycle that is allowed.
-    margin : float
-        How near the two sides of a bound come, relative to it.
-    own_run : bool
-        Whether the case's own run alone is asked, from its own start and with its own input.
-    why : str
-        Why the search is asked at all.
-    progress : callable, optional
-    first : bool
-        Whether one cycle that is not allowed is answer enough; else all are looked for, as starts at other values.
-    """
-
-    allowed: Allowed | None = None
-    margin: float = 0.01
-    own_run: bool = False
-    why: str = ""
+    allowed: Allowed | None = None  # the largest stable cycle that is allowed
+    margin: float = 0.01  # how near the two sides of a bound come, relative to it
+    own_run: bool = False  # whether the case's own run alone is asked, from its own start and with its own input
+    why: str = ""  # why the search is asked at all
     progress: Progress | None = None
+    #: Whether one cycle that is not allowed is answer enough; else all are looked for, as starts at other values.
     first: bool = False
 
     def is_bad(self, cycle: LimitCycle) -> bool:

@@ -49,38 +49,23 @@ _SAME_SIZE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """What the tests of one bound found.
+    """What the tests of one bound found."""
 
-    Attributes
-    ----------
-    safe_value, other_value : float
-        Where the tests were made, on the safe side and on the other one [SI].
-    n_runs, n_settled : int
-        Runs of the cloud, and those of which it is known that they came to rest, or to a cycle that is allowed.
-    search : CycleSearch
-        On the safe side.
-    cycles : tuple of LimitCycle
-        Exact ones on the safe side, found by the search or by the runs, and not allowed.
-    orbit : LimitCycle or None
-        The exact orbit on the other side.
-    message : str
-        What is missing; empty where nothing is.
-    slow : array, shape (k, states)
-        Starts of runs without a known end: neither at rest, nor on a cycle that could be closed, nor far away.
-    grows : bool
-        Whether a run grew without bound on the safe side.
-    """
-
+    #: safe_value, other_value: where the tests were made, on the safe side and on the other one [SI].
     safe_value: float
     other_value: float
+    #: n_runs, n_settled: runs of the cloud, and those of which it is known that they came to rest, or to a cycle that
+    #: is allowed.
     n_runs: int
     n_settled: int
-    search: CycleSearch
-    cycles: tuple[LimitCycle, ...]
-    orbit: LimitCycle | None
-    message: str
+    search: CycleSearch  # on the safe side
+    cycles: tuple[LimitCycle, ...]  # exact ones on the safe side, found by the search or by the runs, and not allowed
+    orbit: LimitCycle | None  # the exact orbit on the other side
+    message: str  # what is missing; empty where nothing is
+    #: (k, states): starts of runs without a known end: neither at rest, nor on a cycle that could be closed, nor far
+    #: away.
     slow: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    grows: bool = False
+    grows: bool = False  # whether a run grew without bound on the safe side
 
     @property
     def verified(self) -> bool:

@@ -21,19 +21,12 @@ class Asked(StrEnum):
 
 @dataclass(frozen=True)
 class Statement:
-    """A kind of statement.
+    """A kind of statement."""
 
-    Attributes
-    ----------
-    text : str
-        The statement as its certificates name it.
-    checker : str
-        Name of the program beside this file that checks them, without its ending. It reads a certificate from its
-        standard input, prints ``{"accepted": true}`` or ``{"accepted": false, "why": "..."}``, and imports nothing of
-        this package.
-    """
-
-    text: str
+    text: str  # the statement as its certificates name it
+    #: Name of the program beside this file that checks them, without its ending. It reads a certificate from its
+    #: standard input, prints ``{"accepted": true}`` or ``{"accepted": false, "why": "..."}``, and imports nothing of
+    #: this package.
     checker: str
 
     @property

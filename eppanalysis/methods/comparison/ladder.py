@@ -116,23 +116,12 @@ class Agreement(Enum):
 
 @dataclass(frozen=True)
 class Probe:
-    """A run started on, below or above a predicted cycle, and where it went.
+    """A run started on, below or above a predicted cycle, and where it went."""
 
-    Attributes
-    ----------
-    cycle : int
-        Number of the predicted cycle.
-    scale : float
-        Factor on its oscillation at the start.
-    status : Status
-    peak_to_peak : float
-        Of the ladder's signal on the cycle reached; 0 at rest, nan when undecided.
-    """
-
-    cycle: int
-    scale: float
+    cycle: int  # number of the predicted cycle
+    scale: float  # factor on its oscillation at the start
     status: Status
-    peak_to_peak: float
+    peak_to_peak: float  # of the ladder's signal on the cycle reached; 0 at rest, nan when undecided
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -53,7 +53,6 @@ def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
 
     Parameters
     ----------
-    ladder : Ladder
     given : matplotlib.axes.Axes, optional
         Where to draw the steady motion of the ladder's own signal alone; all of it on a figure of its own by default.
     """

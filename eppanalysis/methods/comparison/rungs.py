@@ -117,30 +117,16 @@ def distance(a: LimitCycle, b: LimitCycle, signal: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Climb:
-    """All rungs, and where the exact ones come from.
+    """All rungs, and where the exact ones come from."""
 
-    Attributes
-    ----------
-    rows : tuple of Rung
-        First order, balances, exact orbits, simulation.
-    search : CycleSearch or None
-        The search for exact cycles; None where there can be no exact orbit.
-    search_seconds : float
-    sentence : str
-        How many exact cycles there are, or why there are none.
-    missed : tuple of int
-        Numbers of the stable exact cycles near which first order predicts none that may be stable; empty where it
-        predicts nothing for want of a describing function.
-    confirmed : bool
-        Whether a stable exact cycle is near one that first order predicts to be stable.
-    """
-
-    rows: tuple[Rung, ...]
-    search: CycleSearch | None
+    rows: tuple[Rung, ...]  # first order, balances, exact orbits, simulation
+    search: CycleSearch | None  # the search for exact cycles; None where there can be no exact orbit
     search_seconds: float
-    sentence: str
+    sentence: str  # how many exact cycles there are, or why there are none
+    #: Numbers of the stable exact cycles near which first order predicts none that may be stable; empty where it
+    #: predicts nothing for want of a describing function.
     missed: tuple[int, ...] = ()
-    confirmed: bool = False
+    confirmed: bool = False  # whether a stable exact cycle is near one that first order predicts to be stable
 
 
 def climb(

@@ -29,7 +29,6 @@ def borders(point: Point, ahead: bool = True) -> Iterator[Point]:
 
     Parameters
     ----------
-    point : Point
     ahead : bool
         Whether they are looked for in the direction of the branch, or behind.
     """
@@ -62,7 +61,6 @@ def across(border: Point, way: float) -> tuple[Point | None, bool]:
 
     Parameters
     ----------
-    border : Point
     way : {1, -1}
         Whether the parameter grows or falls on the way to the border.
     """

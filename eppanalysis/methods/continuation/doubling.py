@@ -26,7 +26,6 @@ def doubled(family: Family, point: Point, length: float) -> Point:
 
     Parameters
     ----------
-    family : Family
     point : Point
         With a multiplier -1.
     length : float

@@ -34,21 +34,11 @@ _CHECKED = (-0.93, -0.41, 0.13, 0.58, 0.97)
 
 @dataclass(frozen=True, eq=False)
 class _StandIn:
-    """A system whose arrays are polynomials of the parameter.
+    """A system whose arrays are polynomials of the parameter."""
 
-    Attributes
-    ----------
-    base : HybridSystem
-        At one value.
-    numbers : Polynomial
-        All arrays in one vector.
-    places : dict of str to slice
-        Where in the vector those arrays are that vary.
-    """
-
-    base: HybridSystem
-    numbers: Polynomial
-    places: dict[str, slice]
+    base: HybridSystem  # at one value
+    numbers: Polynomial  # all arrays in one vector
+    places: dict[str, slice]  # where in the vector those arrays are that vary
 
     @classmethod
     def of(cls, base: HybridSystem, numbers: Polynomial) -> _StandIn:
@@ -70,23 +60,12 @@ class _StandIn:
 
 @dataclass(eq=False)
 class Family:
-    """The hybrid system at each value of a parameter between two limits.
+    """The hybrid system at each value of a parameter between two limits."""
 
-    Attributes
-    ----------
-    build : callable
-        From the value (SI) to the system.
-    limits : (float, float)
-    window : (float, float), optional
-        Where the stand-in is wanted, when that is a small part of the range.
-    patience : int
-        How many systems are built before it is made.
-    """
-
-    build: Callable[[float], HybridSystem]
+    build: Callable[[float], HybridSystem]  # from the value (SI) to the system
     limits: tuple[float, float]
-    window: tuple[float, float] | None = None
-    patience: int = 7
+    window: tuple[float, float] | None = None  # where the stand-in is wanted, when that is a small part of the range
+    patience: int = 7  # how many systems are built before it is made
     _stand_in: _StandIn | None = field(default=None, init=False)
     _asked: int = field(default=0, init=False)
     _arcs: dict[tuple[bytes, tuple[float, float] | None], Polynomial] = field(default_factory=dict, init=False)

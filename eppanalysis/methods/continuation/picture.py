@@ -51,7 +51,6 @@ def plot_branch(
 
     Parameters
     ----------
-    branch : Branch
     signal : str, optional
         Whose peak-to-peak is drawn; the first by default.
     at : float, optional

@@ -52,30 +52,16 @@ def evaluate_at(
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """An orbit on a branch, with the direction of the branch there.
-
-    Attributes
-    ----------
-    value : float
-        The parameter (SI).
-    orbit : Orbit
-    slope : array, shape (m + p,)
-        Derivative of the residual with respect to the parameter.
-    tangent : array, shape (m + p + 1,)
-        Direction of (unknowns, parameter); of unit length in the branch's own measure.
-    before : (float, array, array), optional
-        Distance, slope and tangent of the point from which this one was reached.
-    arc : int, optional
-        At a border between two sequences of events: the arc that has no duration.
-    """
+    """An orbit on a branch, with the direction of the branch there."""
 
     family: Family
-    value: float
+    value: float  # the parameter (SI)
     orbit: Orbit
-    slope: Array
-    tangent: Array
+    slope: Array  # (m + p,): derivative of the residual with respect to the parameter
+    tangent: Array  # (m + p + 1,): direction of (unknowns, parameter); of unit length in the branch's own measure
+    #: Distance, slope and tangent of the point from which this one was reached.
     before: tuple[float, Array, Array] | None = None
-    arc: int | None = None
+    arc: int | None = None  # at a border between two sequences of events: the arc that has no duration
 
     @property
     def turn(self) -> float:

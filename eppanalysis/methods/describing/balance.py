@@ -54,20 +54,11 @@ class Slopes:
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """The balance equations of one system at one value of its external inputs.
-
-    Attributes
-    ----------
-    system : LureSystem
-    pivot : int
-        Element whose input is in sine phase and carries the artificial gain.
-    static : StaticBalance
-        Balance of the means.
-    """
+    """The balance equations of one system at one value of its external inputs."""
 
     system: LureSystem
-    pivot: int
-    static: StaticBalance
+    pivot: int  # element whose input is in sine phase and carries the artificial gain
+    static: StaticBalance  # balance of the means
 
     @classmethod
     def of(cls, system: LureSystem, pivot: int, value: Array) -> Balance:
@@ -293,14 +284,9 @@ def newton(
     Parameters
     ----------
     X, normal : array, shape (nb, 3 m + 1)
-    iterations : int, optional
     tolerance : float, optional
         On the last step, in logarithms, phases and biases relative to amplitude; what is left after it is of the order
         of its square.
-
-    Returns
-    -------
-    (X, converged) : array (nb, 3 m + 1), bool array (nb,)
     """
     return newton_and_jacobian(balance, X, normal, iterations, tolerance)[:2]
 

@@ -43,18 +43,10 @@ def goes_one_way(balance: Balance) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class SingleBias:
-    """The only mean of the input at each amplitude.
+    """The only mean of the input at each amplitude."""
 
-    Attributes
-    ----------
-    balance : Balance
-        Of a loop with one piecewise-linear element.
-    edges : array, shape (k,)
-        Breakpoints.
-    """
-
-    balance: Balance
-    edges: Array
+    balance: Balance  # of a loop with one piecewise-linear element
+    edges: Array  # (k,): breakpoints
 
     @classmethod
     def of(cls, balance: Balance) -> SingleBias | None:

@@ -132,7 +132,6 @@ def settle(balance: Balance, lines: list[Array], splits: int = 0) -> list[Array]
 
     Parameters
     ----------
-    lines : list of array (n, 3 m + 1)
     splits : int, optional
         Points put between neighbours, so that features narrower than the grid show.
     """

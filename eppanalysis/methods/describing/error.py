@@ -51,17 +51,10 @@ _SHARES = (0.1, 0.3, 0.6, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """How far a predicted cycle may be off, from balances that are solved when it is first asked for.
-
-    Attributes
-    ----------
-    balance : Balance
-    point : Point
-        The cycle.
-    """
+    """How far a predicted cycle may be off, from balances that are solved when it is first asked for."""
 
     balance: Balance
-    point: Point
+    point: Point  # the cycle
 
     @property
     def error(self) -> float:

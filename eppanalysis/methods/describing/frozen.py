@@ -124,7 +124,6 @@ def nearest_cycle(
 
     Parameters
     ----------
-    system : LureSystem
     phasor, bias : mapping of str to complex, to float
         Fundamental ``c`` of ``Re(c exp(j omega t))`` and mean of the first input of each element, by its name.
     omega : float
@@ -211,7 +210,6 @@ def frozen_loop(
 
     Parameters
     ----------
-    system : LureSystem
     amplitude, bias : mapping of str to float
         Of the first input of each element, by the element's name; where there is no oscillation only the biases count.
     omega : float or None

@@ -17,26 +17,18 @@ _RATES = np.geomspace(1e-6, 3.0, 90)
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """One limit cycle of the balance with what its checks need (no batch dimension).
+    """One limit cycle of the balance with what its checks need (no batch dimension)."""
 
-    Attributes
-    ----------
-    amplitude, phase, bias : array, shape (m,)
-    omega : float
-    mean, gain : array, shape (nw,)
-    jacobian : array, shape (3 m, 3 m + 1)
-    slopes_of_mean, slopes_of_gain : tuple of array, shape (nw,)
-        Derivatives by ln a, bias and ln omega.
-    residual : float
-    """
-
+    #: amplitude, phase, bias: (m,)
     amplitude: Array
     phase: Array
     bias: Array
     omega: float
+    #: mean, gain: (nw,)
     mean: Array
     gain: ComplexArray
-    jacobian: Array
+    jacobian: Array  # (3 m, 3 m + 1)
+    #: slopes_of_mean, slopes_of_gain: (nw,): derivatives by ln a, bias and ln omega.
     slopes_of_mean: tuple[Array, ...]
     slopes_of_gain: tuple[ComplexArray, ...]
     residual: float

@@ -38,7 +38,6 @@ def climb(ask: Callable[[Array], Slope | None], start: Slope, reach: float, clos
     ----------
     ask : callable
         Value and slope at a place; None where it has none.
-    start : Slope
     reach : float
         The first reach, as a share of the ranges.
     close : float

@@ -64,32 +64,19 @@ class Known:
 
 @dataclass(eq=False)
 class Frontier:
-    """The bound on a parameter over other ones; lives for one design and its front.
+    """The bound on a parameter over other ones; lives for one design and its front."""
 
-    Attributes
-    ----------
-    question : Question
-        With the parameter that is bounded, and its range.
-    widths : dict of str to float
-        The parameters that run, and how far each does [SI].
-    sign : {1, -1}
-        1 where the parameter is to be large, so that cycles are sought above its bound.
-    allowed : Allowed or None
-    families : list of list of Known
-    bounds, first, questions : dict of tuple
-        What is known already, exactly and by first order, by the values of the parameters that run.
-    derivatives : dict of (Point, str, float)
-        Of exact bounds, by parameters with their sizes.
-    """
-
-    question: Question
-    widths: dict[str, float]
-    sign: float
+    question: Question  # with the parameter that is bounded, and its range
+    widths: dict[str, float]  # the parameters that run, and how far each does [SI]
+    sign: float  # {1, -1}: 1 where the parameter is to be large, so that cycles are sought above its bound
     allowed: Allowed | None = None
     families: list[list[Known]] = field(default_factory=list)
+    #: bounds, first, questions: what is known already, exactly and by first order, by the values of the parameters that
+    #: run.
     bounds: dict[Place, ExactBound] = field(default_factory=dict)
     first: dict[Place, float | None] = field(default_factory=dict)
     questions: dict[Place, Question] = field(default_factory=dict)
+    #: Of exact bounds, by parameters with their sizes.
     derivatives: dict[tuple[Point, str, float], float] = field(default_factory=dict)
 
     @property

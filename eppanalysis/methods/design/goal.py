@@ -126,18 +126,10 @@ class Kept(PlainData):
 
 @dataclass(frozen=True)
 class Judged:
-    """A design before it is asked for cycles.
+    """A design before it is asked for cycles."""
 
-    Attributes
-    ----------
-    worth : float
-        Of the objective: larger is better.
-    slack : float
-        By what share the measure that is kept least well is above what is asked for; infinite where none is kept.
-    tightest : Kept or None
-    """
-
-    worth: float
+    worth: float  # of the objective: larger is better
+    #: By what share the measure that is kept least well is above what is asked for; infinite where none is kept.
     slack: float = math.inf
     tightest: Kept | None = None
 
@@ -149,23 +141,12 @@ class Judged:
 
 @dataclass(frozen=True)
 class Goal:
-    """The objective, and what is kept.
+    """The objective, and what is kept."""
 
-    Attributes
-    ----------
-    name : str
-        A parameter of the case, or a measure of the linearised loop.
-    sign : {1, -1}
-        1 where it is to be large.
-    kept : tuple of Kept
-    at : str or None
-        Where the loop is cut; None where its margins are taken.
-    """
-
-    name: str
-    sign: float
+    name: str  # a parameter of the case, or a measure of the linearised loop
+    sign: float  # {1, -1}: 1 where it is to be large
     kept: tuple[Kept, ...] = ()
-    at: str | None = None
+    at: str | None = None  # where the loop is cut; None where its margins are taken
 
     @property
     def measure(self) -> Measure | None:

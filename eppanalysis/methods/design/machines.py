@@ -29,7 +29,6 @@ def machines_at_rest(search: Search, best: Pick, value: float, allowed: Allowed 
         The design; the cycle at its bound says how large the starts are and how long the runs.
     value : float
         The nominal value of the bounded parameter [SI].
-    allowed : Allowed or None
     n : int
         Machines.
     seed : int

@@ -21,10 +21,6 @@ if TYPE_CHECKING:
 def plot_design(design: Design, ax: Axes | None = None) -> Figure:
     """The exact bound over the other tuned parameter with the optimum; the front, where one was asked for.
 
-    Parameters
-    ----------
-    design : Design
-
     Raises
     ------
     EppError

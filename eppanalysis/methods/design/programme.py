@@ -22,27 +22,14 @@ N_SCAN, _FAR = 9, 0.7
 
 @dataclass(eq=False)
 class Programme:
-    """The least value of the bounded parameter of all cycles of first order, as a nonlinear programme, over places.
+    """The least value of the bounded parameter of all cycles of first order, as a nonlinear programme, over places."""
 
-    Attributes
-    ----------
-    here : callable
-        The question at a place.
-    widths : dict of str to float
-        The parameters that run, and how far each does [SI].
-    sign : {1, -1}
-        1 where the parameter is to be large.
-    folds : dict of tuple to Fold or None
-        What was asked already.
-    known : dict of tuple to (int, Fold)
-        From what a place nearby begins, with the number of the loop's states.
-    """
-
-    here: Callable[[Place], Question]
-    widths: dict[str, float]
-    sign: float
+    here: Callable[[Place], Question]  # the question at a place
+    widths: dict[str, float]  # the parameters that run, and how far each does [SI]
+    sign: float  # {1, -1}: 1 where the parameter is to be large
     written: Programmes = field(default_factory=Programmes)
-    folds: dict[Place, Fold | None] = field(default_factory=dict)
+    folds: dict[Place, Fold | None] = field(default_factory=dict)  # what was asked already
+    #: From what a place nearby begins, with the number of the loop's states.
     known: dict[Place, tuple[int, Fold]] = field(default_factory=dict)
 
     def bound(self, place: Place) -> Fold | None:

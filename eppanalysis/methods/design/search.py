@@ -50,36 +50,18 @@ _MOST_ALL = 7
 
 @dataclass(frozen=True, eq=False)
 class Pick:
-    """The best value of the bounded parameter at a place.
+    """The best value of the bounded parameter at a place."""
 
-    Attributes
-    ----------
-    place : tuple of float
-        Values of the other tuned parameters [SI].
-    value : float
-        Of the bounded parameter [SI]; nan where nothing is feasible.
-    worth : float
-        Of the goal: larger is better; minus infinity where nothing is feasible.
-    bound : ExactBound
-        The least of those at the corners of the tolerances.
-    corner : dict of str to float
-        That corner: which parameters are off, -1 or 1 times their tolerance.
-    kept : Kept or None
-        The measure that limits it.
-    inside : bool
-        Whether the goal is highest between the safe end and the bound, so that neither a cycle nor a measure limits it.
-    message : str
-        Why nothing is feasible.
-    """
-
-    place: Place
-    value: float
-    worth: float
-    bound: ExactBound
+    place: Place  # values of the other tuned parameters [SI]
+    value: float  # of the bounded parameter [SI]; nan where nothing is feasible
+    worth: float  # of the goal: larger is better; minus infinity where nothing is feasible
+    bound: ExactBound  # the least of those at the corners of the tolerances
+    #: That corner: which parameters are off, -1 or 1 times their tolerance.
     corner: Mapping[str, float] = field(default_factory=dict)
-    kept: Kept | None = None
+    kept: Kept | None = None  # the measure that limits it
+    #: Whether the goal is highest between the safe end and the bound, so that neither a cycle nor a measure limits it.
     inside: bool = False
-    message: str = ""
+    message: str = ""  # why nothing is feasible
 
     @property
     def feasible(self) -> bool:
@@ -94,28 +76,14 @@ class Pick:
 
 @dataclass(eq=False)
 class Search:
-    """The best place of one design; lives for it.
+    """The best place of one design; lives for it."""
 
-    Attributes
-    ----------
-    frontier : Frontier
-        Of the bounded parameter; shared by the designs of a front.
-    goal : Goal
-    others : dict of str to (float, float)
-        The tuned parameters that are not bounded, with their ranges [SI].
-    fixed : dict of str to float
-        Values of the others that the frontier runs over.
-    shares : dict of str to float
-        Tolerances, relative to the values.
-    corners : list of dict of str to float
-        Corners of the tolerances that count; at first none of them is off.
-    """
-
-    frontier: Frontier
+    frontier: Frontier  # of the bounded parameter; shared by the designs of a front
     goal: Goal
-    others: dict[str, tuple[float, float]]
-    fixed: dict[str, float] = field(default_factory=dict)
-    shares: dict[str, float] = field(default_factory=dict)
+    others: dict[str, tuple[float, float]]  # the tuned parameters that are not bounded, with their ranges [SI]
+    fixed: dict[str, float] = field(default_factory=dict)  # values of the others that the frontier runs over
+    shares: dict[str, float] = field(default_factory=dict)  # tolerances, relative to the values
+    #: Corners of the tolerances that count; at first none of them is off.
     corners: list[dict[str, float]] = field(default_factory=lambda: [{}])
     picks: dict[Place, Pick] = field(default_factory=dict)
 
@@ -233,7 +201,6 @@ class Search:
 
         Parameters
         ----------
-        pick : Pick
         names : mapping of str to float
             The parameters, and what counts as a large change of each [SI].
         of_edge : mapping of str to float

@@ -34,7 +34,6 @@ def shrinks(case: CaseLike, x0: Array, cycle: LimitCycle) -> bool:
 
     Parameters
     ----------
-    case : Case
     x0 : array, shape (states,)
         State and inputs at the begin.
     cycle : LimitCycle

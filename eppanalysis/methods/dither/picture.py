@@ -28,12 +28,7 @@ _ENDS = {
 
 
 def plot_dither(found: Dither, ax: Axes | None = None) -> Figure:
-    """What is left of the cycle over the dither's amplitude, and the element with and without the least dither.
-
-    Parameters
-    ----------
-    found : Dither
-    """
+    """What is left of the cycle over the dither's amplitude, and the element with and without the least dither."""
     figure, (upper, *below) = places_of(ax, 2, height=2.6)
     known = found.predicted
     if known.size:

@@ -41,46 +41,25 @@ class Start(StrEnum):
 
 @dataclass(frozen=True)
 class DitherRun:
-    """What is left of a limit cycle under a dither.
+    """What is left of a limit cycle under a dither."""
 
-    Attributes
-    ----------
-    amplitude : float
-        Of the dither, in the unit of the element's input.
-    start : Start
-    left : float
-        Peak-to-peak of the slow motion at the element's input in the last periods, relative to that of the cycle.
-    periods : float
-        Of the cycle that were run.
-    gone : bool or None
-        Whether it is gone; None where the run could not tell.
-    """
-
-    amplitude: float
+    amplitude: float  # of the dither, in the unit of the element's input
     start: Start
+    #: Peak-to-peak of the slow motion at the element's input in the last periods, relative to that of the cycle.
     left: float
-    periods: float
-    gone: bool | None
+    periods: float  # of the cycle that were run
+    gone: bool | None  # whether it is gone; None where the run could not tell
 
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """A loop with a dither as its input, and the cycle that the dither is to remove.
+    """A loop with a dither as its input, and the cycle that the dither is to remove."""
 
-    Attributes
-    ----------
-    system : LureSystem
-        With one more input, added at the element's input, and that input without the dither as its only signal.
-    cycle : LimitCycle
-    frequency : float
-        Of the dither [Hz].
-    wave : {"sine", "triangle"}
-    """
-
+    #: With one more input, added at the element's input, and that input without the dither as its only signal.
     system: LureSystem
     cycle: LimitCycle
-    frequency: float
-    wave: Wave
+    frequency: float  # of the dither [Hz]
+    wave: Wave  # {"sine", "triangle"}
 
     @classmethod
     def of(cls, system: LureSystem, number: int, cycle: LimitCycle, frequency: float, wave: Wave) -> Rig:

@@ -30,25 +30,13 @@ _STEP = 0.0618
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """A loop whose inputs stand still but for one: ``amplitude * sin(omega t)`` about where it is held.
-
-    Attributes
-    ----------
-    system : LureSystem
-    at : OperatingPoint
-        Where the inputs are held, the driven one included.
-    input : str
-    amplitude : float
-        In the unit of the input.
-    omega : float
-        Angular frequency [rad/s].
-    """
+    """A loop whose inputs stand still but for one: ``amplitude * sin(omega t)`` about where it is held."""
 
     system: LureSystem
-    at: OperatingPoint
+    at: OperatingPoint  # where the inputs are held, the driven one included
     input: str
-    amplitude: float
-    omega: float
+    amplitude: float  # in the unit of the input
+    omega: float  # angular frequency [rad/s]
 
     @property
     def period(self) -> float:

@@ -41,31 +41,16 @@ _SECOND = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Entrainment:
-    """A cycle of the undriven loop beside n periods of the input, to first order in the sine.
+    """A cycle of the undriven loop beside n periods of the input, to first order in the sine."""
 
-    Attributes
-    ----------
-    multiple, cycles : int
-        Periods of the input, and cycles of the loop, that last nearly the same.
-    late : float
-        How much longer they last than the loop's own cycles [s].
-    width : float
-        How much of that the sine makes up at most [s].
-    phases : tuple of HybridSystem
-        Starts at which the two keep step: none, or two.
-    cycle : Orbit
-        The undriven one.
-    unseen : float
-        How much longer or shorter they last, at the very most, by what first order leaves out [s].
-    """
-
+    #: multiple, cycles: periods of the input, and cycles of the loop, that last nearly the same.
     multiple: int
     cycles: int
-    late: float
-    width: float
-    phases: tuple[HybridSystem, ...]
-    cycle: Orbit
-    unseen: float
+    late: float  # how much longer they last than the loop's own cycles [s]
+    width: float  # how much of that the sine makes up at most [s]
+    phases: tuple[HybridSystem, ...]  # starts at which the two keep step: none, or two
+    cycle: Orbit  # the undriven one
+    unseen: float  # how much longer or shorter they last, at the very most, by what first order leaves out [s]
 
     def is_weak(self, omega: float) -> bool:
         """Whether the phase moves so little over a pass that first order says how it goes on."""

@@ -34,17 +34,10 @@ _LONGEST, _SHORTEST, _MOST_POINTS = 0.03, 1e-5, 1500
 
 @dataclass(frozen=True, eq=False)
 class Sinusoid:
-    """A first-order response: phasors of ``Im(P exp(j omega t))``.
-
-    Attributes
-    ----------
-    drive : Drive
-    unknowns : array, shape (3 m,)
-        Real and imaginary parts of the first inputs of the elements, and their means.
-    """
+    """A first-order response: phasors of ``Im(P exp(j omega t))``."""
 
     drive: Drive
-    unknowns: Array
+    unknowns: Array  # (3 m,): real and imaginary parts of the first inputs of the elements, and their means
 
     @cached_property
     def _outputs(self) -> tuple[Array, ComplexArray]:

@@ -55,23 +55,12 @@ _CONTINUUM = "ends where periodic responses become a continuum, as an element th
 
 @dataclass(frozen=True, eq=False)
 class Road:
-    """What a branch runs over: the drive at each value of the logarithm of its parameter, between two of them.
+    """What a branch runs over: the drive at each value of the logarithm of its parameter, between two of them."""
 
-    Attributes
-    ----------
-    drive : callable
-        From the value to the drive.
-    limits : (float, float)
-    stretch : float
-        Derivative of the logarithm of the input's period by the value.
-    multiple : int
-        Periods of the input after which what is driven repeats itself.
-    """
-
-    drive: Callable[[float], Drive]
+    drive: Callable[[float], Drive]  # from the value to the drive
     limits: tuple[float, float]
-    stretch: float
-    multiple: int = 1
+    stretch: float  # derivative of the logarithm of the input's period by the value
+    multiple: int = 1  # periods of the input after which what is driven repeats itself
 
     @property
     def width(self) -> float:
@@ -98,22 +87,13 @@ class Road:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A periodic response on a branch.
+    """A periodic response on a branch."""
 
-    Attributes
-    ----------
-    value : float
-        Logarithm of the parameter.
-    orbit : Orbit
-    tangent : array, shape (N + 1,)
-        Direction of (start y, value), zero where y is not free; of unit length in the branch's own measure.
-    before : (float, array, float), optional
-        Distance, tangent and `singular` of the place from which this one was reached.
-    """
-
-    value: float
+    value: float  # logarithm of the parameter
     orbit: Orbit
+    #: (N + 1,): direction of (start y, value), zero where y is not free; of unit length in the branch's own measure.
     tangent: Array
+    #: Distance, tangent and `singular` of the place from which this one was reached.
     before: tuple[float, Array, float] | None = None
 
     @cached_property

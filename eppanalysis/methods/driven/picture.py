@@ -40,10 +40,6 @@ def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None)
     The upper panel is half the peak-to-peak of the output, the lower one the phase of its component at the input's
     frequency. Stable responses are solid, unstable ones dashed, first order is thin and dotted; folds are diamonds, and
     arrows show where the motion jumps to. Angles are in degrees, lengths in millimetres.
-
-    Parameters
-    ----------
-    response : FrequencyResponse
     """
     figure, (upper, *below) = places_of(ax, 2, height=2.6)
     shown, factor = readable(response.units.get(response.output, ""))
@@ -117,7 +113,6 @@ def plot_forced_response(response: ForcedResponse, signals: list[str] | None = N
 
     Parameters
     ----------
-    response : ForcedResponse
     signals : sequence of str, optional
         Which signals, in this order; all by default.
 

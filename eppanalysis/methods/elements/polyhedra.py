@@ -38,18 +38,11 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Region:
-    """Points of an automaton that obey rows: ``at_most @ point <= 0`` and ``zero @ point == 0``.
-
-    Attributes
-    ----------
-    rules : Automaton
-    scale : array, shape (n,)
-        Sizes of the entries of a point but the last, about one of which is a threshold.
-    at_most, zero : array, shape (k, n + 1)
-    """
+    """Points of an automaton that obey rows: ``at_most @ point <= 0`` and ``zero @ point == 0``."""
 
     rules: Automaton
-    scale: Array
+    scale: Array  # (n,): sizes of the entries of a point but the last, about one of which is a threshold
+    #: at_most, zero: (k, n + 1)
     at_most: Array
     zero: Array
 

@@ -40,22 +40,12 @@ class Flaw(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """Something about the rules that is not as one would have it.
-
-    Attributes
-    ----------
-    kind : Flaw
-    mode : str
-        Where it begins.
-    guards : tuple of str
-        Names of the guards.
-    inputs, rates, memory : tuple of float
-        An example [SI].
-    """
+    """Something about the rules that is not as one would have it."""
 
     kind: Flaw
-    mode: str
-    guards: tuple[str, ...]
+    mode: str  # where it begins
+    guards: tuple[str, ...]  # names of the guards
+    #: inputs, rates, memory: an example [SI].
     inputs: tuple[float, ...] = ()
     rates: tuple[float, ...] = ()
     memory: tuple[float, ...] = ()
@@ -63,22 +53,12 @@ class Finding:
 
 @dataclass
 class Rules:
-    """Examines the rules of an automaton; the rest grows while it is at work.
-
-    Attributes
-    ----------
-    automaton : Automaton
-    rate_is_input : bool
-        Whether the second input is the rate of the first.
-    found : list of Finding
-    complete : bool
-        Whether all of it could be examined.
-    """
+    """Examines the rules of an automaton; the rest grows while it is at work."""
 
     automaton: Automaton
-    rate_is_input: bool = False
+    rate_is_input: bool = False  # whether the second input is the rate of the first
     found: list[Finding] = field(default_factory=list)
-    complete: bool = True
+    complete: bool = True  # whether all of it could be examined
     programs: int = 0
     guards: list[list[Guard]] = field(init=False)
 

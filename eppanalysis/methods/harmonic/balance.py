@@ -156,7 +156,6 @@ def settled(loop: Loop, Z: ComplexArray, omega: float) -> tuple[ComplexArray, fl
 
     Parameters
     ----------
-    loop : Loop
     Z : array, shape (F, n + 1)
         Coefficients of the elements' free inputs, of the order that is wanted.
     omega : float

@@ -71,24 +71,14 @@ class Switch:
 
 @dataclass(frozen=True, eq=False)
 class Regime:
-    """The periodic regime of an element from phase `start` on.
-
-    Attributes
-    ----------
-    element : PeriodicElement
-    start : float
-        Phase at its beginning.
-    mode : int
-        At its beginning, as the memory values.
-    memory : array, shape (h,)
-    phases, fired, holds : array, shapes (s,), (s,), (s, h)
-        Phase of each switch of one period, the row of its mode guard in the element's table, memory values behind it.
-    """
+    """The periodic regime of an element from phase `start` on."""
 
     element: PeriodicElement
-    start: float
-    mode: int
-    memory: Array
+    start: float  # phase at its beginning
+    mode: int  # at its beginning, as the memory values
+    memory: Array  # (h,)
+    #: phases, fired, holds: (s,), (s,), (s, h): phase of each switch of one period, the row of its mode guard in the
+    #: element's table, memory values behind it.
     phases: Array
     fired: IntArray
     holds: Array

@@ -30,27 +30,16 @@ _TURNED = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """A system made ready for harmonic balance.
-
-    Attributes
-    ----------
-    system : LureSystem
-    elements : tuple of PeriodicElement
-    rows : int array, shape (F,)
-        Places in ``z`` of the free inputs, the first input of each element.
-    on_bias, on_mean, prescribed : array, shapes (F, F), (F, nw), (F,)
-        Static balance.
-    value : array, shape (nv,)
-        External inputs.
-    """
+    """A system made ready for harmonic balance."""
 
     system: LureSystem
     elements: tuple[PeriodicElement, ...]
-    rows: NDArray[np.intp]
+    rows: NDArray[np.intp]  # (F,): places in ``z`` of the free inputs, the first input of each element
+    #: on_bias, on_mean, prescribed: (F, F), (F, nw), (F,): static balance.
     on_bias: Array
     on_mean: Array
     prescribed: Array
-    value: Array
+    value: Array  # (nv,): external inputs
 
     @classmethod
     def of(cls, system: LureSystem, value: Array) -> Loop:

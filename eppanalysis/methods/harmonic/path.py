@@ -92,13 +92,10 @@ def let_in(loop: Loop, Z: ComplexArray, omega: float, pivot: int, order: int) ->
 
     Parameters
     ----------
-    loop : Loop
     Z : array, shape (F, kept + 1)
         A balance, with the fundamental of input `pivot` a sine.
     omega : float
         [rad/s].
-    pivot : int
-    order : int
 
     Returns
     -------

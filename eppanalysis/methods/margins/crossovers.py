@@ -38,22 +38,12 @@ _PASSES = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """A loop gain on a grid that shows all that it does.
-
-    Attributes
-    ----------
-    loop : Linear
-    omega : array, shape (m,)
-        Ascending [rad/s].
-    value : complex array, shape (m,)
-    complete : bool
-        Whether the grid could be made as fine as it ought to be.
-    """
+    """A loop gain on a grid that shows all that it does."""
 
     loop: Linear
-    omega: Array
-    value: ComplexArray
-    complete: bool
+    omega: Array  # (m,): ascending [rad/s]
+    value: ComplexArray  # (m,)
+    complete: bool  # whether the grid could be made as fine as it ought to be
 
     @classmethod
     def of(cls, loop: Linear, rates: ComplexArray) -> Response:

@@ -31,21 +31,13 @@ _LEAST = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """``dx/dt = sum of A x(t - delay) + B u(t - delay) over the terms, y = C x + D u``, one input, one output.
+    """``dx/dt = sum of A x(t - delay) + B u(t - delay) over the terms, y = C x + D u``, one input, one output."""
 
-    Attributes
-    ----------
-    terms : tuple of (float, array (n, n), array (n, 1))
-        Delay [s], A and B; ascending, the first without delay.
-    C, D : arrays, shapes (1, n), (1, 1)
-    time_step : float or None
-        Sample time [s] of a system in discrete time, where ``dx/dt`` is the next state.
-    """
-
-    terms: tuple[tuple[float, Array, Array], ...]
+    terms: tuple[tuple[float, Array, Array], ...]  # delay [s], A and B; ascending, the first without delay
+    #: C, D: (1, n), (1, 1)
     C: Array
     D: Array
-    time_step: float | None
+    time_step: float | None  # sample time [s] of a system in discrete time, where ``dx/dt`` is the next state
 
     @property
     def rational(self) -> bool:
@@ -138,24 +130,12 @@ def _solved(resolvent: ComplexArray, right: ComplexArray) -> ComplexArray:
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """A loop whose elements are gains.
+    """A loop whose elements are gains."""
 
-    Attributes
-    ----------
-    system : LureSystem
-        With its integrators apart.
-    gains : array, shape (nw, nz)
-        ``w = gains @ z``; zero for elements that no gain stands for.
-    without : tuple of int
-        Elements that no gain stands for.
-    executed : tuple of str
-        What stands for sampled controllers, a sentence each.
-    """
-
-    system: LureSystem
-    gains: Array
-    without: tuple[int, ...]
-    executed: tuple[str, ...] = ()
+    system: LureSystem  # with its integrators apart
+    gains: Array  # (nw, nz): ``w = gains @ z``; zero for elements that no gain stands for
+    without: tuple[int, ...]  # elements that no gain stands for
+    executed: tuple[str, ...] = ()  # what stands for sampled controllers, a sentence each
 
     @classmethod
     def of(cls, loop: LureSystem, place: str) -> Linearised:

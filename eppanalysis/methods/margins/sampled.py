@@ -30,7 +30,6 @@ def from_sample_to_sample(system: LureSystem, gains: Array) -> LureSystem | None
 
     Parameters
     ----------
-    system : LureSystem
     gains : array, shape (nw, nz)
         ``w = gains @ z`` for all elements but the controllers.
     """
@@ -160,25 +159,15 @@ class Between:
 
 @dataclass(frozen=True, eq=False)
 class _Ports:
-    """Places at which the loop is one in discrete time.
+    """Places at which the loop is one in discrete time."""
 
-    Attributes
-    ----------
-    numbers : tuple of int
-        Of the places of the loop.
-    read, out : int arrays
-        Which input of the controllers is all that a disturbance there acts on, or which output is all that comes back
-        there; -1 for none.
-    into : array, shape (m, q)
-        What a disturbance adds to what is read in the sample that computes what comes back.
-    seen : array, shape (q, outputs)
-        What a place that is read takes from the controller's own outputs within the same sample.
-    """
-
-    numbers: tuple[int, ...]
+    numbers: tuple[int, ...]  # of the places of the loop
+    #: read, out: which input of the controllers is all that a disturbance there acts on, or which output is all that
+    #: comes back there; -1 for none.
     read: NDArray[np.intp]
     out: NDArray[np.intp]
-    into: Array
+    into: Array  # (m, q): what a disturbance adds to what is read in the sample that computes what comes back
+    #: (q, outputs): what a place that is read takes from the controller's own outputs within the same sample.
     seen: Array
 
     @classmethod
@@ -210,31 +199,15 @@ class _Ports:
 
 @dataclass(eq=False)
 class _Walk:
-    """State of a loop on its way through one turn, as rows on the state before it and on the disturbances.
-
-    Attributes
-    ----------
-    controllers : tuple of SampledController
-    ports : _Ports
-    rate : array
-        Of the plant's state and of what is held, the disturbances among it, on both.
-    reads : array
-        What the controllers read, on both.
-    brings : array
-        What comes back to each port, on both, but for what its own controller computes in that sample.
-    now : array
-        Plant, what is held, what is computed and not yet put out, and the controllers' memory.
-    back : array
-        What comes back to each port.
-    """
+    """State of a loop on its way through one turn, as rows on the state before it and on the disturbances."""
 
     controllers: tuple[SampledController, ...]
     ports: _Ports
-    rate: Array
-    reads: Array
-    brings: Array
-    now: Array
-    back: Array
+    rate: Array  # of the plant's state and of what is held, the disturbances among it, on both
+    reads: Array  # what the controllers read, on both
+    brings: Array  # what comes back to each port, on both, but for what its own controller computes in that sample
+    now: Array  # plant, what is held, what is computed and not yet put out, and the controllers' memory
+    back: Array  # what comes back to each port
 
     @classmethod
     def of(cls, p: Places, between: Between, ports: _Ports) -> _Walk:

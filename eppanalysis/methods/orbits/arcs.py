@@ -32,26 +32,16 @@ LETS_GO = 3
 
 @dataclass(frozen=True, eq=False)
 class EventSequence:
-    """The cyclic order of events on an orbit.
+    """The cyclic order of events on an orbit."""
 
-    Attributes
-    ----------
-    modes : int array, shape (p, elements)
-        Mode of every element on each arc.
-    guards : int array, shape (p,)
-        Number of the guard at whose event each arc ends; -1 where a delayed switch arrives.
-    source : int array, shape (p, 3)
-        For a delayed switch: the arc at whose end the output switched, the delay channel, and how many full periods
-        the switch is under way; -1 elsewhere.
-    at_once : int array, shape (p,)
-        1 where the event follows the one before without delay; 2 where the arc begins on the guard that ends it, as
-        slip does; 3 where what follows an input lets go because the next event makes that input jump: the arc ends
-        where the guard of the next event does.
-    """
-
-    modes: IntArray
-    guards: IntArray
+    modes: IntArray  # (p, elements): mode of every element on each arc
+    guards: IntArray  # (p,): number of the guard at whose event each arc ends; -1 where a delayed switch arrives
+    #: (p, 3): for a delayed switch: the arc at whose end the output switched, the delay channel, and how many full
+    #: periods the switch is under way; -1 elsewhere.
     source: IntArray
+    #: (p,): 1 where the event follows the one before without delay; 2 where the arc begins on the guard that ends it,
+    #: as slip does; 3 where what follows an input lets go because the next event makes that input jump: the arc ends
+    #: where the guard of the next event does.
     at_once: IntArray
 
     @property
@@ -90,19 +80,7 @@ class EventSequence:
 
 @dataclass(frozen=True, eq=False)
 class Arcs:
-    """The arcs of an event sequence in one system; arrays as in :func:`eppanalysis.kernels.orbits.arcs.build_arcs`.
-
-    Attributes
-    ----------
-    n_state, n_timers : int
-        How many places of y are the state's, and timers.
-    free : int array, shape (m,)
-        Places of y that must repeat: states other than clocks and inputs, and memory values that an event renews.
-    shift : array, shape (N,)
-        What each place of y advances per unit of time beyond repeating (clocks, and what is measured by them).
-    duration : float or None
-        Of a motion driven by a periodic input: how long all arcs together last [s]. The last arc has no guard then.
-    """
+    """The arcs of an event sequence in one system; arrays as in :func:`eppanalysis.kernels.orbits.arcs.build_arcs`."""
 
     event_sequence: EventSequence
     F: Array
@@ -115,10 +93,14 @@ class Arcs:
     Ys: Array
     W: Array
     channels: Channels
+    #: n_state, n_timers: how many places of y are the state's, and timers.
     n_state: int
     n_timers: int
+    #: (m,): places of y that must repeat: states other than clocks and inputs, and memory values that an event renews.
     free: IntArray
+    #: (N,): what each place of y advances per unit of time beyond repeating (clocks, and what is measured by them).
     shift: Array
+    #: Of a motion driven by a periodic input: how long all arcs together last [s]. The last arc has no guard then.
     duration: float | None = None
 
     @property
@@ -188,7 +170,6 @@ class Arcs:
 
         Parameters
         ----------
-        hybrid : HybridSystem
         image : array, shape (N, N)
             From y to its image, which takes the orbit onto itself half a period later. The last arc only tells the
             modes that the half ends in.

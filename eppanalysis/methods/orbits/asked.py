@@ -36,26 +36,14 @@ _ODD, _SKEW = 1e-6, 1e-2
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """What is asked for.
-
-    Attributes
-    ----------
-    system : LureSystem
-    cycle : LimitCycle
-        The approximate cycle.
-    image : array or None
-        See :func:`eppanalysis.methods.orbits.mirrored.mirror`; None where the cycle is not its own mirror image.
-    other_image : array or None
-        The same; None where the cycle may be its own mirror image.
-    tolerance : float
-        How far frequency and sizes may be away, relative.
-    """
+    """What is asked for."""
 
     system: LureSystem
-    cycle: LimitCycle
+    cycle: LimitCycle  # the approximate cycle
+    #: See :func:`eppanalysis.methods.orbits.mirrored.mirror`; None where the cycle is not its own mirror image.
     image: Array | None
-    other_image: Array | None
-    tolerance: float
+    other_image: Array | None  # the same; None where the cycle may be its own mirror image
+    tolerance: float  # how far frequency and sizes may be away, relative
 
     @classmethod
     def of(cls, system: LureSystem, hybrid: HybridSystem, cycle: LimitCycle) -> Asked:

@@ -51,7 +51,6 @@ def orbits_on_boundary(hybrid: HybridSystem, x: Array, centre: Array, memory: Ar
 
     Parameters
     ----------
-    hybrid : HybridSystem
     x, centre : arrays, shape (n,)
         State on the prediction with inputs, and its mean.
     memory : array

@@ -26,7 +26,6 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
     ----------
     system : LureSystem
         The loop whose orbit it is.
-    orbit : Orbit
     """
     shape = orbit_shape(system, orbit)
     values = orbit.multipliers

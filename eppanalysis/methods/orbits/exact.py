@@ -135,20 +135,11 @@ def _behind_delay(system: LureSystem, hybrid: HybridSystem, start: LimitCycle, a
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """An orbit that an approximate cycle led to.
-
-    Attributes
-    ----------
-    orbit : Orbit
-    difference : str
-        What tells it from the one asked for; empty for nothing.
-    as_stable : bool
-        Whether it is as stable as was predicted, if anything was.
-    """
+    """An orbit that an approximate cycle led to."""
 
     orbit: Orbit
-    difference: str
-    as_stable: bool
+    difference: str  # what tells it from the one asked for; empty for nothing
+    as_stable: bool  # whether it is as stable as was predicted, if anything was
 
 
 def asked_for(found: Sequence[Found]) -> Orbit | None:

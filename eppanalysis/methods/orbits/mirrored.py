@@ -77,7 +77,6 @@ def mirrored_orbits(hybrid: HybridSystem, image: Array, x: Array, memory: Array,
 
     Parameters
     ----------
-    hybrid : HybridSystem
     image : array, shape (N, N)
         See :func:`mirror`.
     x, memory : arrays

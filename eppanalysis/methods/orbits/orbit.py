@@ -45,35 +45,21 @@ _SWEEP, _ARC, _ENTRY, _SERIES = 200.0, 5.0, 0.1, 100.0
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """A closed orbit of a hybrid system, or the last iterate on the way to it.
-
-    Attributes
-    ----------
-    hybrid : HybridSystem
-    arcs : Arcs
-    y : array, shape (N,)
-        State, timers, held and delayed values behind the event at the start.
-    tau : array, shape (p,)
-        Dwell times [s].
-    starts, ends : arrays, shapes (p + 1, N), (p, N)
-        y behind and before each event.
-    A, r : arrays, shapes (m + p, m + p), (m + p,)
-        Derivative and residual of (periodicity, guards) over (free part of y, dwell times).
-    speed : array, shape (p,)
-        Rate at which each guard is crossed.
-    motion : DelayedMotion, optional
-        Where what is delayed moves: the motion itself, of which the start alone tells too little.
-    """
+    """A closed orbit of a hybrid system, or the last iterate on the way to it."""
 
     hybrid: HybridSystem
     arcs: Arcs
-    y: Array
-    tau: Array
+    y: Array  # (N,): state, timers, held and delayed values behind the event at the start
+    tau: Array  # (p,): dwell times [s]
+    #: starts, ends: (p + 1, N), (p, N): y behind and before each event.
     starts: Array
     ends: Array
+    #: A, r: (m + p, m + p), (m + p,): derivative and residual of (periodicity, guards) over (free part of y, dwell
+    #: times).
     A: Array
     r: Array
-    speed: Array
+    speed: Array  # (p,): rate at which each guard is crossed
+    #: Where what is delayed moves: the motion itself, of which the start alone tells too little.
     motion: DelayedMotion | None = None
 
     @property
@@ -255,7 +241,6 @@ def residual_slope(orbit: Orbit, by: Arcs, start: Array) -> Array:
 
     Parameters
     ----------
-    orbit : Orbit
     by : Arcs
         Arcs whose numbers are the derivatives of the orbit's own.
     start : array, shape (N,)

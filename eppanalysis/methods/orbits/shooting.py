@@ -52,7 +52,6 @@ def close_orbit(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ())
     ----------
     hybrid : HybridSystem
         Without external inputs that change.
-    guess : Guess
     known : sequence of Orbit, optional
         Orbits of this system that have been closed: one of them, where the guess is a turn along it.
 
@@ -337,18 +336,10 @@ def restarted(hybrid: HybridSystem, arcs: Arcs, y: Array, modes: IntArray) -> Hy
 
 @dataclass(eq=False)
 class _Approach:
-    """Newton's method on the engine's own return map, and the guesses that it has come to from the best one on.
+    """Newton's method on the engine's own return map, and the guesses that it has come to from the best one on."""
 
-    Attributes
-    ----------
-    steps : iterator of (Guess, float)
-        See :func:`_approaching`.
-    made : list of (Guess, float)
-        Those that have been taken.
-    """
-
-    steps: Iterator[tuple[Guess, float]]
-    made: list[tuple[Guess, float]] = field(default_factory=list)
+    steps: Iterator[tuple[Guess, float]]  # see :func:`_approaching`
+    made: list[tuple[Guess, float]] = field(default_factory=list)  # those that have been taken
 
     def best(self) -> Guess | None:
         """The guess nearest to an orbit on so many steps; asked for again, on so many from there."""

@@ -44,32 +44,22 @@ _SAME = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Pulses:
-    """The symmetric motions of one relay.
-
-    Attributes
-    ----------
-    hybrid : HybridSystem
-    centre : array, shape (n,)
-        The state about which the loop is odd.
-    poles, given, seen, vectors : arrays, shapes (n,), (n,), (n,), (n, n)
-        Modes of the linear part, what the relay's output gives to each, and the relay's input of each.
-    level : float
-        Largest output of the relay.
-    modes, guards : int arrays, shape (p,)
-        Of a whole turn, p is 2 without and 4 with a dead zone.
-    ends : array, shape (p / 2, 2)
-        Guard at the end of each part of a half: its factor on the input's distance from the centre, and constant.
-    """
+    """The symmetric motions of one relay."""
 
     hybrid: HybridSystem
-    centre: Array
+    centre: Array  # (n,): the state about which the loop is odd
+    #: poles, given, seen, vectors: (n,), (n,), (n,), (n, n): modes of the linear part, what the relay's output gives to
+    #: each, and the relay's input of each.
     poles: ComplexArray
     given: ComplexArray
     seen: ComplexArray
     vectors: ComplexArray
-    level: float
+    level: float  # largest output of the relay
+    #: modes, guards: (p,): of a whole turn, p is 2 without and 4 with a dead zone.
     modes: NDArray[np.int64]
     guards: NDArray[np.int64]
+    #: (p / 2, 2): guard at the end of each part of a half: its factor on the input's distance from the centre, and
+    #: constant.
     ends: Array
 
     @classmethod

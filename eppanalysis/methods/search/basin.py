@@ -110,12 +110,10 @@ def basin(
     ----------
     system : LureSystem or Case
         In continuous time; with sampled controllers runs are made one by one, and these begin with their own memory.
-    cycles : CycleSearch
     starts : array, shape (N, n)
         Initial states; held values are those of the system's start.
     operating_point : OperatingPoint or mapping of str to float, optional
         Where the external inputs are held, or some of them by name [SI]; by default that of the search.
-    threads : int
 
     Raises
     ------

@@ -100,17 +100,10 @@ NO_CORNERS = np.zeros(0, np.int64), np.zeros((0, 0)), np.zeros(0)
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """A cycle that a run is on, whose orbit could not be closed.
+    """A cycle that a run is on, whose orbit could not be closed."""
 
-    Attributes
-    ----------
-    cycle : LimitCycle
-        As the run has it, or closed by collocation behind a dead time.
-    corners : tuple of arrays, shapes (events,), (events, n), (n,)
-        Guard and state at each event of a period, and how far each state moves.
-    """
-
-    cycle: LimitCycle
+    cycle: LimitCycle  # as the run has it, or closed by collocation behind a dead time
+    #: (events,), (events, n), (n,): guard and state at each event of a period, and how far each state moves.
     corners: tuple[IntArray, Array, Array]
 
     @classmethod

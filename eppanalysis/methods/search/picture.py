@@ -58,7 +58,6 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
 
     Parameters
     ----------
-    search : CycleSearch
     signal : str, optional
         The first one by default.
     given : matplotlib.axes.Axes, optional

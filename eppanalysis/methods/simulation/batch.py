@@ -160,7 +160,6 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
 
     Parameters
     ----------
-    stack : HybridStack
     t_end : float
         End of each run [s].
     threads : int

@@ -40,27 +40,20 @@ _FELT = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class _Sizes:
-    """What these tests, which follow every run, take from the model alone.
+    """What these tests, which follow every run, take from the model alone."""
 
-    Attributes
-    ----------
-    gains : arrays, shapes (z, n), (z, h), (z, n + h)
-        From states and memory values to the elements' inputs, and sizes of both.
-    on_rates, straight : arrays, shapes (n, w), (z, w)
-        Sizes of the gains from outputs, late ones too, to the rates of the states and to the inputs.
-    elements : arrays, shapes (elements, z), (elements,)
-        Of each element: the largest weights of the inputs in its guards, and its largest threshold.
-    modes : tuple of (slice, int)
-        Of each element: its modes, and the number of its outputs.
-    constant, per_smooth : arrays, shapes (modes, w), (modes, w, channels)
-        Most of each output in a mode that does not grow with the inputs, and its gains from smooth channels.
-    """
-
+    #: (z, n), (z, h), (z, n + h): from states and memory values to the elements' inputs, and sizes of both.
     gains: tuple[Array, Array, Array]
+    #: on_rates, straight: (n, w), (z, w): sizes of the gains from outputs, late ones too, to the rates of the states
+    #: and to the inputs.
     on_rates: Array
     straight: Array
+    #: (elements, z), (elements,): of each element: the largest weights of the inputs in its guards, and its largest
+    #: threshold.
     elements: tuple[Array, Array]
-    modes: tuple[tuple[slice, int], ...]
+    modes: tuple[tuple[slice, int], ...]  # of each element: its modes, and the number of its outputs
+    #: constant, per_smooth: (modes, w), (modes, w, channels): most of each output in a mode that does not grow with the
+    #: inputs, and its gains from smooth channels.
     constant: Array
     per_smooth: Array
 
@@ -115,7 +108,6 @@ def left_by_rounding(
 
     Parameters
     ----------
-    hybrid : HybridSystem
     states, memory : arrays, shapes (events, n), (events, h)
         At the events of the motion.
     moves : array, shape (n,)
@@ -158,7 +150,6 @@ def is_lost(hybrid: HybridSystem, signals: Array, period: float, changes: float)
 
     Parameters
     ----------
-    hybrid : HybridSystem
     signals : array, shape (nt, n + inputs + outputs)
         Of the `watched` system at even times of one period.
     period : float

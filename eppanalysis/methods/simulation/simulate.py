@@ -451,7 +451,6 @@ def cycle_of_run(
         With more events in its event buffer than a period has.
     found : array, shape (4,)
         What `judge` says of the cycle.
-    facts : Provenance
     """
     p, period = int(found[0]), float(found[1])
     marks = run.time[run.order[-p - 1 :]]

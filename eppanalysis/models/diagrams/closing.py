@@ -35,7 +35,6 @@ def close(diagram: Drawn, wires: Mapping[Port, Terms], shown: Mapping[str, Terms
 
     Parameters
     ----------
-    diagram : Drawn
     wires : mapping of Port to list of (float, Port)
         The signed sum of sources that drives each input.
     shown : mapping of str to list of (float, Port)
@@ -81,25 +80,14 @@ def close(diagram: Drawn, wires: Mapping[Port, Terms], shown: Mapping[str, Terms
 
 @dataclass(frozen=True, eq=False)
 class _Closed:
-    """Linear part on the elements' outputs w, the external inputs v, and disturbances d of all ports.
+    """Linear part on the elements' outputs w, the external inputs v, and disturbances d of all ports."""
 
-    Attributes
-    ----------
-    rate, to_elements : tuple of arrays
-        Of the state, and of the elements' inputs: on x, w, v and one.
-    places : dict of Port to int
-        Rows of ports among those of `carried`.
-    carried : tuple of arrays
-        What every port carries, on x, w, v and one.
-    cuts : Cuts
-        All ports of the diagram as places to cut.
-    """
-
+    #: rate, to_elements: of the state, and of the elements' inputs: on x, w, v and one.
     rate: Rows
     to_elements: Rows
-    places: dict[Port, int]
-    carried: Rows
-    cuts: Cuts
+    places: dict[Port, int]  # rows of ports among those of `carried`
+    carried: Rows  # what every port carries, on x, w, v and one
+    cuts: Cuts  # all ports of the diagram as places to cut
 
     @classmethod
     def of(cls, network: Network) -> _Closed:
@@ -184,7 +172,6 @@ def _cuts(
 
     Parameters
     ----------
-    network : Network
     inner : StateSpace
         The linear blocks, closed among one another.
     wired : tuple of arrays

@@ -67,8 +67,6 @@ def closed_blocks(blocks: Mapping[str, Linear], wires: Wires, who: str) -> State
     ----------
     blocks : mapping of str to Linear
         State space and names of the ports of each.
-    wires : mapping of Port to list of (float, Port)
-    who : str
 
     Raises
     ------

@@ -30,48 +30,25 @@ _SIDES = ("input_ports", "output_ports")
 
 @dataclass(eq=False)
 class Network:
-    """What a diagram is made of while its loop is being closed; lives for one call.
-
-    Attributes
-    ----------
-    linear : dict of str to Linear
-    elements : dict of str to Nonlinearity
-    ports : dict of str to (tuple of str, tuple of str)
-        Inputs and outputs of each element.
-    wires : dict of Port to list of (float, Port)
-    within : dict of Port to list of (float, Port)
-        What drives inputs of a sampled controller from among its own outputs, within a sample.
-    late : dict of Port to float
-        Dead time of outputs of elements [s].
-    external : tuple of str
-    constants : dict of Port to float
-        Outputs that do not move.
-    who : str
-    time_step : float or None
-        Of all that is linear, where the diagram is one of discrete time.
-    original : tuple of Port
-        Ports that the diagram itself has.
-    moved : dict of Port to Port
-        Where ports of the diagram stand that have another place here.
-    shown : frozenset of Port
-        Outputs that signals of the diagram name.
-    unseen : set of Port
-        Ports of the diagram whose place carries what the port carries at another time.
-    """
+    """What a diagram is made of while its loop is being closed; lives for one call."""
 
     wires: dict[Port, Terms]
     external: tuple[str, ...]
     who: str
-    time_step: float | None = None
-    original: tuple[Port, ...] = ()
+    time_step: float | None = None  # of all that is linear, where the diagram is one of discrete time
+    original: tuple[Port, ...] = ()  # ports that the diagram itself has
+    #: Where ports of the diagram stand that have another place here.
     moved: dict[Port, Port] = field(default_factory=dict)
-    shown: frozenset[Port] = frozenset()
+    shown: frozenset[Port] = frozenset()  # outputs that signals of the diagram name
+    #: Ports of the diagram whose place carries what the port carries at another time.
     unseen: set[Port] = field(default_factory=set)
-    constants: dict[Port, float] = field(default_factory=dict)
+    constants: dict[Port, float] = field(default_factory=dict)  # outputs that do not move
     linear: dict[str, Linear] = field(default_factory=dict)
     elements: dict[str, Nonlinearity] = field(default_factory=dict)
+    #: Inputs and outputs of each element.
     ports: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = field(default_factory=dict)
-    late: dict[Port, float] = field(default_factory=dict)
+    late: dict[Port, float] = field(default_factory=dict)  # dead time of outputs of elements [s]
+    #: What drives inputs of a sampled controller from among its own outputs, within a sample.
     within: dict[Port, Terms] = field(default_factory=dict)
 
     @classmethod

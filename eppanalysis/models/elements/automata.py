@@ -151,7 +151,6 @@ def sticking(
 
     Parameters
     ----------
-    static, level, viscous : float
     law : tuple of Smooth
         The last of them is what falls with speed; or nothing.
     creep : Creep, optional

@@ -129,17 +129,11 @@ class RateLimit(NamedTuple):
 
 
 class ClosedForm(NamedTuple):
-    """What kernels compute mean and gain of an element from: its map in pieces, or the numbers of a lock pin.
+    """What kernels compute mean and gain of an element from: its map in pieces, or the numbers of a lock pin."""
 
-    Attributes
-    ----------
-    pieces : arrays, shapes (k,), (k + 1,), (k + 1,), (k,)
-        Breakpoints, slopes, intercepts and jumps.
-    pin : tuple of float
-        Gap, stiffness, damping, and whether it only pushes; zeros for a map.
-    """
-
+    #: (k,), (k + 1,), (k + 1,), (k,): breakpoints, slopes, intercepts and jumps.
     pieces: tuple[NDArray[np.float64], ...] = (np.zeros(0), np.zeros(1), np.zeros(1), np.zeros(0))
+    #: Gap, stiffness, damping, and whether it only pushes; zeros for a map.
     pin: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
 

@@ -26,7 +26,6 @@ def with_gains(loop: LureSystem, gains: Mapping[int, Array]) -> LureSystem:
 
     Parameters
     ----------
-    loop : LureSystem
     gains : mapping of int to array, shape (outputs, inputs)
         By the number of the element.
 

@@ -57,36 +57,18 @@ def reaching(begun: NDArray[np.bool_], acts: NDArray[np.bool_]) -> NDArray[np.bo
 
 @dataclass(frozen=True, eq=False)
 class HybridSystem:
-    """Flat form of a loop with its external inputs.
+    """Flat form of a loop with its external inputs."""
 
-    Attributes
-    ----------
-    model : eppanalysis.kernels.engine.tables.Model
-        What the kernels read.
-    x0, H0 : array, shapes (n + inputs,), (memory,)
-        State and memory values at the start.
-    modes0 : int array, shape (elements,)
-        Mode of each element at the start.
-    n_plant : int
-        How many of the states are the loop's own.
-    compared : bool array, shape (n + inputs,)
-        States that repeat on a limit cycle (clocks do not).
-    element_names : tuple of str
-        For the event list.
-    time_scale : float
-        Length of a step on which the linear part moves moderately [s].
-    elements, automata : tuples
-        Of the loop; the automata may end with that of an observer.
-    """
-
-    model: Model
+    model: Model  # what the kernels read
+    #: x0, H0: (n + inputs,), (memory,): state and memory values at the start.
     x0: Array
     H0: Array
-    modes0: IntArray
-    n_plant: int
-    compared: NDArray[np.bool_]
-    element_names: tuple[str, ...]
-    time_scale: float
+    modes0: IntArray  # (elements,): mode of each element at the start
+    n_plant: int  # how many of the states are the loop's own
+    compared: NDArray[np.bool_]  # (n + inputs,): states that repeat on a limit cycle (clocks do not)
+    element_names: tuple[str, ...]  # for the event list
+    time_scale: float  # length of a step on which the linear part moves moderately [s]
+    #: elements, automata: of the loop; the automata may end with that of an observer.
     elements: tuple[Nonlinearity, ...]
     automata: tuple[Automaton, ...]
 

@@ -20,16 +20,10 @@ _REMAINDER = 1e-12
 
 
 class StaticBalance(NamedTuple):
-    """``on_bias @ b + on_mean @ mean = prescribed`` between mean inputs b and mean outputs of the elements.
+    """``on_bias @ b + on_mean @ mean = prescribed`` between mean inputs b and mean outputs of the elements."""
 
-    Attributes
-    ----------
-    rows : array of int, shape (m,)
-        Places of the elements' first inputs among all inputs.
-    on_bias, on_mean, prescribed : array, shapes (m, m), (m, nw), (m,)
-    """
-
-    rows: NDArray[np.intp]
+    rows: NDArray[np.intp]  # (m,): places of the elements' first inputs among all inputs
+    #: on_bias, on_mean, prescribed: (m, m), (m, nw), (m,)
     on_bias: Array
     on_mean: Array
     prescribed: Array

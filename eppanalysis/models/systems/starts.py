@@ -58,7 +58,6 @@ def starting_values(hybrid: Hybrid, state: Array, memory: Sequence[Any]) -> tupl
 
     Parameters
     ----------
-    hybrid : HybridSystem
     state : array, shape (n_plant,)
     memory : sequence
         One for each element, as its `output` takes it; None, or none at all, for the element's own.

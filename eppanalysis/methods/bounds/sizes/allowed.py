@@ -96,7 +96,6 @@ class Allowed(PlainData):
 
         Parameters
         ----------
-        system : LureSystem
         text : str
             Signal and size, measure and band; plain numbers are SI.
 

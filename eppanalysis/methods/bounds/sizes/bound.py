@@ -42,29 +42,14 @@ _STABLE_FROM = (Change.PERIOD_DOUBLING, Change.TORUS, Change.BRANCH_POINT, Chang
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """Where in the range of the limiting parameter stable cycles exceed what is allowed.
-
-    Attributes
-    ----------
-    finding : Finding
-    sign : float
-        1 where they do at large values, -1 where at small ones.
-    safe : float
-        The value next to `cycles` at which none does [SI].
-    value : float
-        That of `cycles` [SI].
-    cycles : tuple of LimitCycle
-        Those that are too large, next to the safe side.
-    note : str
-        What there is to say where nothing bounds the parameter.
-    """
+    """Where in the range of the limiting parameter stable cycles exceed what is allowed."""
 
     finding: Finding
-    sign: float = 1.0
-    safe: float = float("nan")
-    value: float = float("nan")
-    cycles: tuple[LimitCycle, ...] = ()
-    note: str = ""
+    sign: float = 1.0  # 1 where they do at large values, -1 where at small ones
+    safe: float = float("nan")  # the value next to `cycles` at which none does [SI]
+    value: float = float("nan")  # that of `cycles` [SI]
+    cycles: tuple[LimitCycle, ...] = ()  # those that are too large, next to the safe side
+    note: str = ""  # what there is to say where nothing bounds the parameter
 
 
 _Seen = tuple[float, tuple[LimitCycle, ...], bool]
@@ -77,7 +62,6 @@ def scan(question: Question, allowed: Allowed) -> Scan:
     ----------
     question : Question
         At one value of the parameter that runs.
-    allowed : Allowed
     """
     values = tried_values(question)
     if idle(question, values):

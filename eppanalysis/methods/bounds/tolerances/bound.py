@@ -92,7 +92,6 @@ def check_tolerances(question: Question, tolerances: Mapping[str, object] | None
 
     Parameters
     ----------
-    question : Question
     tolerances : mapping of str to quantity or percentage, optional
         As :func:`half_widths_of` takes them.
 
@@ -221,7 +220,6 @@ def quantile(draws: Array, probability: float, sign: float = 1.0) -> Quantile:
     ----------
     draws : array, shape (n,)
         Bounds, times `sign`, so that designs are free below.
-    probability : float
     sign : {1, -1}
 
     Examples

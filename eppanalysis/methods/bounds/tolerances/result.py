@@ -22,19 +22,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Quantile:
-    """The bound that holds with a probability.
-
-    Attributes
-    ----------
-    probability : float
-    value : float
-        [SI]; nan where there are too few draws.
-    low, high : float
-        Its 95 % confidence interval.
-    """
+    """The bound that holds with a probability."""
 
     probability: float
-    value: float
+    value: float  # [SI]; nan where there are too few draws
+    #: low, high: its 95 % confidence interval.
     low: float
     high: float
 

@@ -78,22 +78,14 @@ class Node:
 
 @dataclass
 class Graph:
-    """Which cells may come back to which.
+    """Which cells may come back to which."""
 
-    Attributes
-    ----------
-    pairs : int array, shape (2, m)
-        From cell, to cell.
-    label, count : int array, shape (n,), int
-        Of each cell the group of those that may come back to one another, and how many groups there are.
-    circles : list of int
-        Groups from which a motion may come back to them.
-    """
-
-    pairs: np.ndarray
+    pairs: np.ndarray  # (2, m): from cell, to cell
+    #: label, count: (n,), int: of each cell the group of those that may come back to one another, and how many groups
+    #: there are.
     label: np.ndarray
     count: int
-    circles: list[int]
+    circles: list[int]  # groups from which a motion may come back to them
 
     @classmethod
     def of(cls, leaves: list[Node]) -> Graph:

@@ -26,21 +26,11 @@ _LEAST = 1e-12
 
 @dataclass(frozen=True)
 class OwnAxes:
-    """Unknowns in the axes of the motion.
+    """Unknowns in the axes of the motion."""
 
-    Attributes
-    ----------
-    basis : array, shape (m, m)
-        From the new unknowns to the places of y that are unknown.
-    path : ExactPath
-        In the new unknowns.
-    starts : array, shape (p, m)
-        States behind the events, in the new unknowns.
-    """
-
-    basis: Array
-    path: ExactPath
-    starts: Array
+    basis: Array  # (m, m): from the new unknowns to the places of y that are unknown
+    path: ExactPath  # in the new unknowns
+    starts: Array  # (p, m): states behind the events, in the new unknowns
 
     @classmethod
     def states(cls, path: ExactPath, orbit: Orbit) -> OwnAxes:

@@ -30,18 +30,10 @@ class Violated(Exception):
 
 @dataclass(frozen=True)
 class Start:
-    """How a guard leaves the start of an arc.
+    """How a guard leaves the start of an arc."""
 
-    Attributes
-    ----------
-    order : int or None
-        Of the first derivative that is not exactly zero; None for a guard that is zero all along.
-    rises : bool
-        Its sign.
-    """
-
-    order: int | None
-    rises: bool
+    order: int | None  # of the first derivative that is not exactly zero; None for a guard that is zero all along
+    rises: bool  # its sign
 
 
 def starts_of(path: ExactPath, arc: int, state: Any) -> dict[int, Start]:
@@ -106,10 +98,7 @@ def prove_arc(path: ExactPath, arc: int, start: Any, duration: Any, scale: np.nd
 
     Parameters
     ----------
-    path : ExactPath
-    arc : int
     start : arb_mat, shape (m + 1, 1)
-    duration : arb
     scale : array, shape (m,)
         Sizes of the unknowns, on which only the effort depends.
 

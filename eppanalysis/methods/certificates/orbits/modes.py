@@ -60,25 +60,15 @@ def beside(*blocks: Any) -> Any:
 
 @dataclass(frozen=True)
 class ExactMode:
-    """One combination of modes: all rows are on y, the state with the memory values, the last of which is 1.
+    """One combination of modes: all rows are on y, the state with the memory values, the last of which is 1."""
 
-    Attributes
-    ----------
-    rate : fmpq_mat, shape (n, N)
-        Of the state.
-    inputs, outputs : fmpq_mat, shapes (z, N), (w, N)
-        Of the elements.
-    guards : tuple of (int, fmpq_mat)
-        Numbers of the guards, in the order in which they are looked at, with their rows.
-    levels : dict of int to fmpq_mat
-        For each element that sticks: its input less the level that it is kept at.
-    """
-
-    rate: Any
+    rate: Any  # (n, N): of the state
+    #: inputs, outputs: (z, N), (w, N): of the elements.
     inputs: Any
     outputs: Any
+    #: Numbers of the guards, in the order in which they are looked at, with their rows.
     guards: tuple[tuple[int, Any], ...]
-    levels: dict[int, Any]
+    levels: dict[int, Any]  # for each element that sticks: its input less the level that it is kept at
 
 
 class ExactModes:

@@ -21,19 +21,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Disc:
-    """A disc in the complex plane.
-
-    Attributes
-    ----------
-    centre : complex
-    radius : float
-        Rounded upward.
-    inside, outside : bool
-        Whether it is proved to lie inside, or outside, the unit circle.
-    """
+    """A disc in the complex plane."""
 
     centre: complex
-    radius: float
+    radius: float  # rounded upward
+    #: inside, outside: whether it is proved to lie inside, or outside, the unit circle.
     inside: bool
     outside: bool
 

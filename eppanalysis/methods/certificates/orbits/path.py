@@ -26,30 +26,14 @@ _NO_TIME = 1e-13
 
 @dataclass(frozen=True)
 class Stage:
-    """One arc, on the unknowns v.
+    """One arc, on the unknowns v."""
 
-    Attributes
-    ----------
-    rate : fmpq_mat, shape (m + 1, m + 1)
-        ``dv/dt = rate v``.
-    guards : tuple of (int, fmpq_mat)
-        Guards in the order in which they are looked at.
-    fired : int
-        Number of the guard at whose event the arc ends.
-    jump : fmpq_mat, shape (m + 1, m + 1)
-        Map of the event.
-    levels : dict of int to fmpq_mat
-        For each element that sticks: its input less its level.
-    at_once : bool
-        Whether the event follows the one before without delay.
-    """
-
-    rate: Any
-    guards: tuple[tuple[int, Any], ...]
-    fired: int
-    jump: Any
-    levels: dict[int, Any]
-    at_once: bool
+    rate: Any  # (m + 1, m + 1): ``dv/dt = rate v``
+    guards: tuple[tuple[int, Any], ...]  # guards in the order in which they are looked at
+    fired: int  # number of the guard at whose event the arc ends
+    jump: Any  # (m + 1, m + 1): map of the event
+    levels: dict[int, Any]  # for each element that sticks: its input less its level
+    at_once: bool  # whether the event follows the one before without delay
 
     @property
     def fired_row(self) -> Any:
@@ -59,27 +43,14 @@ class Stage:
 
 @dataclass(frozen=True)
 class ExactPath:
-    """The arcs of an orbit in rationals.
-
-    Attributes
-    ----------
-    hybrid : HybridSystem
-    stages : tuple of Stage
-    free : tuple of int
-        Places of y that are unknown.
-    timed : tuple of int
-        Arcs that take time.
-    vanishing : dict of int to list of fmpq_mat
-        For each arc that takes time: rows that are zero at its end.
-    continuum : bool
-        Whether a memory value that no event renews acts on the motion.
-    """
+    """The arcs of an orbit in rationals."""
 
     hybrid: HybridSystem
     stages: tuple[Stage, ...]
-    free: tuple[int, ...]
-    timed: tuple[int, ...]
-    continuum: bool
+    free: tuple[int, ...]  # places of y that are unknown
+    timed: tuple[int, ...]  # arcs that take time
+    continuum: bool  # whether a memory value that no event renews acts on the motion
+    #: For each arc that takes time: rows that are zero at its end.
     vanishing: dict[int, list[Any]] = field(default_factory=dict)
 
     @classmethod

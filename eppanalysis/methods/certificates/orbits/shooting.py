@@ -41,25 +41,15 @@ class Leg:
 
 @dataclass(frozen=True)
 class Enclosure:
-    """The one solution in a box.
+    """The one solution in a box."""
 
-    Attributes
-    ----------
-    starts : list of arb_mat, shape (m + 1, 1)
-        State behind the events before each arc that takes time.
-    durations : list of arb
-        Length of each of these arcs [s].
-    radius, unique_within : arb
-        Relative to the size of the motion: of the balls, and of the box in which there is no other solution.
-    contraction : arb
-        Bound on the norm of ``I - Y r'`` over that box.
-    """
-
-    starts: list[Any]
-    durations: list[Any]
+    starts: list[Any]  # (m + 1, 1): state behind the events before each arc that takes time
+    durations: list[Any]  # length of each of these arcs [s]
+    #: radius, unique_within: relative to the size of the motion: of the balls, and of the box in which there is no
+    #: other solution.
     radius: Any
     unique_within: Any
-    contraction: Any
+    contraction: Any  # bound on the norm of ``I - Y r'`` over that box
 
 
 class Shooting:

@@ -93,25 +93,14 @@ class _Unknowns:
 
 @dataclass(frozen=True)
 class SectorSearch:
-    """The search for one loop, in given contact coordinates and sectors.
+    """The search for one loop, in given contact coordinates and sectors."""
 
-    Attributes
-    ----------
-    num, den : list of Fraction
-        Of the linear part.
-    poles : list of Fraction
-        That make the contact coordinates.
-    unit : Fraction
-        Rate by which their derivatives are divided [1/s].
-    count : int
-        Sectors of a quarter of the plane of y_1 and y_2.
-    """
-
+    #: num, den: of the linear part.
     num: Vector
     den: Vector
-    poles: Vector
-    unit: Fraction
-    count: int
+    poles: Vector  # that make the contact coordinates
+    unit: Fraction  # rate by which their derivatives are divided [1/s]
+    count: int  # sectors of a quarter of the plane of y_1 and y_2
 
     def candidate(self) -> dict[str, Any] | None:
         """What a certificate holds besides the loop, rationals that nothing has checked yet; None if there is none."""

@@ -26,7 +26,6 @@ def box_of(system: LureSystem, stated: Mapping[str, Any], given: Mapping[str, Se
 
     Parameters
     ----------
-    system : LureSystem
     stated : mapping
         The loop as certificates state it.
     given : mapping, optional

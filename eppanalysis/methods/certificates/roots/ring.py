@@ -17,7 +17,6 @@ def rational_ring(system: LureSystem, inputs: Array) -> tuple[dict[str, Any], fl
 
     Parameters
     ----------
-    system : LureSystem
     inputs : array, shape (nv,)
         Where the external inputs are held.
 

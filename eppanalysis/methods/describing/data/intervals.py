@@ -36,19 +36,12 @@ IS_ONE, _SAME = 1e-3, 1e-2
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """What the data leave of a motion.
+    """What the data leave of a motion."""
 
-    Attributes
-    ----------
-    amplitude, omega : (float, float)
-        Of the first element's input; [rad/s]. Zero or infinite where there is no end.
-    at_a_fold : bool
-        Whether a fold lies within: then errors of the size of the noise make the motion and another one, or unmake
-        both.
-    """
-
+    #: amplitude, omega: of the first element's input; [rad/s]. Zero or infinite where there is no end.
     amplitude: tuple[float, float]
     omega: tuple[float, float]
+    #: Whether a fold lies within: then errors of the size of the noise make the motion and another one, or unmake both.
     at_a_fold: bool
 
     @property

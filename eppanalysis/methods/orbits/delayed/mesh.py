@@ -22,22 +22,11 @@ _SAME = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Pieces of a period.
+    """Pieces of a period."""
 
-    Attributes
-    ----------
-    rows : array, shape (pieces + 1, p + 1)
-        The times between the pieces as sums of dwell times, with a constant last [s].
-    tau : array, shape (p,)
-        Dwell times [s].
-    arc : int array, shape (pieces,)
-        The arc that each piece is part of.
-    degree : int
-    """
-
-    rows: Array
-    tau: Array
-    arc: IntArray
+    rows: Array  # (pieces + 1, p + 1): the times between the pieces as sums of dwell times, with a constant last [s]
+    tau: Array  # (p,): dwell times [s]
+    arc: IntArray  # (pieces,): the arc that each piece is part of
     degree: int
 
     @classmethod

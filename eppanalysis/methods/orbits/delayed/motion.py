@@ -46,31 +46,15 @@ _PASSED = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class DelayedMotion:
-    """A motion around the arcs with given dwell times.
+    """A motion around the arcs with given dwell times."""
 
-    Attributes
-    ----------
-    arcs : Arcs
-        Without timers: what is delayed is in ``S``, ``gs`` and ``W``.
-    tau : array, shape (p,)
-        Dwell times [s].
-    mesh : Mesh
-    values : array, shape (pieces, degree + 1, N)
-        y at the nodes of each piece.
-    lines : arrays of int and float, shape (s,)
-        Output that each delay line is fed with, and its dead time [s].
-    error : float
-        What it differs from a coarser one, relative to its size; nan where that is not known.
-    multipliers : array of complex
-        The largest Floquet multipliers, that of a shift along the orbit left out.
-    """
-
-    arcs: Arcs
-    tau: Array
+    arcs: Arcs  # without timers: what is delayed is in ``S``, ``gs`` and ``W``
+    tau: Array  # (p,): dwell times [s]
     mesh: Mesh
-    values: Array
-    lines: tuple[IntArray, Array]
-    error: float = float("nan")
+    values: Array  # (pieces, degree + 1, N): y at the nodes of each piece
+    lines: tuple[IntArray, Array]  # (s,): output that each delay line is fed with, and its dead time [s]
+    error: float = float("nan")  # what it differs from a coarser one, relative to its size; nan where that is not known
+    #: The largest Floquet multipliers, that of a shift along the orbit left out.
     multipliers: ComplexArray = field(default_factory=lambda: np.zeros(0, complex))
 
     def states(self, times: Array) -> Array:
@@ -171,8 +155,6 @@ def delayed_motion(hybrid: HybridSystem, event_sequence: EventSequence, y: Array
 
     Parameters
     ----------
-    hybrid : HybridSystem
-    event_sequence : EventSequence
     y : array, shape (n + memory,)
         With the steady inputs and the values that are held all the time.
     tau : array, shape (p,)

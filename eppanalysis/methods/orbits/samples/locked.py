@@ -53,25 +53,13 @@ _MOST_LENGTHS = 40
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """Once round: a start behind a sample, and the run from there to the same sample some whole periods later.
-
-    Attributes
-    ----------
-    strobe : Strobe
-    start : HybridSystem
-        Its clock at zero.
-    n : int
-        Periods of the strobe.
-    run : Run
-    last : int
-        Place of the event that ends it.
-    """
+    """Once round: a start behind a sample, and the run from there to the same sample some whole periods later."""
 
     strobe: Strobe
-    start: HybridSystem
-    n: int
+    start: HybridSystem  # its clock at zero
+    n: int  # periods of the strobe
     run: Run
-    last: int
+    last: int  # place of the event that ends it
 
     @classmethod
     def of(cls, strobe: Strobe, start: HybridSystem, n: int) -> Round | None:

@@ -34,24 +34,12 @@ _BY_CHANCE = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """``ln G(j omega)``: two splines over ``ln omega``.
+    """``ln G(j omega)``: two splines over ``ln omega``."""
 
-    Attributes
-    ----------
-    log_omega : array, shape (m,)
-        Of the points, ascending.
-    points : array, shape (m, 2)
-        Log magnitude and phase [rad], unwrapped.
-    deviation : array, shape (m,), or None
-        Standard deviation of either; None where the curve passes through the points.
-    spline : BSpline
-        Values of shape (2,).
-    """
-
-    log_omega: Array
-    points: Array
-    deviation: Array | None
-    spline: BSpline
+    log_omega: Array  # (m,): of the points, ascending
+    points: Array  # (m, 2): log magnitude and phase [rad], unwrapped
+    deviation: Array | None  # (m,): standard deviation of either; None where the curve passes through the points
+    spline: BSpline  # values of shape (2,)
 
     @classmethod
     def through(cls, x: Array, y: Array, deviation: Array | None) -> Curve:

@@ -217,22 +217,12 @@ def _makes_a_mean(element: Nonlinearity) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class DataSystem(LureSystem):
-    """A loop whose responses are measured; its matrices say what means do, and nothing else.
-
-    Attributes
-    ----------
-    matrix : MeasuredMatrix
-    feedback : int
-    outer : tuple of Nonlinearity
-        The elements as they were given, with the states that they bring.
-    means_known : bool
-        Whether the balance of means was said, or follows from the static gains.
-    """
+    """A loop whose responses are measured; its matrices say what means do, and nothing else."""
 
     matrix: MeasuredMatrix | None = None
     feedback: int = -1
-    outer: tuple[Nonlinearity, ...] = ()
-    means_known: bool = True
+    outer: tuple[Nonlinearity, ...] = ()  # the elements as they were given, with the states that they bring
+    means_known: bool = True  # whether the balance of means was said, or follows from the static gains
 
     @property
     def data(self) -> MeasuredMatrix:

@@ -82,17 +82,10 @@ def refuse_samples(elements: Iterable[Nonlinearity], analysis: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Strobe:
-    """The samples of a hybrid system's slowest controller, and how many of them go round together with all others.
-
-    Attributes
-    ----------
-    hybrid : HybridSystem
-    numbers : tuple of int
-        Of the sampled controllers among the elements, the slowest one first.
-    """
+    """The samples of a hybrid system's slowest controller, and how many of them go round together with all others."""
 
     hybrid: HybridSystem
-    numbers: tuple[int, ...]
+    numbers: tuple[int, ...]  # of the sampled controllers among the elements, the slowest one first
 
     @classmethod
     def of(cls, hybrid: HybridSystem) -> Strobe | None:
