@@ -66,7 +66,7 @@ class _Names(Mapping[str, Any]):
         self.module = module
 
     def __getitem__(self, name: str) -> Any:
-        if name in ("ArrayLike", "NDArray", "Array"):
+        if name == "ArrayLike" or name.endswith("Array"):
             return _Numbers
         if name in self.module:
             return self.module[name]

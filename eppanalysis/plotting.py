@@ -16,13 +16,10 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Annotation
 from matplotlib.textpath import TextPath
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, shown
 from eppanalysis.readable import readable, with_unit, words
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 #: Colours that stay apart under every form of colour blindness (Okabe and Ito, "Color Universal Design", 2008).
 BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE, GREY = (

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import EppError
-
-Array = NDArray[np.float64]
 
 #: Degrees that are tried. The places of one are among those of the next.
 DEGREES = (4, 8, 16, 32)
@@ -147,7 +146,7 @@ def polynomial(function: Callable[[float], Array | None], low: float, high: floa
     return None
 
 
-def _coefficients(rows: Array, noise: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _coefficients(rows: Array, noise: Array) -> tuple[Array, Array, BoolArray]:
     """Coefficients from values at Chebyshev's extrema, those of rounding zero; the last; which entries want more."""
     # From their difference to one of them: what is the same at all places would leave its rounding.
     c = _to_coefficients(rows.shape[0] - 1) @ (rows - rows[0])

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from eppanalysis.arrays import Array, BoolArray
+
 #: Values (n,) at points (n,), each of the function of its number.
 Numbered = Callable[[Array, NDArray[np.intp]], Array]
 
@@ -50,7 +51,7 @@ def between(f: Numbered, low: Array, high: Array) -> Array:
     return out
 
 
-def least(f: Numbered, x: Array, y: Array, wanted: Callable[[Array, Array], NDArray[np.bool_]]) -> tuple[Array, Array]:
+def least(f: Numbered, x: Array, y: Array, wanted: Callable[[Array, Array], BoolArray]) -> tuple[Array, Array]:
     """Minima of ``f(x, number)`` by golden section, and the values there, shapes (n,).
 
     Parameters

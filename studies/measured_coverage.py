@@ -14,7 +14,8 @@ from functools import cache
 import numpy as np
 
 import eppanalysis as epp
-from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray, newton
+from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.methods.describing.balance import Balance, newton
 from eppanalysis.methods.describing.data.intervals import IS_ONE, Noise
 from eppanalysis.methods.describing.predict import search_balance
 from eppanalysis.models.elements.base import Nonlinearity

@@ -9,8 +9,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.cases.blocks import element_class, known_elements
 from eppanalysis.cases.values.automata import AUTOMATON, automaton_table, memory_table
 from eppanalysis.errors import ModelError
@@ -143,7 +143,7 @@ def _cuts(cuts: Cuts) -> dict[str, Any]:
     return table
 
 
-def _says_something(given: NDArray[np.float64]) -> bool:
+def _says_something(given: Array) -> bool:
     """Whether an array is not what stands for one that is left out: zeros without a sign."""
     return bool(np.any(given) or np.any(np.signbit(given)))
 

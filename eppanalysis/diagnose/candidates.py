@@ -12,8 +12,8 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.absorbed import with_gains
@@ -21,9 +21,6 @@ from eppanalysis.models.systems.lure import LureSystem, with_own_states
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.subject import require_continuous
 from eppanalysis.results import LimitCycle
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Constant terms of a loop, relative to its other numbers, that are rounding.
 _ROUNDING = 1e-12

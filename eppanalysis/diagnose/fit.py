@@ -12,16 +12,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.diagnose.candidates import Candidates, Family, Linear
 from eppanalysis.diagnose.record import Oscillation
 from eppanalysis.diagnose.result import DISTURBANCE, LINEAR
 from eppanalysis.errors import EppError
 from eppanalysis.results import LimitCycle
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Growth per period of a steady oscillation that a record may still show, as a share of the model error.
 _SETTLING = 0.1

@@ -11,13 +11,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, ModelError, did_you_mean
 from eppanalysis.identify.reading import read_signals
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Fewest periods and samples a period, most harmonics, and samples a period that a harmonic needs.
 FEWEST_PERIODS, _FEWEST_SAMPLES, _MOST_HARMONICS, _PER_HARMONIC = 3.0, 8, 7, 2.5

@@ -7,9 +7,9 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import ComplexArray
 from eppanalysis.diagnose.record import Oscillation, Record
 from eppanalysis.readable import listed, number, quantity, words
 from eppanalysis.results import Listing, PlainData, Status
@@ -31,9 +31,6 @@ _MECHANISMS = {
 }
 #: Candidates that are no elements.
 LINEAR, DISTURBANCE = "linear instability", "external disturbance"
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 class Verdict(StrEnum):

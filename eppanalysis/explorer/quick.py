@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.cases import Case
 from eppanalysis.errors import ModelError
 from eppanalysis.explorer.values import moved_case
@@ -21,8 +21,6 @@ from eppanalysis.methods.describing.frozen import (
 from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.readable import readable
 from eppanalysis.results import Status, Trajectory
-
-Array = NDArray[np.float64]
 
 _SAMPLES = 2401
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
 from eppanalysis.identify.columns import Role
@@ -29,8 +29,6 @@ from eppanalysis.identify.reading import Recording
 from eppanalysis.identify.strokes import Pulley, sensor_force, strokes
 from eppanalysis.models.elements.memory import StictionPulley
 from eppanalysis.results.provenance import Provenance
-
-Array = NDArray[np.float64]
 
 #: Fewest stays at the ends, rows in a stay, and parts of a stay where the hand's torque is known.
 FEWEST_STAYS, FEWEST_ROWS, PARTS = 5, 5, 6
@@ -55,8 +53,8 @@ class _Stays:
     noise: float
     creep: float
     count: int
-    starts: NDArray[np.int64]
-    ends: NDArray[np.int64]
+    starts: IntArray
+    ends: IntArray
     pieces: tuple[tuple[int, int], ...]
 
     def means(self, values: Array) -> Array:
@@ -193,13 +191,13 @@ def _stay(angle: Array, first: int, last: int, reach: float, upper: bool) -> tup
     return _middle(np.flatnonzero(near), first)
 
 
-def _pressed(recording: Recording, sure: NDArray[np.int64], radius: float) -> NDArray[np.bool_]:
+def _pressed(recording: Recording, sure: IntArray, radius: float) -> BoolArray:
     """Rows in which the forearm surely presses against the pin on the side that it is on."""
     net = recording[Role.TORQUE] + radius * recording[Role.FORCE]
     return net * sure > 0.2 * float(np.quantile(np.abs(net), 0.9))
 
 
-def _middle(places: NDArray[np.int64], first: int) -> tuple[int, int] | None:
+def _middle(places: IntArray, first: int) -> tuple[int, int] | None:
     """Three fifths in the middle of a run of rows; None if too few are left."""
     if not places.size:
         return None

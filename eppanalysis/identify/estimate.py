@@ -6,10 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array
 from eppanalysis.readable import count, in_print, words
 from eppanalysis.results import PlainData, Result, Status
 from eppanalysis.shown import frame_of
@@ -19,7 +17,6 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 #: Share of repeated experiments in which an interval holds the true value.
 LEVEL = 0.95
 

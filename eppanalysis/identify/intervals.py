@@ -17,9 +17,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from eppanalysis.arrays import Array
 
 #: Columns of a scaled Jacobian that are closer to dependent than this cannot be separated.
 SMALLEST_SINGULAR = 1e-7

@@ -9,13 +9,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.identify.response import Channel, Response
 from eppanalysis.readable import quantity
-
-Array = NDArray[np.float64]
 
 #: Blocks into which a record is cut, and how much more than noise their means must vary to show a motion: the square of
 #: a mean of noise varies by a third of itself over so many blocks, and passes this once in more than a million records.

@@ -16,14 +16,13 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.cases.files import Missing
 from eppanalysis.errors import CaseError, did_you_mean
 from eppanalysis.identify.columns import ROLES, Column, Role, find_columns
 from eppanalysis.progress import Progress
 
-Array = NDArray[np.float64]
 #: Called with the bytes read so far and the size of the file.
 
 #: Rows that are kept at least, once blocks are averaged; bytes read at a time; longest line; largest magnitude (SI).

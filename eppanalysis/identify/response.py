@@ -7,8 +7,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.cases import Case
 from eppanalysis.cases.variation import takes
 from eppanalysis.errors import CaseError, EppError
@@ -22,8 +22,6 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import InputSignal, Recorded, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import Strobe
-
-Array = NDArray[np.float64]
 
 #: A shorter dead time than this makes no difference, but stiff equations [s].
 SHORTEST_DELAY = 2e-5
@@ -105,7 +103,7 @@ class Channel:
     data: Array  # (n,)
     nuisance: Array  # (n, 2): zero and drift
     noise: float  # standard deviation of what no model explains, from differences of neighbours
-    live: NDArray[np.bool_]  # (n,): rows in which the column does not saturate; only these count
+    live: BoolArray  # (n,): rows in which the column does not saturate; only these count
     unit: str = ""  # SI unit
 
     def first(self, n: int) -> Channel:
@@ -266,13 +264,13 @@ def _channel(recording: Recording, role: str, time: Array, layout: Layout) -> Ch
     return Channel(role, data, columns, noise, live, layout.units[role])
 
 
-def _unsaturated(data: Array, step: float) -> NDArray[np.bool_]:
+def _unsaturated(data: Array, step: float) -> BoolArray:
     """Rows that are not at a greatest or least reading at which the column stays for several rows on end."""
     span = float(np.ptp(data))
     live = np.ones(data.size, bool)
     for sign in (-1.0, 1.0):
         top = float(np.max(sign * data))
-        at: NDArray[np.bool_] = sign * data >= top - 1e-9 * span
+        at: BoolArray = sign * data >= top - 1e-9 * span
         runs = np.diff(np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]]))))[::2]
         near = int(np.sum(sign * data > top - 4 * max(step, 1e-3 * span))) - int(np.sum(at))
         if runs.max() >= _SATURATED_ROWS and near < 0.5 * np.sum(at):

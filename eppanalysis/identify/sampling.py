@@ -12,9 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from eppanalysis.arrays import Array
 
 #: Chains of a population, its turns that are forgotten, and those that count.
 CHAINS, BEFORE, TURNS = 30, 30, 60

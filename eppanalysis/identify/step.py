@@ -14,8 +14,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
@@ -28,8 +28,6 @@ from eppanalysis.identify.whitening import WIDEST_START, bounds_of, local, suspe
 from eppanalysis.progress import Progress
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
-
-Array = NDArray[np.float64]
 
 #: What is fitted unless the user says otherwise.
 DEFAULT = ("drive.inertia", "drive.coulomb_friction", "drive.electrical_time_constant", "controller.delay")

@@ -16,9 +16,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.identify.sampling import FORBIDDEN, Cloud, root_of, step_chains
-
-Array = NDArray[np.float64]
 
 #: Draws of a round that are simulated, most rounds, share of a round's draws that its weights must be worth to end.
 DRAWS, ROUNDS, ENOUGH = 100, 5, 0.5

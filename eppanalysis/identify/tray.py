@@ -12,8 +12,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import EppError
 from eppanalysis.identify.columns import Role
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
@@ -21,8 +21,6 @@ from eppanalysis.identify.intervals import Weighted, confounded, rounding, weigh
 from eppanalysis.identify.reading import Recording
 from eppanalysis.identify.strokes import Pulley, Stroke, sensor_force, strokes
 from eppanalysis.results.provenance import Provenance
-
-Array = NDArray[np.float64]
 
 #: Kinetic over static friction: what is taken to be possible before anything is measured.
 KINETIC_RATIOS = (0.5, 1.0)
@@ -41,7 +39,7 @@ class _Data:
     force: Array
     voltage: Array
     weight: Array
-    used: NDArray[np.bool_]
+    used: BoolArray
     pieces: tuple[Stroke, ...]
 
 
@@ -127,7 +125,7 @@ def _prepare(recording: Recording) -> _Data:
     return _Data((time - time.mean()) / span, force, voltage, np.sqrt(weight), used, pieces)
 
 
-def _after_gaps(force: Array, pieces: tuple[Stroke, ...]) -> NDArray[np.bool_]:
+def _after_gaps(force: Array, pieces: tuple[Stroke, ...]) -> BoolArray:
     """Rows behind a turn at which rows are missing: how far the force went there is not known."""
     out = np.zeros(force.size, bool)
     steps = np.abs(np.diff(force))

@@ -14,14 +14,12 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.cases import Case
 from eppanalysis.errors import CaseError, EppError
 from eppanalysis.identify.intervals import Weighted, weighted
 from eppanalysis.identify.response import Response, Unknown
-
-Array = NDArray[np.float64]
 
 #: Standard deviation on the fitted scale where the data identify nothing at all; least lag, in units of the case's.
 WIDEST_START, _LEAST_LAG = 0.7, 0.02

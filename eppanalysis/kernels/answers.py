@@ -10,9 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
 from eppanalysis.kernels.periodic import TURN, series_at
 from eppanalysis.kernels.simd.tuples import by_address
@@ -27,10 +25,10 @@ _NO_JUMP, _GRAZES = 1e-14, 1e-300
 class Pieces(NamedTuple):
     """What a period consists of, with s switches, h memory values, w outputs."""
 
-    edges: NDArray[np.float64]  # (s + 2,) phases: begin, switches, end
-    modes: NDArray[np.int64]  # (s + 1,)
-    memory: NDArray[np.float64]  # (s + 1, h)
-    fired: NDArray[np.int64]  # (s,) mode guards in the table
+    edges: Array  # (s + 2,) phases: begin, switches, end
+    modes: IntArray  # (s + 1,)
+    memory: Array  # (s + 1, h)
+    fired: IntArray  # (s,) mode guards in the table
 
 
 @njit(**_INNER)

@@ -9,14 +9,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
 from eppanalysis.kernels.filling import fill
 from eppanalysis.kernels.simd.tuples import by_address
-
-Array = NDArray[np.float64]
 
 TURN = 2.0 * math.pi
 #: Samples per wave of the highest harmonic (and at least so many in all) by which extrema are bracketed.
@@ -43,14 +39,14 @@ class Table(NamedTuple):
     and of its rate. In a mode an output is ``w_free * z + w_rate * dz/dt + w_memory @ h + w_constant``.
     """
 
-    roles: NDArray[np.int64]  # (inputs,): 0 the free series, 1 its rate, 2 the time
-    first: NDArray[np.int64]  # (m + 1,): first mode guard of each mode
-    series: NDArray[np.int64]
+    roles: IntArray  # (inputs,): 0 the free series, 1 its rate, 2 the time
+    first: IntArray  # (m + 1,): first mode guard of each mode
+    series: IntArray
     factor: Array
     constant: Array
     on_memory: Array  # (s, h)
     on_clock: Array
-    target: NDArray[np.int64]
+    target: IntArray
     from_input: Array  # (s, h, inputs)
     from_memory: Array  # (s, h, h)
     memory_constant: Array  # (s, h)

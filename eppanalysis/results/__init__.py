@@ -9,9 +9,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, shown as written
 from eppanalysis.readable import at_rest, number, percent, quantity, readable, with_unit, words
 from eppanalysis.results.events import Event as Event
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     import pandas
     import xarray
     from matplotlib.axes import Axes
-
-Array = NDArray[np.float64]
 
 
 #: What a limit cycle says of how it is known; a balance says its order behind.
@@ -120,10 +118,10 @@ class LimitCycle(Result):
     period: float
     mean: dict[str, float]
     peak_to_peak: dict[str, float]
-    harmonics: dict[str, NDArray[np.complex128]]
+    harmonics: dict[str, ComplexArray]
     stable: bool | None = None
     stability_criterion: str = ""
-    multipliers: NDArray[np.complex128] | None = None
+    multipliers: ComplexArray | None = None
     residual: float = float("nan")
     error_estimate: WhenAsked = WhenAsked()
     events: Sequence[Event] = ()

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, overload
 
-import numpy as np
-from numpy.typing import NDArray
-
-IntArray = NDArray[np.int64]
+from eppanalysis.arrays import Array, IntArray
 
 
 class Event(NamedTuple):
@@ -44,7 +41,7 @@ class Events(Sequence[Event]):
     words : mapping of int to (element, name, mode)
     """
 
-    def __init__(self, times: NDArray[np.float64], kinds: IntArray, words: Mapping[int, tuple[str, str, str]]) -> None:
+    def __init__(self, times: Array, kinds: IntArray, words: Mapping[int, tuple[str, str, str]]) -> None:
         self._times, self._kinds, self._words = times, kinds, words
 
     def __len__(self) -> int:

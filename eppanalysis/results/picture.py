@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.plotting import (
     BLUE,
     DARK,
@@ -36,9 +36,6 @@ from eppanalysis.plotting import (
 )
 from eppanalysis.readable import number, readable, with_unit, words
 from eppanalysis.results import LimitCycle, Prediction, Status, Trajectory
-
-Array = NDArray[np.float64]
-
 
 #: So many signals of a run are all drawn where none are named; of more the two that answer what it does.
 MOST_PANELS = 3

@@ -21,7 +21,6 @@ from eppanalysis.sweep.axes import Axes
 if TYPE_CHECKING:
     from eppanalysis.methods.bounds.sizes.allowed import Allowed
 
-IntArray = NDArray[np.int64]
 Columns = dict[str, NDArray[Any]]
 
 

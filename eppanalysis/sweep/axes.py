@@ -11,13 +11,12 @@ from math import prod
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked_class
+from eppanalysis.arrays import Array
 from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
 
-Array = NDArray[np.float64]
 Axis = str | Sequence[Any]
 Limits = str | Sequence[Any]
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import check_counts, checked
+from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.cases import as_case
 from eppanalysis.errors import EppError
 from eppanalysis.models.systems.subject import require_case
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
     from eppanalysis.cases import Case
     from eppanalysis.models.systems.lure import LureSystem
-
-Array = NDArray[np.float64]
 
 #: What each analysis is called that says whether a cell oscillates.
 _WORDS = {Analysis.SIMULATE: "run in time", Analysis.PREDICT: "describing function", Analysis.CYCLES: "exact orbits"}
@@ -348,7 +346,7 @@ def _two(axes: Mapping[str, Axis]) -> tuple[str, str]:
 Node = tuple[int, int]
 
 
-def edges_of(inside: NDArray[np.bool_]) -> list[tuple[Node, Node]]:
+def edges_of(inside: BoolArray) -> list[tuple[Node, Node]]:
     """Pairs of neighbouring nodes of a grid that differ."""
     across = [((i, j), (i + 1, j)) for i, j in np.argwhere(inside[1:] != inside[:-1]).tolist()]
     up = [((i, j), (i, j + 1)) for i, j in np.argwhere(inside[:, 1:] != inside[:, :-1]).tolist()]

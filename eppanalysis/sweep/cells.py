@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.batch import HybridStack
@@ -23,8 +24,6 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import input_signals_by_name
 from eppanalysis.models.systems.linear import fastest_poles
 from eppanalysis.sweep.axes import Design
-
-IntArray = NDArray[np.int64]
 
 #: Inner cells of a part that are made in full to confirm it, and corners at most.
 _INNER, _CORNERS = 16, 64
@@ -52,7 +51,7 @@ class _Part:
 
     base: HybridStack  # one cell: the first place of the part on every axis
     lines: tuple[HybridStack, ...]  # systems along each axis, the other axes at their first places
-    changed: tuple[tuple[NDArray[np.bool_], ...], ...]  # by array and axis: which numbers the axis moves
+    changed: tuple[tuple[BoolArray, ...], ...]  # by array and axis: which numbers the axis moves
     clock: int  # the axis that moves the time scale; -1 where the linear part depends on several axes or on none
     n_plant: int
 
@@ -74,7 +73,7 @@ class _Part:
 
     @staticmethod
     def _combine(
-        start: NDArray[Any], along: Sequence[NDArray[Any]], changed: Sequence[NDArray[np.bool_]], places: IntArray
+        start: NDArray[Any], along: Sequence[NDArray[Any]], changed: Sequence[BoolArray], places: IntArray
     ) -> NDArray[Any]:
         out = np.repeat(start, len(places), axis=0)
         for axis, (line, where) in enumerate(zip(along, changed, strict=True)):
@@ -87,7 +86,7 @@ def _arrays(stack: HybridStack) -> list[NDArray[Any]]:
     return [*stack.model, stack.x0, stack.modes0, stack.H0]
 
 
-def _time_scale(A: NDArray[np.float64]) -> NDArray[np.float64]:
+def _time_scale(A: Array) -> Array:
     """Time scales of plants as the hybrid system has them, shape (cells,)."""
     if A.shape[1] == 0:
         return np.ones(len(A))

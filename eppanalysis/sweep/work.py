@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eppanalysis.arrays import IntArray
 from eppanalysis.cases import Case
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
 from eppanalysis.models.systems.sampled.strobe import is_sampled
@@ -21,7 +22,6 @@ from eppanalysis.sweep.analyses import (
     Allowance,
     Analysis,
     Columns,
-    IntArray,
     Outcome,
     Proved,
     Stability,

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.cases.files import Missing, RawCase
 from eppanalysis.cases.values.parameters import read_scalar
 from eppanalysis.cases.values.quantities import Parameter
@@ -22,7 +22,6 @@ from eppanalysis.models.elements.automaton import SMOOTH_KINDS, Automaton, Autom
 from eppanalysis.models.elements.base import IN, OUT, SLOPE, OwnStates, Role
 from eppanalysis.models.elements.own import AutomatonElement, ModeMemory
 
-Array = NDArray[np.float64]
 Shape = tuple[int, ...]
 
 #: What a case file calls an element that is given by its automaton.

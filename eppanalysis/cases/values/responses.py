@@ -13,16 +13,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.cases.files import own_or_shipped
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.systems.measured.matrix import MeasuredMatrix
 from eppanalysis.models.systems.measured.response import MeasuredResponse
 from eppanalysis.units import QuantityError, parse_any, parse_quantity
-
-Array = NDArray[np.float64]
 
 _LARGEST_FILE, _MOST_ROWS = 50_000_000, 100_000
 _HEADER = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?\s*", re.DOTALL)
@@ -182,7 +181,7 @@ def _split(cell: str, source: str) -> tuple[str, tuple[int, int] | None, str]:
     return name, place, unit
 
 
-def _values(columns: dict[str, tuple[int, str]], rows: Array, source: str) -> NDArray[np.complex128]:
+def _values(columns: dict[str, tuple[int, str]], rows: Array, source: str) -> ComplexArray:
     """Complex response of all rows."""
     pairs = [pair for pair in _PAIRS if any(name in columns for name in pair)]
     missing = [name for name in ("frequency", *(pairs[0] if pairs else _PAIRS[0])) if name not in columns]

@@ -20,11 +20,9 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
-
-Array = NDArray[np.float64]
 
 HALF_PI = math.pi / 2
 #: Amplitudes that are worked on at a time: their arrays stay in the nearest cache.

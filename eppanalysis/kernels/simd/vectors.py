@@ -18,8 +18,8 @@ import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, config, types
 from numba.extending import intrinsic as compiled_intrinsic, register_jitable
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.kernels.simd.plain import PLAIN, VECTOR_SIZE
 
 _VECTOR = ir.VectorType(ir.DoubleType(), VECTOR_SIZE)
@@ -37,7 +37,7 @@ def padded(n):
     return (n + VECTOR_SIZE - 1) // VECTOR_SIZE * VECTOR_SIZE
 
 
-def aligned(*shapes: tuple[int, ...]) -> list[NDArray[np.float64]]:
+def aligned(*shapes: tuple[int, ...]) -> list[Array]:
     """Arrays of zeros that begin where eight numbers do: to fetch eight across such a border takes twice as long.
 
     All are parts of one, as most of the time would go into asking where each begins.
@@ -52,7 +52,7 @@ def aligned(*shapes: tuple[int, ...]) -> list[NDArray[np.float64]]:
     return found
 
 
-def aligned_by_name(shapes: dict[str, tuple[int, ...]]) -> dict[str, NDArray[np.float64]]:
+def aligned_by_name(shapes: dict[str, tuple[int, ...]]) -> dict[str, Array]:
     """As `aligned`, with names."""
     return dict(zip(shapes, aligned(*shapes.values()), strict=True))
 

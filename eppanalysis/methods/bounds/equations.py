@@ -28,9 +28,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.bounds.numbers import DEGREE, Dependence, ElementNumbers, LoopNumbers, Plan
-from eppanalysis.methods.harmonic.series import TURN, Array
+from eppanalysis.methods.harmonic.series import TURN
 from eppanalysis.models.elements.automaton import LEAST
 from eppanalysis.models.systems.signals import slices
 
@@ -84,7 +85,7 @@ class Expressions:
     slope: Any  # from the same to their derivative by the unknowns
     #: From (unknowns, numbers, multipliers) to the gradient of ``multipliers @ equations`` by the numbers.
     by_numbers: Any
-    used: NDArray[np.bool_]  # which numbers are not structurally zero
+    used: BoolArray  # which numbers are not structurally zero
 
     def scales(self, X: Array) -> Array:
         """Sizes of the unknowns, shape (n,): amplitudes of the series, the frequency, one turn."""
@@ -108,7 +109,7 @@ class Expressions:
 
 
 def write(
-    plan: Plan, shape: LoopNumbers, used: NDArray[np.bool_], kinds: tuple[tuple[str, ...], ...], pivot: int
+    plan: Plan, shape: LoopNumbers, used: BoolArray, kinds: tuple[tuple[str, ...], ...], pivot: int
 ) -> Expressions:
     """Write the equations of a plan.
 
@@ -156,7 +157,7 @@ class _Symbols:
     elements: list[list[NDArray[Any]]]
 
     @classmethod
-    def of(cls, shape: LoopNumbers, used: NDArray[np.bool_], theta: Any) -> _Symbols:
+    def of(cls, shape: LoopNumbers, used: BoolArray, theta: Any) -> _Symbols:
         symbols = np.zeros(used.size, dtype=object)
         symbols[used] = ca.vertsplit(theta)
         place = 0
@@ -401,7 +402,7 @@ _FUNCTIONS: dict[str, Callable[[Any, Any], Any]] = {
 }
 
 
-def polynomials(dependence: Dependence, used: NDArray[np.bool_], u: Any, constants: Any, coefficients: Any) -> Any:
+def polynomials(dependence: Dependence, used: BoolArray, u: Any, constants: Any, coefficients: Any) -> Any:
     """The used numbers as expressions in u (the parameter, scaled to -1 .. 1), by Clenshaw's sum.
 
     Parameters

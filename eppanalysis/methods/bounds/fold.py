@@ -19,13 +19,14 @@ import numpy as np
 from scipy.sparse import bmat, diags
 from scipy.sparse.linalg import splu
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.equations import Expressions, polynomials, write
 from eppanalysis.methods.bounds.numbers import Dependence, Numbers, Plan, gather, plan_of
 from eppanalysis.methods.harmonic.balance import settled
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop
-from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, anchored, orders
+from eppanalysis.methods.harmonic.series import TURN, anchored, orders
 from eppanalysis.models.systems.means import mean_state
 
 _MOST_PROGRAMMES, _MOST_HOPS = 40, 3

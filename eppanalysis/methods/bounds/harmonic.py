@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds.fold import Cycle, Fold, Programmes, balanced, extreme
 from eppanalysis.methods.bounds.numbers import Numbers, loop_of
@@ -24,7 +25,6 @@ from eppanalysis.methods.bounds.result import Finding
 from eppanalysis.methods.harmonic.balance import settled
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of
-from eppanalysis.methods.harmonic.series import Array
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.search.find import find_limit_cycles, seeds_of
 from eppanalysis.models.systems.subject import CaseLike

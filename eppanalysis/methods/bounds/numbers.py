@@ -15,10 +15,11 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime, Row
 from eppanalysis.methods.harmonic.loop import Loop
-from eppanalysis.methods.harmonic.series import TURN, Array
+from eppanalysis.methods.harmonic.series import TURN
 from eppanalysis.models.systems.lure import LureSystem
 
 #: Degree of the polynomial that stands in for a number over the range of the parameter, and how well it must agree.
@@ -166,7 +167,7 @@ class Dependence:
     base: Array  # (n,): the numbers that do not depend on it, and zero in the places of the others
     places: NDArray[np.intp]  # (k,)
     coefficients: Array  # (k, DEGREE + 1): of the Chebyshev polynomials over the range, for the numbers at `places`
-    used: NDArray[np.bool_]  # (n,): which numbers are not zero throughout
+    used: BoolArray  # (n,): which numbers are not zero throughout
 
     def at(self, value: float) -> Array:
         """All numbers at a value."""
@@ -246,7 +247,7 @@ class Numbers:
         return None
 
 
-def plan_of(loop: Loop, Z: NDArray[np.complex128], omega: float) -> tuple[Plan, tuple[Array, ...], tuple[Array, ...]]:
+def plan_of(loop: Loop, Z: ComplexArray, omega: float) -> tuple[Plan, tuple[Array, ...], tuple[Array, ...]]:
     """The plan that the elements follow under their inputs, with the phases (m,) and memory values (m, h) of each.
 
     Raises

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.readable import count, percent, reasons, span, with_unit, words
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
     from eppanalysis.methods.certificates.result import Certificate
 
-Array = NDArray[np.float64]
 _NAN = float("nan")
 #: Relative error of a bound that is none: at the limit of linear stability first order is exact.
 _ROUNDING = 1e-6

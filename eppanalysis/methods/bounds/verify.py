@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.bounds.sizes.allowed import Allowed, Measure
@@ -34,8 +34,6 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.readable import count
 from eppanalysis.results import LimitCycle, Status
-
-Array = NDArray[np.float64]
 
 #: Of the runs of a cloud, the share that begins with a step of the inputs; largest displacement, relative to the orbit.
 _STEPS, _REACH = 0.25, 4.0
@@ -80,7 +78,7 @@ class _MayBe:
     allowed: Allowed | None
     known: Sequence[LimitCycle]
 
-    def ends(self, result: BatchResult) -> NDArray[np.bool_]:
+    def ends(self, result: BatchResult) -> BoolArray:
         """Which runs are at rest, or on a cycle that may be: small enough for sure, or a known one."""
         good = np.array([s is Status.SETTLED for s in result.status])
         if self.allowed is None:

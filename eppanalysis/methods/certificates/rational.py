@@ -10,8 +10,8 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.certificates.numbers import NotCovered, coefficient_of, number_of
 from eppanalysis.models.elements.base import Nonlinearity
@@ -21,7 +21,6 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import static_balance
 
 Row = list[Fraction]
-Array = NDArray[np.float64]
 
 _MOST_PIECES = 401
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.comparison.ladder import Ladder
 from eppanalysis.plotting import (
     BLUE,
@@ -29,9 +29,6 @@ from eppanalysis.plotting import (
 from eppanalysis.readable import number
 from eppanalysis.results import LimitCycle, Prediction
 from eppanalysis.results.picture import draw_run, one_period, plot_nyquist, time_of
-
-Array = NDArray[np.float64]
-
 
 #: Heights of a panel of the run, of the steady motion, and of the prediction [inch].
 _RUN, _CLOSE, _PREDICTION = 1.0, 1.4, 3.0

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import check_counts
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation.borders import across, border_collision, borders
 from eppanalysis.methods.continuation.cover import Gap, gaps
@@ -61,7 +61,6 @@ from eppanalysis.progress import Progress
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
-Array = NDArray[np.float64]
 #: What is added to the reason of a gap in which other cycles were searched for, and where all were such.
 _SOUGHT = "an exact search in this part found no cycle that leads on through it"
 _MANY = "an exact search in this part found cycles, which are a continuum"

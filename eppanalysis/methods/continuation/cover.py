@@ -6,11 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.results import PlainData
-
-Array = NDArray[np.float64]
 
 #: Parts of the range that are shorter than this, relative to it, are rounding.
 _ROUNDING = 1e-7

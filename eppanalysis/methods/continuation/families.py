@@ -13,15 +13,13 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.orbit import Orbit, residual_slope
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.polynomials import Polynomial, polynomial, polynomial_at
-
-Array = NDArray[np.float64]
 
 #: Largest difference of a system from its stand-in, relative to the largest value that an entry takes over the range.
 _AGREEMENT = 4e-15

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import check_counts, checked
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation.branch import Walk, continue_branch, steady_case
 from eppanalysis.methods.continuation.families import Family
@@ -25,8 +25,6 @@ from eppanalysis.shown import frame_of
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
-
-Array = NDArray[np.float64]
 
 #: Into how many steps a way along a curve of folds is divided at most before a branch is asked instead.
 _FEW = 8

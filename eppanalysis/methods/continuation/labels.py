@@ -6,8 +6,8 @@ from collections.abc import Callable
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import ComplexArray
 from eppanalysis.methods.continuation.steps import Point
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import run_from
@@ -139,7 +139,7 @@ def determinant(orbit: Orbit, sign: float) -> float:
     return float(np.linalg.det(P * scale / scale[:, None] + sign * np.eye(len(P))))
 
 
-def _nearest(values: NDArray[np.complex128], leading: complex) -> float:
+def _nearest(values: ComplexArray, leading: complex) -> float:
     return float(np.abs(values[np.argmin(np.abs(values - leading))]))
 
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from eppanalysis.methods.continuation.folds import FoldCurve
 from eppanalysis.methods.continuation.labels import Change
@@ -29,8 +28,6 @@ from eppanalysis.plotting import (
     show_constant,
 )
 from eppanalysis.readable import readable, with_unit, words
-
-Array = NDArray[np.float64]
 
 #: Filled marks of special points that have one of their own; all others are open squares.
 _MARKS: dict[str, dict[str, Any]] = {

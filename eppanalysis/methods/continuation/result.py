@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array
 from eppanalysis.methods.continuation.cover import Gap
 from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.steps import Point
@@ -19,8 +19,6 @@ from eppanalysis.shown import frame_of
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation.cover import gaps
 from eppanalysis.methods.continuation.labels import Change, in_words
@@ -45,8 +45,6 @@ from eppanalysis.progress import Progress
 from eppanalysis.readable import count
 from eppanalysis.results import SIMULATION, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
-
-Array = NDArray[np.float64]
 
 #: How far a cycle may move from one value to the next, relative to its motion; of those that runs carry, the change
 #: of period and size as logarithms.
@@ -200,7 +198,7 @@ class _Point:
         return self.here.value
 
     @property
-    def multipliers(self) -> NDArray[np.complex128]:
+    def multipliers(self) -> ComplexArray:
         """Of the orbit; none where a run is all that is known."""
         return np.zeros(0, complex) if self.cycle.multipliers is None else self.cycle.multipliers
 

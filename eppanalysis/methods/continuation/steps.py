@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
@@ -17,8 +17,6 @@ from eppanalysis.methods.orbits.guess import Guess
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, solve
 from eppanalysis.methods.orbits.shooting import close_orbit, is_met, next_guess
 from eppanalysis.models.systems.hybrid import HybridSystem
-
-Array = NDArray[np.float64]
 
 #: A corrector has converged when the residual, relative to the motion, is below this and Newton has stopped moving.
 TOLERANCE = 1e-11
@@ -69,7 +67,7 @@ class Point:
         return float(self.tangent[-1] / self.family.width)
 
     @cached_property
-    def multipliers(self) -> NDArray[np.complex128]:
+    def multipliers(self) -> ComplexArray:
         """Floquet multipliers."""
         return self.orbit.multipliers
 

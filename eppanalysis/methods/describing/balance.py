@@ -18,13 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import StaticBalance, static_balance, without_rounding
 from eppanalysis.readable import readable
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 _STEP = 1e-7  # relative step of the forward differences; it only slows Newton, it does not bias its answer
 _LARGEST_STEP = 0.7  # in one Newton step, of logarithms and phases
@@ -216,7 +214,7 @@ class Balance:
         parts: tuple[NDArray[np.intp], NDArray[np.intp]],
         L: ComplexArray,
         jacobian: Array,
-        found: NDArray[np.bool_],
+        found: BoolArray,
     ) -> Array | None:
         """Newton's method in one kernel, see :func:`eppanalysis.kernels.newton.newton`; returns the residuals.
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eppanalysis.methods.describing.balance import Array, Balance
+from eppanalysis.arrays import Array, BoolArray
+from eppanalysis.methods.describing.balance import Balance
 from eppanalysis.models.elements.phases import distances
 from eppanalysis.roots import between
 
@@ -138,7 +138,7 @@ class SingleBias:
         return low, high
 
 
-def _edge(outside: Array, inside: Array, there: Callable[[Array], NDArray[np.bool_]]) -> Array:
+def _edge(outside: Array, inside: Array, there: Callable[[Array], BoolArray]) -> Array:
     """Where a condition that holds at `inside` and not at `outside` begins to hold."""
     for _ in range(_HALVINGS):
         middle = 0.5 * (outside + inside)

@@ -18,8 +18,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray, unit_at_input
+from eppanalysis.methods.describing.balance import Balance, unit_at_input
 from eppanalysis.methods.describing.error import BalancedOscillation, Estimate
 from eppanalysis.methods.describing.quality import Point
 from eppanalysis.methods.describing.search import (

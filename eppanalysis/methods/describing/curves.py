@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.methods.describing.balance import ON_THE_WAY, Array, Balance, newton
+from eppanalysis.arrays import Array, BoolArray
+from eppanalysis.methods.describing.balance import ON_THE_WAY, Balance, newton
 from eppanalysis.roots import between, least
 
 #: Steps between nodes that an extremum may lie beyond the nearest node; of a parabola it is a quarter.
@@ -50,13 +51,13 @@ def roots_at_once(f: Callable[[Array], Array], x: Array, y: Array, accept: float
     return np.unique(roots[np.abs(f(roots)) < accept]) if roots.size else roots
 
 
-def _within_reach(x: Array, y: Array, reach: float = _REACH, narrowest: float = 1e-12) -> NDArray[np.bool_]:
+def _within_reach(x: Array, y: Array, reach: float = _REACH, narrowest: float = 1e-12) -> BoolArray:
     """Whether minima (3, n) that are above zero may lie below it."""
     rise = np.maximum(y[0], y[2]) - y[1]
     return (y[1] >= 0) & (y[1] < reach * rise) & (x[2] - x[0] > narrowest)
 
 
-def _changes(y: Array) -> NDArray[np.bool_]:
+def _changes(y: Array) -> BoolArray:
     ok = np.isfinite(y[:-1]) & np.isfinite(y[1:])
     return ok & ((y[:-1] < 0) != (y[1:] < 0))
 
@@ -122,7 +123,7 @@ def crossings(balance: Balance, curves: list[Array]) -> Array:
     return _close(balance, start, end)
 
 
-def _near(curve: Array) -> NDArray[np.bool_]:
+def _near(curve: Array) -> BoolArray:
     """Whether neighbours are close enough to belong together."""
     return np.abs(np.diff(curve[:, :2], axis=0)).max(-1) < 1.0
 

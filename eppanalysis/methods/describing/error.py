@@ -18,14 +18,15 @@ from functools import cached_property
 
 import numpy as np
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.describing.balance import Array, Balance
+from eppanalysis.methods.describing.balance import Balance
 from eppanalysis.methods.describing.quality import Point
 from eppanalysis.methods.harmonic.balance import settled
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop
 from eppanalysis.methods.harmonic.path import along_curve
-from eppanalysis.methods.harmonic.series import ComplexArray, extrema, orders
+from eppanalysis.methods.harmonic.series import extrema, orders
 
 #: Highest harmonics of the balances, one after the other; odd, as oscillations with like half-waves have no others.
 _ORDERS = (3, 5, 9, 15, 25)

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray, describe, newton
+from eppanalysis.methods.describing.balance import Balance, describe, newton
 from eppanalysis.methods.describing.search import frequency_scales
 from eppanalysis.methods.harmonic.loop import Loop, inputs_of
 from eppanalysis.models.systems.lure import LureSystem

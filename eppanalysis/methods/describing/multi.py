@@ -11,17 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.methods.describing.balance import (
-    ON_THE_WAY,
-    Array,
-    Balance,
-    ComplexArray,
-    describe,
-    moved,
-    newton,
-    ranges,
-    solved_in_part,
-)
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
+from eppanalysis.methods.describing.balance import ON_THE_WAY, Balance, describe, moved, newton, ranges, solved_in_part
 from eppanalysis.methods.describing.curves import contour_lines, crossings, distinct, polish, settle
 from eppanalysis.methods.describing.search import Found, frequency_scales, stretches
 from eppanalysis.methods.describing.trace import Box, trace
@@ -66,17 +57,17 @@ def choose_pivot(system: LureSystem) -> int:
     return min(range(m), key=burden)
 
 
-def _acts(system: LureSystem, omega: float) -> NDArray[np.bool_]:
+def _acts(system: LureSystem, omega: float) -> BoolArray:
     """Which outputs of elements (columns) act on which of their inputs: a response that is rounding is none.
 
     In turned coordinates of the state a response of nothing is a sum whose terms cancel.
     """
     if isinstance(system, DataSystem):
-        measured: NDArray[np.bool_] = system.frequency_response(np.array([omega]))[0] != 0
+        measured: BoolArray = system.frequency_response(np.array([omega]))[0] != 0
         return measured
     within = np.abs(np.linalg.inv(1j * omega * np.eye(len(system.A)) - system.A))
     terms = np.abs(system.C) @ within @ np.abs(system.B) + np.abs(system.D)
-    acts: NDArray[np.bool_] = np.abs(system.frequency_response(np.array([omega]))[0]) > _CANCELLED * terms
+    acts: BoolArray = np.abs(system.frequency_response(np.array([omega]))[0]) > _CANCELLED * terms
     return acts
 
 
@@ -332,7 +323,7 @@ def _solve_grid(
     return X.reshape(na, nw, -1), loop.reshape(na, nw), ok.reshape(na, nw)
 
 
-def _new(X: Array, sheets: list[tuple[Array, ComplexArray]], stride: int = 1) -> NDArray[np.bool_]:
+def _new(X: Array, sheets: list[tuple[Array, ComplexArray]], stride: int = 1) -> BoolArray:
     """Where a solution is none of those that are known."""
     new = np.ones(X.shape[:2], bool)
     for known, loop in sheets:
@@ -368,7 +359,7 @@ def _starts(balance: Balance) -> list[tuple[Array, float]]:
     return starts
 
 
-def _beside(balance: Balance) -> NDArray[np.bool_]:
+def _beside(balance: Balance) -> BoolArray:
     """Elements that read the very signal that the pivot reads, shape (m,)."""
     s, p = balance.system, balance.pivot
     # What a measured signal is made of is not known: the same one answers alike, wherever it is asked, but for noise.
@@ -376,7 +367,7 @@ def _beside(balance: Balance) -> NDArray[np.bool_]:
     rows = s.frequency_response(_middle(balance))[0] if measured else np.hstack([s.C, s.D])
     rows = rows[balance.rows]
     apart = _ALIKE * np.abs(rows[p]) if measured else 0.0
-    beside: NDArray[np.bool_] = np.all(np.abs(rows - rows[p]) <= apart, axis=1)
+    beside: BoolArray = np.all(np.abs(rows - rows[p]) <= apart, axis=1)
     beside[p] = False
     return beside
 

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from eppanalysis.methods.describing.balance import Array, Balance, newton, scales, unit_at_input
+from eppanalysis.arrays import Array
+from eppanalysis.methods.describing.balance import Balance, newton, scales, unit_at_input
 from eppanalysis.methods.describing.curves import settle
 from eppanalysis.methods.describing.quality import Point
 from eppanalysis.methods.describing.search import Found, frequency_nodes

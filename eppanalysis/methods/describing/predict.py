@@ -13,8 +13,9 @@ from functools import partial
 
 import numpy as np
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.describing.balance import Array, Balance
+from eppanalysis.methods.describing.balance import Balance
 from eppanalysis.methods.describing.blind import blind_spots, made_by_harmonics
 from eppanalysis.methods.describing.data.cycles import above_the_data, cautions, of_data
 from eppanalysis.methods.describing.data.stability import stability_of_data

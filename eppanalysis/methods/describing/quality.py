@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
-from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
+from eppanalysis.methods.describing.balance import Balance
 from eppanalysis.models.systems.means import equilibrate
 
 #: Rates at which perturbations are tried, relative to the frequency of a cycle.
@@ -179,7 +179,7 @@ def _selector(balance: Balance) -> Array:
     return (balance.owner[:, None] == np.arange(balance.m)[None, :]).astype(float)
 
 
-def _delay_poles(balance: Balance, p: Point, turning: NDArray[np.bool_]) -> ComplexArray:
+def _delay_poles(balance: Balance, p: Point, turning: BoolArray) -> ComplexArray:
     """Finite eigenvalues of the descriptor system with dead times as Chebyshev-collocated transport.
 
     States, in units of omega: x, the inputs z, then for each output its value after the lag of its element, the same

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray, ranges
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
+from eppanalysis.methods.describing.balance import Balance, ranges
 from eppanalysis.methods.describing.bias import SingleBias, goes_one_way, spread
 from eppanalysis.methods.describing.curves import (
     at_index,
@@ -432,7 +432,7 @@ def _points(line: Array, omega: Array, loop_gain: Array) -> Array:
     return np.stack([np.log(line[:, 0]), np.log(omega), line[:, 1], -np.log(np.abs(loop_gain))], -1)
 
 
-def stretches(mask: NDArray[np.bool_]) -> list[slice]:
+def stretches(mask: BoolArray) -> list[slice]:
     """Stretches of True that hold two points or more."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.methods.describing.balance import ON_THE_WAY, Array, Balance, newton_and_jacobian, scales, solved
+from eppanalysis.arrays import Array, BoolArray
+from eppanalysis.methods.describing.balance import ON_THE_WAY, Balance, newton_and_jacobian, scales, solved
 
 _FIRST, _LARGEST, _SMALLEST = 0.08, 0.3, 1e-4
 
@@ -20,7 +21,7 @@ class Box:
     omega: tuple[float, float]
     gain: float
 
-    def holds(self, X: Array) -> NDArray[np.bool_]:
+    def holds(self, X: Array) -> BoolArray:
         """Which points lie inside."""
         return (
             (X[:, 0] >= self.amplitude[0])

@@ -12,9 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from eppanalysis.arrays import Array
 
 #: Gain, relative to the value, below which there is nothing left to be had.
 _NOTHING = 1e-7

@@ -14,8 +14,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.elasticity import size_elasticities
 from eppanalysis.methods.bounds.exact import ExactBound
@@ -26,8 +26,6 @@ from eppanalysis.methods.design.frontier import Frontier
 from eppanalysis.methods.design.goal import Goal, Judged, Kept
 from eppanalysis.methods.design.programme import N_SCAN, Place
 from eppanalysis.polynomials import polynomial_at
-
-Array = NDArray[np.float64]
 
 #: Values of each parameter on the grid of first order, by how many there are; places of a seeded sample for more.
 _LEVELS, _SAMPLE = {1: 7, 2: 5, 3: 3}, 32

@@ -12,14 +12,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.continuation.branch import steady_case
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import LimitCycle
-
-Array = NDArray[np.float64]
 
 #: The first run in periods of the cycle, how often it is doubled; its windows: how late they end, how long they are.
 _FIRST, _DOUBLED = 800.0, 5

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.dither.runs import Start
 from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, VERMILLION, places_of, put_legend
 
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from eppanalysis.methods.dither.result import Dither
     from eppanalysis.models.elements.base import Nonlinearity
-
-Array = NDArray[np.float64]
 
 #: How a run from the cycle ended: label, colour, marker.
 _ENDS = {

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.dither.runs import DitherRun
 from eppanalysis.methods.dither.smoothed import Wave, smoothed
 from eppanalysis.models.elements.base import Nonlinearity
@@ -18,8 +18,6 @@ from eppanalysis.shown import frame_of
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
-
-Array = NDArray[np.float64]
 
 #: Share of the dither that the loop may return before the sentence warns of it.
 _MUCH = 0.05

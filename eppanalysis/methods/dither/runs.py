@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.dither.smoothed import Wave
 from eppanalysis.methods.simulation.simulate import simulate
@@ -19,8 +19,6 @@ from eppanalysis.models.systems.inputs import InputSignal, Recorded, Sine
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.signals import SignalMap
 from eppanalysis.results import LimitCycle
-
-Array = NDArray[np.float64]
 
 #: Names of the input that carries the dither, and of the element's input before the dither is added.
 _DITHER, _SLOW = "dither", "slow"

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, ComplexArray, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.phases import broadcast
 
-Array = NDArray[np.float64]
 Wave = Literal["sine", "triangle"]
 
 #: Gauss's rule on each panel, in a variable that makes roots at the ends of the panel smooth.
@@ -61,12 +61,12 @@ class Smoothed(Nonlinearity):
 
     def describing_function(
         self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, NDArray[np.complex128]]:
+    ) -> tuple[Array, ComplexArray]:
         """Mean and gain of the slow sine ``bias + amplitude * sin(omega t)``: its equivalent describing function."""
         a, b, _ = broadcast(amplitude, bias, omega)
         sizes = np.maximum(a.ravel(), _SMALLEST * self.dither)
 
-        def of(biases: Array, i: NDArray[np.int64]) -> Array:
+        def of(biases: Array, i: IntArray) -> Array:
             mean, gain = self.element.describing_function(sizes[i], biases)
             return np.array([mean, gain.real])
 

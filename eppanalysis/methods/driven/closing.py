@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import BoolArray, IntArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.guess import MOST_ARCS, brought_about, marked
@@ -20,9 +20,6 @@ from eppanalysis.methods.orbits.shooting import restarted
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _NO_SAMPLES = np.zeros(0)
 #: Most events of a run that is kept, and the code of the kernel for one that reached its end.
@@ -85,7 +82,7 @@ def _nothing() -> IntArray:
     return np.zeros(0, np.int64)
 
 
-def _of_elements(hybrid: HybridSystem, guards: IntArray) -> NDArray[np.bool_]:
+def _of_elements(hybrid: HybridSystem, guards: IntArray) -> BoolArray:
     """Which events are of elements, not of the observer that only marks extrema."""
     return np.asarray(hybrid.model.guard_element[guards] < len(hybrid.elements))
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError, did_you_mean
 from eppanalysis.methods.describing.balance import Balance
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -20,8 +20,6 @@ from eppanalysis.models.systems.inputs import InputSignal, Sine, input_signals_b
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.subject import CaseLike, PointLike, require_continuous, standing, system_of
-
-Array = NDArray[np.float64]
 
 #: Longest step of a run, relative to the period of the input: no simple share of it, for switches of what keeps step
 #: with the input would fall on the ends of steps, where rounding has them met again and again.

@@ -11,8 +11,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.driven.closing import begun, later, passed, quiet, run_over
@@ -23,8 +23,6 @@ from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.readable import quantity
 from eppanalysis.results import LimitCycle
-
-Array = NDArray[np.float64]
 
 #: Most cycles of the loop that are compared with periods of the input, and how far apart both may be.
 _MOST_CYCLES, _APART = 6, 0.2
@@ -130,7 +128,7 @@ class Entrainment:
         return bool(len(away)) and float(np.min(np.max(away, axis=1))) < _ON_IT
 
 
-def _from_one(multipliers: NDArray[np.complex128]) -> float:
+def _from_one(multipliers: ComplexArray) -> float:
     """How near the nearest multiplier is to the unit circle."""
     return float(np.min(np.abs(np.abs(multipliers) - 1.0), initial=1.0))
 

@@ -13,15 +13,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.methods.describing.balance import describe
 from eppanalysis.methods.driven.drive import Drive
 from eppanalysis.models.systems.linear import solved
 from eppanalysis.models.systems.means import mean_state
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Sizes of the largest input, relative to thresholds and linear answers, from which Newton's method starts.
 _STARTS = 28

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.labels import determinant
@@ -25,8 +25,6 @@ from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
 from eppanalysis.methods.orbits.shooting import restarted
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.hybrid import HybridSystem
-
-Array = NDArray[np.float64]
 
 #: Steps of the corrector, and the last one that counts as none, relative to the motion and the range.
 _MOST_ITERATIONS, _STILL = 10, 1e-9

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import check_counts
+from eppanalysis.arrays import Array
 from eppanalysis.methods.driven.closing import begun, close, ends_as_it_begins, later, passed
 from eppanalysis.methods.driven.drive import Drive, drive_of
 from eppanalysis.methods.driven.entrained import Entrainment, entrainments, undriven
@@ -25,9 +25,6 @@ from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of
 from eppanalysis.readable import quantity
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 METHOD = "shooting over the input's period"
 #: Periods of the input after which a run is held against periodic responses.

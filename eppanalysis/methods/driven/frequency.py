@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import check_counts
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError, did_you_mean
 from eppanalysis.methods.driven.drive import Drive, drive_of
 from eppanalysis.methods.driven.first_order import Sinusoid, sinusoid_branches
@@ -22,8 +22,6 @@ from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of
 from eppanalysis.readable import count, listed, number, quantity, words
 from eppanalysis.results import EXACT_ORBIT, Status
 from eppanalysis.results.provenance import Provenance
-
-Array = NDArray[np.float64]
 
 METHOD = "pseudo-arclength continuation over the input"
 #: Where responses are searched for, as shares of the range: both ends first, for what runs up and what runs down.

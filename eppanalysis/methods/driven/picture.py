@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.driven.result import ForcedResponse, FrequencyResponse, Over, ResponseBranch, Turning
 from eppanalysis.plotting import (
     BLUE,
@@ -27,8 +27,6 @@ from eppanalysis.plotting import (
     put_legend,
 )
 from eppanalysis.readable import count, readable, with_unit, words
-
-Array = NDArray[np.float64]
 
 #: Colours and lines of stable responses, which may be several; unstable ones are dashed.
 _STABLE = ((BLUE, "-"), (GREEN, "-."), (SKY, ":"))

@@ -7,9 +7,9 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.errors import EppError, shown
 from eppanalysis.results import Brief, LimitCycle, Listing, Result, Status
 
@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     import control
     import pandas
     from matplotlib.axes import Axes
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 class Motion(StrEnum):
@@ -242,7 +239,7 @@ class ResponseBranch(Brief):
     amplitude: Array
     response: ComplexArray
     peak_to_peak: Array
-    stable: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+    stable: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     multiplier: Array = field(default_factory=lambda: np.zeros(0))
     special: tuple[SpecialResponse, ...] = ()
     ends: tuple[str, str] = ("", "")

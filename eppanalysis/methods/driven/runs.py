@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.driven.drive import Drive
 from eppanalysis.methods.driven.result import PeriodicResponse
@@ -21,8 +21,6 @@ from eppanalysis.models.systems.inputs import Sine
 from eppanalysis.models.systems.sampled.strobe import is_sampled, sampled_among
 from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
 from eppanalysis.results.provenance import Provenance
-
-Array = NDArray[np.float64]
 
 METHOD = "run to a periodic steady state"
 #: Periods of the input after which a run is looked at, and samples of each of the last ones.

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import checked, floats
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.elements.result import ElementCheck
 from eppanalysis.methods.elements.rules import Rules
@@ -13,7 +14,6 @@ from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
 
-Array = NDArray[np.float64]
 #: Amplitudes that are looked at where none are given: how many, from which share of the least threshold to which
 #: multiple of the greatest.
 _COUNT, _LEAST, _MOST = 40, 0.5, 20.0

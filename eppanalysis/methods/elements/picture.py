@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.plotting import BLUE, VERMILLION, places_of, put_legend
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def plot_element_check(found: ElementCheck, ax: Axes | None = None) -> Figure:
     return figure
 
 
-def _draw(ax: Axes, amplitudes: NDArray[np.float64], curves: Mapping[str, NDArray[np.float64]], label: str) -> None:
+def _draw(ax: Axes, amplitudes: Array, curves: Mapping[str, Array], label: str) -> None:
     for (name, values), colour, line in zip(curves.items(), (BLUE, VERMILLION), ("-", "--"), strict=True):
         ax.plot(amplitudes, values, line, color=colour, linewidth=1.6, label=name)
     ax.axhline(0.0, color="0.6", linewidth=0.8)

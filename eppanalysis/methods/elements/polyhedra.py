@@ -12,12 +12,10 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from eppanalysis.arrays import Array
 from eppanalysis.models.elements.automaton import Automaton, Guard
-
-Array = NDArray[np.float64]
 
 #: Value of a row, scaled to about one, that is rounding.
 ROUNDING = 1e-7

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.methods.elements.rules import Finding, Flaw
 from eppanalysis.readable import number
 from eppanalysis.results import Result, Status
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 #: Energy that is rounding, over amplitude times output.
 _ROUNDING = 1e-9
 
@@ -51,7 +50,7 @@ class ElementCheck(Result):
     findings: tuple[Finding, ...] = ()
     amplitudes: Array = field(default_factory=lambda: np.zeros(0))
     mean: Array = field(default_factory=lambda: np.zeros(0))
-    gain: NDArray[np.complex128] = field(default_factory=lambda: np.zeros(0, complex))
+    gain: ComplexArray = field(default_factory=lambda: np.zeros(0, complex))
     over_way: Array = field(default_factory=lambda: np.zeros(0))
     over_speed: Array = field(default_factory=lambda: np.zeros(0))
     decided: bool = True

@@ -12,12 +12,11 @@ from enum import StrEnum
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.elements.polyhedra import ROUNDING, Place, Region
 from eppanalysis.models.elements.automaton import Automaton, Guard
 
-Array = NDArray[np.float64]
 #: Most linear programs; most events of a chain that is followed at a point.
 _MOST_PROGRAMS, _LONGEST = 20_000, 1000
 #: Fields of a guard that say what its event does.

@@ -16,12 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from eppanalysis.arrays import ComplexArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.harmonic.averaged import LEFT_OUT, of_samples
 from eppanalysis.methods.harmonic.elements import Regime, Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of, order_one
 from eppanalysis.methods.harmonic.newton import Iterate, newton
-from eppanalysis.methods.harmonic.series import TURN, ComplexArray, anchored, extrema, orders, sampled
+from eppanalysis.methods.harmonic.series import TURN, anchored, extrema, orders, sampled
 from eppanalysis.methods.simulation.states import without_held_states
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state

@@ -20,9 +20,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime, rest_value
-from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, orders
+from eppanalysis.methods.harmonic.series import TURN, orders
 from eppanalysis.models.elements.automaton import LEAST, Smooth
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ class Answer:
         return np.concatenate([[start], self.regime.phases, [start + TURN]])
 
     @cached_property
-    def modes(self) -> NDArray[np.int64]:
+    def modes(self) -> IntArray:
         """Mode on each piece."""
         return np.concatenate([[self.regime.mode], self.owner.table.target[self.regime.fired]])
 

@@ -13,17 +13,15 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, ComplexArray, IntArray
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, sampled
+from eppanalysis.methods.harmonic.series import TURN, sampled
 from eppanalysis.models.elements.automaton import Automaton, Guard
 from eppanalysis.models.elements.base import Nonlinearity, automaton_of, is_hashable
 
 if TYPE_CHECKING:
     from eppanalysis.kernels.periodic import Table
-
-IntArray = NDArray[np.int64]
 
 
 class Unsettled(Exception):
@@ -227,7 +225,7 @@ class PeriodicElement:
             ),
         )
 
-    def _refuse(self, wrong: NDArray[np.bool_], why: str) -> None:
+    def _refuse(self, wrong: BoolArray, why: str) -> None:
         for number in self.guards[wrong][:1]:
             raise ModelError(f"{self.name}: {self.automaton.guards[int(number)].name!r} {why}.")
 

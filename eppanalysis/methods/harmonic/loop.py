@@ -14,10 +14,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.harmonic.coefficients import Answer, respond, stacked
 from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime
-from eppanalysis.methods.harmonic.series import Array, ComplexArray, orders
+from eppanalysis.methods.harmonic.series import orders
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import StaticBalance, equilibrate, static_balance
 from eppanalysis.models.systems.measured.loop import DataSystem

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Place
-from eppanalysis.methods.harmonic.series import Array
 from eppanalysis.methods.simulation.effort import spend
 
 _ITERATIONS = 30

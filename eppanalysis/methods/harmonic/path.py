@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.methods.harmonic.balance import cycle_of, settled
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of
-from eppanalysis.methods.harmonic.series import Array, ComplexArray, orders
+from eppanalysis.methods.harmonic.series import orders
 from eppanalysis.results import LimitCycle
 
 #: Steps along a curve, the first, longest and shortest of them, in shares and relative changes of the unknowns.

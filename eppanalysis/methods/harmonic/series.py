@@ -8,10 +8,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from eppanalysis.arrays import Array, ComplexArray, IntArray
 
 TURN = 2.0 * np.pi
 
@@ -50,7 +48,7 @@ def extrema(c: ComplexArray) -> list[tuple[Array, Array]]:
     return [(p[:count], v[:count]) for p, v, count in zip(phase, value, counts, strict=True)]
 
 
-def workspaces(c: ComplexArray) -> tuple[Array, Array, NDArray[np.int64]]:
+def workspaces(c: ComplexArray) -> tuple[Array, Array, IntArray]:
     """Phases and values of the extrema of series (m, n + 1), in rows that are filled up to a count, and the counts."""
     from eppanalysis.kernels.periodic import find_extrema
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from eppanalysis.arguments import check_counts
+from eppanalysis.arrays import ComplexArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.harmonic.coefficients import respond
 from eppanalysis.methods.harmonic.elements import PeriodicElement, Unsettled
-from eppanalysis.methods.harmonic.series import ComplexArray
 from eppanalysis.models.elements.base import Nonlinearity
 
 

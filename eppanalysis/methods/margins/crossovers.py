@@ -14,7 +14,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from eppanalysis.methods.margins.linearised import Array, ComplexArray, Linear
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
+from eppanalysis.methods.margins.linearised import Linear
 from eppanalysis.models.systems.linear import zeros
 from eppanalysis.roots import between, least
 
@@ -115,7 +116,7 @@ class Response:
         self,
         sign: Callable[[ComplexArray], Array],
         at_nodes: Array,
-        shown: NDArray[np.bool_] | None = None,
+        shown: BoolArray | None = None,
         nearest: bool = False,
     ) -> Array:
         """Frequencies between neighbouring nodes on different sides of zero, to rounding."""

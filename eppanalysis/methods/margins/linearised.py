@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.margins.sampled import from_sample_to_sample, with_straight_gains
 from eppanalysis.models.systems.linear import ROUNDING, balanced, poles, zeros
@@ -15,9 +15,6 @@ from eppanalysis.models.systems.lure import LureSystem, with_own_states
 from eppanalysis.models.systems.sampled.averaged import averaged
 from eppanalysis.models.systems.sampled.strobe import is_sampled, sampled_among
 from eppanalysis.readable import number
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Condition number from which an algebraic loop has no unique solution.
 _SINGULAR = 1e13
@@ -270,7 +267,7 @@ class Linearised:
             leads |= further
         return [i for k, i in enumerate(self.without, start=1) if leads[0, k] and leads[k, 0]]
 
-    def _leads(self, place: str) -> NDArray[np.bool_]:
+    def _leads(self, place: str) -> BoolArray:
         """Whether what a place (0) or an element without a gain (1, ...) sends off (row) reaches another (column).
 
         Judged by the response at some frequencies, beside the terms that it is made of: whatever the coordinates.

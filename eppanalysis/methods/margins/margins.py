@@ -7,9 +7,10 @@ from typing import overload
 
 import numpy as np
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.margins.crossovers import Response
-from eppanalysis.methods.margins.linearised import Array, Linearised, small_signal
+from eppanalysis.methods.margins.linearised import Linearised, small_signal
 from eppanalysis.methods.margins.result import Margins
 from eppanalysis.methods.margins.stability import is_stable
 from eppanalysis.models.systems.cuts import port_names, require_places

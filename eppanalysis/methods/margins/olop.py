@@ -13,9 +13,10 @@ from collections.abc import Callable
 import numpy as np
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, ModelError, did_you_mean
 from eppanalysis.methods.margins.crossovers import Response
-from eppanalysis.methods.margins.linearised import Array, ComplexArray, Linearised
+from eppanalysis.methods.margins.linearised import Linearised
 from eppanalysis.methods.margins.olop_result import BOUNDARY, OnsetPoint
 from eppanalysis.methods.margins.stability import is_stable
 from eppanalysis.models.elements.base import RateLimit

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.readable import words
 from eppanalysis.results import Result, Status
 from eppanalysis.shown import frame_of
@@ -57,8 +57,8 @@ class OnsetPoint(Result):
     boundary: float
     message: str = ""
     rule: tuple[str, ...] = ()
-    frequencies: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    response: NDArray[np.complex128] = field(default_factory=lambda: np.zeros(0, complex))
+    frequencies: Array = field(default_factory=lambda: np.zeros(0))
+    response: ComplexArray = field(default_factory=lambda: np.zeros(0, complex))
 
     def to_frame(self) -> pandas.DataFrame:
         """One row: where it is cut, the onset frequency, the open loop there, the boundary and the margin."""

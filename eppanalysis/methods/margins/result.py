@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.readable import number
 from eppanalysis.results import Result, Status
 from eppanalysis.shown import frame_of
@@ -74,8 +74,8 @@ class Margins(Result):
     bandwidth: float = _NAN
     tracking_error: float = _NAN
     stable: bool | None = None
-    omega: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    response: NDArray[np.complex128] = field(default_factory=lambda: np.zeros(0, complex))
+    omega: Array = field(default_factory=lambda: np.zeros(0))
+    response: ComplexArray = field(default_factory=lambda: np.zeros(0, complex))
 
     in_json = (
         "at status gain_margin phase_margin disk_margin delay_margin phase_crossover gain_crossover disk_frequency "

@@ -15,14 +15,13 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.cuts import Cuts
 from eppanalysis.models.systems.hybrid import cascade
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.ages import staircases, turn_of
 from eppanalysis.models.systems.sampled.places import Places
-
-Array = NDArray[np.float64]
 
 
 def from_sample_to_sample(system: LureSystem, gains: Array) -> LureSystem | None:

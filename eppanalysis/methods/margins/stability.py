@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from eppanalysis.methods.margins.linearised import Array, ComplexArray, Linear
+from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.methods.margins.linearised import Linear
 from eppanalysis.models.systems.linear import balanced, integrators_apart
 
 #: Largest matrix whose eigenvalues are asked for.

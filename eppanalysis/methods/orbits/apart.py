@@ -13,13 +13,11 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.methods.simulation.states import OtherStates, unread_apart, without_held_states
 from eppanalysis.models.systems.linear import balanced, poles
 from eppanalysis.models.systems.lure import LureSystem
-
-Array = NDArray[np.float64]
 
 #: So many times as large as its fastest pole the matrix of a mode may be, in the best units of the states.
 _MIXED = 10.0
@@ -136,7 +134,7 @@ def _integrators(system: LureSystem) -> int:
     return int(np.sum(poles(system.A) == 0.0))
 
 
-def _real(pole: complex, direction: NDArray[np.complex128]) -> list[Array]:
+def _real(pole: complex, direction: ComplexArray) -> list[Array]:
     """Real directions of a motion, both of a pair at its first pole."""
     if pole.imag == 0.0:
         return [direction.real]

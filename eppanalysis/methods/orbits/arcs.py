@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.simulation.workspaces import of_thread
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
@@ -22,9 +22,6 @@ from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
 if TYPE_CHECKING:
     from eppanalysis.kernels.engine.tables import Model
     from eppanalysis.kernels.orbits.flow import Channels
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Mark of an event that is caused by the one after it at the same instant.
 LETS_GO = 3

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.mirrored import is_mirrored, mirror
 from eppanalysis.methods.orbits.orbit import Orbit
@@ -18,8 +18,6 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.readable import number
 from eppanalysis.results import LimitCycle
-
-Array = NDArray[np.float64]
 
 #: An orbit within this many times a prediction's estimated error belongs to it. An estimate that is infinite or larger
 #: counts as a factor of two; a smaller one is raised to a floor for rounding, thresholds and starts from a neighbouring

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.methods.harmonic.loop import Loop, inputs_of
 from eppanalysis.methods.harmonic.series import TURN, orders
 from eppanalysis.methods.orbits.guess import Guess, make_guess
@@ -14,8 +14,6 @@ from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import close_orbit
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.results import LimitCycle
-
-Array = NDArray[np.float64]
 
 
 class _Event(NamedTuple):
@@ -70,7 +68,7 @@ def _guess(hybrid: HybridSystem, loop: Loop, balance: LimitCycle) -> Guess | Non
     return make_guess(hybrid, np.array(before), np.array([e.guard for e in events]), np.array(starts), tau)
 
 
-def _states(hybrid: HybridSystem, loop: Loop, balance: LimitCycle, W: NDArray[np.complex128], times: Array) -> Array:
+def _states(hybrid: HybridSystem, loop: Loop, balance: LimitCycle, W: ComplexArray, times: Array) -> Array:
     """States at times (nt,), with the held inputs behind those of the loop, shape (nt, n + inputs)."""
     k = orders(W.shape[1] - 1)[1:]
     response = (loop.system.state_response(balance.omega * k) @ W.T[1:, :, None])[..., 0]

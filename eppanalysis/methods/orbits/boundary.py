@@ -12,16 +12,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import close_orbit
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
-
-Array = NDArray[np.float64]
 
 #: Factor between the starts among which a change from decay to growth is looked for, and how often it is applied.
 _FACTOR, _MOST_FACTORS = 1.25, 9

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle, sample_arcs
 from eppanalysis.methods.orbits.shooting import restarted
 from eppanalysis.methods.simulation.period import PeriodShape, advance, advances, analyse_period
@@ -15,8 +15,6 @@ from eppanalysis.models.systems.starts import remembered
 from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
 from eppanalysis.results.events import Events
 from eppanalysis.results.provenance import Provenance
-
-Array = NDArray[np.float64]
 
 
 def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:

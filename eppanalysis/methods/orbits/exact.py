@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from itertools import chain, islice
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.harmonic.balance import balances_of
 from eppanalysis.methods.harmonic.loop import Loop
@@ -35,8 +35,6 @@ from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.results import LimitCycle
-
-Array = NDArray[np.float64]
 
 #: Estimated error below which a balance may not be followed by another one of higher order.
 _TRUSTED = 0.05

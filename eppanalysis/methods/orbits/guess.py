@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import LETS_GO, Arcs, EventSequence
 from eppanalysis.methods.simulation.effort import spend
@@ -20,9 +20,6 @@ from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 if TYPE_CHECKING:
     from eppanalysis.kernels.engine.tables import Model
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: An orbit with more arcs is not closed: the time that Newton's method takes goes with the cube of their number, and
 #: switches that pile up without end look like one.

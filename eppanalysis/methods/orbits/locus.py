@@ -11,16 +11,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.guess import Guess
 from eppanalysis.methods.orbits.mirrored import is_mirrored, mirror
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, solve
 from eppanalysis.methods.orbits.shooting import close_orbit
-
-Array = NDArray[np.float64]
 
 #: Factor from one period to the next, and on that of the orbit at most.
 _STEP, _FAR = 1.1, 8.0

@@ -12,16 +12,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.orbits.guess import make_half, one_turn
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle, solve
 from eppanalysis.methods.orbits.shooting import close_orbit, moves, restarted
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
-
-Array = NDArray[np.float64]
 
 #: What is left of constants at the centre, relative to what they are added up from.
 _BALANCED = 1e-9

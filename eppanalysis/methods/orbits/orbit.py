@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.delayed.motion import DelayedMotion
@@ -20,8 +20,6 @@ from eppanalysis.methods.simulation.effort import left, spend
 from eppanalysis.methods.simulation.stability import multipliers, return_map
 from eppanalysis.models.systems.hybrid import HybridSystem
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 #: Residual, relative to the size of the motion, that counts as converged; Newton goes on to rounding.
 CONVERGED = 1e-9
 _MOST_ITERATIONS = 40
@@ -88,7 +86,7 @@ class Orbit:
         size_of_motion(self.arcs.F, self.starts, self.ends, inner, self.tau, scale)
         return scale
 
-    def grazes(self, share: float) -> NDArray[np.bool_]:
+    def grazes(self, share: float) -> BoolArray:
         """Which guards are crossed more slowly than this share of the movement across them in a period, shape (p,)."""
         return np.abs(self.speed) * self.period < share * (np.abs(self.arcs.g) @ self.scale)
 

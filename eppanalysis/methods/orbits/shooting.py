@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.delayed.motion import delayed_motion, is_delayed
@@ -23,8 +23,6 @@ from eppanalysis.methods.simulation.rounding import SAMPLES, is_lost, left_by_ro
 from eppanalysis.methods.simulation.simulate import loses_elements, run_hybrid
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 #: Residual with which an orbit that is only begun elsewhere needs no further step.
 _ROUNDING = 1e-14
 _MOST_SEQUENCES = 10

@@ -16,16 +16,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray, IntArray
 from eppanalysis.methods.describing.curves import roots_at_once
 from eppanalysis.methods.orbits.guess import Guess, make_guess
 from eppanalysis.methods.orbits.mirrored import mirror
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import balanced, poles as known_poles
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Half periods from this share of the fastest time constant to so many of the slowest; nodes of them on a logarithmic
 #: and, eight to half a turn of the fastest oscillation, an even grid; and nodes of the pulse in a half period.
@@ -56,8 +53,8 @@ class Pulses:
     vectors: ComplexArray
     level: float  # largest output of the relay
     #: modes, guards: (p,): of a whole turn, p is 2 without and 4 with a dead zone.
-    modes: NDArray[np.int64]
-    guards: NDArray[np.int64]
+    modes: IntArray
+    guards: IntArray
     #: (p / 2, 2): guard at the end of each part of a half: its factor on the input's distance from the centre, and
     #: constant.
     ends: Array
@@ -201,7 +198,7 @@ def _modes(A: Array) -> tuple[ComplexArray, ComplexArray]:
     return np.asarray(values, complex), np.asarray(vectors, complex)
 
 
-def _turn(hybrid: HybridSystem) -> tuple[NDArray[np.int64], NDArray[np.int64], float] | None:
+def _turn(hybrid: HybridSystem) -> tuple[IntArray, IntArray, float] | None:
     """Modes and guards of a whole turn from the mode of the largest output on, and that output; None for no relay."""
     model, columns = hybrid.model, hybrid.automata[0].mode_columns
     value, sticks = columns["constant"][:, 0], columns["sticking"]
@@ -229,7 +226,7 @@ def _turn(hybrid: HybridSystem) -> tuple[NDArray[np.int64], NDArray[np.int64], f
     return None
 
 
-def _is_odd(hybrid: HybridSystem, value: Array, modes: NDArray[np.int64], guards: NDArray[np.int64]) -> bool:
+def _is_odd(hybrid: HybridSystem, value: Array, modes: IntArray, guards: IntArray) -> bool:
     """Whether the second half of a turn is the image of the first."""
     model, half = hybrid.model, modes.size // 2
     factor, constant = model.guard_z[guards, 0], model.guard_0[guards]

@@ -17,6 +17,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import check_counts, checked
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.rational.result import RationalModel
 from eppanalysis.models.systems.linear import StateSpace
@@ -25,9 +26,6 @@ from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
 
 __all__ = ["rational_model"]
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Steps of vector fitting.
 _MOVES = 12

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.linear import StateSpace
 from eppanalysis.models.systems.lure import LureSystem
@@ -43,14 +41,14 @@ class RationalModel(Result):
 
     status: Status
     system: StateSpace
-    poles: NDArray[np.complex128]
+    poles: ComplexArray
     integrators: int
     delay: float
     misfit: float
     typical_misfit: float
-    omega: NDArray[np.float64]
-    measured: NDArray[np.complex128]
-    fitted: NDArray[np.complex128]
+    omega: Array
+    measured: ComplexArray
+    fitted: ComplexArray
 
     in_json = "status message=status.value poles integrators delay misfit typical_misfit provenance"
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.methods.orbits.exact import range_of, steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import away
 from eppanalysis.methods.search.decay import decays
@@ -31,8 +31,6 @@ from eppanalysis.shown import frame_of
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
-
-Array = NDArray[np.float64]
 
 REST, UNDECIDED, DIVERGES, UNKNOWN = -1, -2, -3, -4
 _ENDS = {
@@ -64,7 +62,7 @@ class Basin(Result):
     """
 
     starts: Array
-    ends: NDArray[np.int64]
+    ends: IntArray
 
     def __str__(self) -> str:
         """How many starts end where."""

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.models.systems.hybrid import HybridSystem
-
-Array = NDArray[np.float64]
 
 #: Largest change of a state over a period, relative to its amplitude on a cycle, that counts as rest, and as slow
 #: drift.

@@ -14,8 +14,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.methods.orbits.orbit import CONVERGED
 from eppanalysis.methods.orbits.samples.continua import joined
 from eppanalysis.methods.orbits.samples.locked import not_among
@@ -43,9 +43,6 @@ from eppanalysis.progress import Progress
 from eppanalysis.readable import count, listed
 from eppanalysis.results import SIMULATION, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _STILL = 1e-9
 #: Distance of a multiplier from one that is rounding.

@@ -9,8 +9,8 @@ from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.delayed.smooth import closed_behind_delay, is_smooth_delayed
 from eppanalysis.methods.orbits.exact import centre_of, start_of, steady_hybrid
@@ -31,9 +31,6 @@ from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.progress import Progress
 from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: A line of starts: centre, direction, memory values.
 Ray = tuple[Array, Array, Array]

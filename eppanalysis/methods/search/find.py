@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.orbits.apart import in_states_of_its_own
@@ -53,8 +53,6 @@ from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.progress import Progress
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
-
-Array = NDArray[np.float64]
 
 _SEED = 20050901
 #: Most basin boundaries that are bisected. A fractal boundary has no last one.

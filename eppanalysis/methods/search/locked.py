@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.orbits.samples.locked import (
     Round,
     away,
@@ -43,7 +43,6 @@ from eppanalysis.readable import count
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
-Array = NDArray[np.float64]
 #: Whether a cycle that was found is all that is wanted.
 Enough = Callable[[LimitCycle], bool]
 

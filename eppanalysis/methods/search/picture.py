@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.plotting import (
     BLUE,
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from eppanalysis.methods.search.trigger import Trigger
     from eppanalysis.results import LimitCycle
 
-Array = NDArray[np.float64]
 
 _STABLE, _UNSTABLE = (BLUE, GREEN, SKY, PURPLE), (VERMILLION, ORANGE, GREY, PURPLE)
 #: Words in the middle of an empty panel, and the letters on a line of them.

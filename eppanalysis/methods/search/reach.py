@@ -6,15 +6,12 @@ In the units of the loop itself, and whatever the coordinates of its state.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import describe
 from eppanalysis.methods.describing.search import frequency_scales
 from eppanalysis.models.systems.lure import LureSystem
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 def reach_of_elements(system: LureSystem) -> Array:

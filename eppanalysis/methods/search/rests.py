@@ -11,15 +11,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: By the bytes of its modes: state and memory values with which a combination was met.
 Met = dict[bytes, tuple[Array, Array]]
@@ -85,7 +82,7 @@ def _arcs(hybrid: HybridSystem, modes: IntArray) -> Arcs | None:
         return None
 
 
-def _towards(F: Array, g: Array, moves: NDArray[np.bool_], y: Array) -> Iterator[tuple[Array, float]]:
+def _towards(F: Array, g: Array, moves: BoolArray, y: Array) -> Iterator[tuple[Array, float]]:
     """Starts beside the state of rest of ``x' = F y`` that is next to y, if all motions of F come to rest, and by when
     they do.
     """

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array
 from eppanalysis.readable import count, listed, number, quantity, span, words
 from eppanalysis.results import LimitCycle, Listing, Status, brief_cycles, counted, cycles_frame
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 #: Means that are listed one by one.
 _MOST_MEANS = 4
 #: Share of a cycle's size below which its mean is rounding.

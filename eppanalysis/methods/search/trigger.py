@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.exact import range_of, steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import starts_on
@@ -33,8 +33,6 @@ from eppanalysis.shown import frame_of
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
-
-Array = NDArray[np.float64]
 
 #: Sizes that are tried, relative to the cycle's own; neighbours differ by a tenth.
 _GRID = np.geomspace(1e-3, 30.0, 110)

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.kept import EARLY, VERDICTS
 from eppanalysis.methods.simulation.workspaces import announce_compilation
@@ -28,9 +28,6 @@ from eppanalysis.shown import frame_of
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Events of a cell that are kept for its verdict, and cells that a thread takes at a time.
 KEPT_EVENTS, CHUNK = 4096, 8
@@ -53,7 +50,7 @@ class HybridStack:
     x0: Array
     modes0: IntArray
     H0: Array
-    compared: NDArray[np.bool_]
+    compared: BoolArray
     time_scale: Array
     signal_names: tuple[str, ...]
 

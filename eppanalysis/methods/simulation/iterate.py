@@ -7,17 +7,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.systems.inputs import InputSignal, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
 from eppanalysis.results.provenance import Provenance
-
-Array = NDArray[np.float64]
-
 
 #: How near a time must be to a whole number of samples, in samples.
 _WHOLE = 1e-6
@@ -93,7 +90,7 @@ def _plain(memory: Any) -> Any:
     return memory.item() if isinstance(memory, np.ndarray | np.generic) else memory
 
 
-def whole_samples(system: LureSystem, what: str, times: Array) -> NDArray[np.int64]:
+def whole_samples(system: LureSystem, what: str, times: Array) -> IntArray:
     """Times as numbers of samples."""
     step = float(system.time_step or 1.0)
     counts = np.round(times / step)

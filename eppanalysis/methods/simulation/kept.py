@@ -6,13 +6,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.readable import number
 from eppanalysis.results import Status
-
-Array = NDArray[np.float64]
 
 #: By the codes of `kernels/engine/workspace.py` for runs that ended before their time, and of `kernels/verdict.py`.
 EARLY = {
@@ -38,11 +36,11 @@ class Run:
     samples: Array
     count: int
     time: Array
-    guard: NDArray[np.int64]
+    guard: IntArray
     state: Array
     rate: Array
     memory_values: Array
-    modes: NDArray[np.int64]
+    modes: IntArray
     low: Array
     high: Array
     x_end: Array
@@ -55,7 +53,7 @@ class Run:
         return min(self.count, self.time.size)
 
     @cached_property
-    def order(self) -> NDArray[np.int64]:
+    def order(self) -> IntArray:
         """Places of the kept events in the buffer, oldest first."""
         return np.arange(self.count - self.n_kept, self.count) % max(self.time.size, 1)
 

@@ -12,14 +12,12 @@ from functools import cache
 
 import numpy as np
 from numpy.polynomial import legendre, polynomial
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.errors import EppError
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.readable import listed, quantity, words
-
-Array = NDArray[np.float64]
 
 N_HARMONICS = 25
 _TRIED = 4
@@ -44,7 +42,7 @@ class PeriodShape:
 
     mean: dict[str, float]
     peak_to_peak: dict[str, float]
-    harmonics: dict[str, NDArray[np.complex128]]
+    harmonics: dict[str, ComplexArray]
     time: Array
     waveform: dict[str, Array]
     #: Root of the mean square about the mean, by quadrature on the pieces.
@@ -177,7 +175,7 @@ class _Pieces:
         # Not BLAS where it is small: threads cost far more than these products then.
         return np.einsum("spj,kj->spk", c, matrix) if self.rule is _USUAL else np.asarray(c @ matrix.T)
 
-    def unresolved(self, values: Array, before: Array | None) -> tuple[NDArray[np.bool_], Array]:
+    def unresolved(self, values: Array, before: Array | None) -> tuple[BoolArray, Array]:
         """Pieces on which some signal's last coefficients are neither near rounding of its range nor rounding.
 
         `before` are the largest tails of the pieces from which these come: where halving no longer shrinks a small
@@ -192,7 +190,7 @@ class _Pieces:
             coarse &= ~((tail < _ROUNDING) & (tail > 0.3 * before))
         return coarse, tail
 
-    def halved(self, coarse: NDArray[np.bool_], tail: Array) -> tuple[_Pieces, Array]:
+    def halved(self, coarse: BoolArray, tail: Array) -> tuple[_Pieces, Array]:
         """Marked pieces cut in two, and for each new piece the tail of the one it comes from."""
         count = np.where(coarse, 2, 1)
         size = np.repeat(self.size / count, count)
@@ -226,7 +224,7 @@ class _Pieces:
         )
 
 
-def _harmonics(w: Array, turn: NDArray[np.complex128], values: Array) -> NDArray[np.complex128]:
+def _harmonics(w: Array, turn: ComplexArray, values: Array) -> ComplexArray:
     """What some times add to twice the Fourier coefficients of signals (s, nt), shape (s, N_HARMONICS + 1)."""
     phases = np.empty((N_HARMONICS + 1, turn.size), complex)
     phases[0] = w

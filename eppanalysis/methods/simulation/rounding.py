@@ -12,13 +12,11 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.models.elements.automaton import SMOOTH_FUNCTIONS, SMOOTH_KINDS
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
 from eppanalysis.models.systems.sampled.strobe import sampled_among
-
-Array = NDArray[np.float64]
 
 #: What is said of a motion whose elements are beneath rounding.
 BENEATH_ROUNDING = (

@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.results import Status
 
 if TYPE_CHECKING:
     from eppanalysis.methods.simulation.kept import Run
-
-Array = NDArray[np.float64]
 
 #: Share of a run that tells whether it rests, and the least number of samples in it.
 _LAST, _FEWEST = 0.1, 3
@@ -86,7 +85,7 @@ def judge_samples(strobe: Strobe, run: Run, t_end: float) -> tuple[Status, Array
     return Status.LIMIT_CYCLE, found
 
 
-def extent_of(compared: NDArray[np.bool_], run: Run, found: Array) -> Array:
+def extent_of(compared: BoolArray, run: Run, found: Array) -> Array:
     """Logarithms of the period of a run's cycle and of how far each state moves in it, shape (1 + compared,)."""
     moved = np.ptp(run.state[run.order[-int(found[0]) - 1 :]][:, compared], axis=0)
     return np.log(np.maximum([found[1], *moved], np.finfo(float).tiny))
@@ -148,9 +147,7 @@ def _reach(values: Array, of: np.ufunc) -> Array:
     return of.accumulate(values[::-1])[::-1]
 
 
-def _rarest(
-    guards: NDArray[np.int64], of_samples: NDArray[np.bool_], time: Array, t_end: float
-) -> Iterator[NDArray[np.intp]]:
+def _rarest(guards: IntArray, of_samples: BoolArray, time: Array, t_end: float) -> Iterator[NDArray[np.intp]]:
     """Places of each switch that may have come back often enough until the end, the rarest switch first."""
     order = np.argsort(guards, kind="stable")
     first = np.flatnonzero(np.diff(guards[order], prepend=-1))
@@ -191,7 +188,7 @@ def rests_since(strobe: Strobe, run: Run, found: Array) -> float:
     return float(run.time[run.order[moving[-1]]]) if moving.size else 0.0
 
 
-def locked_period(rows: Rows, guards: NDArray[np.int64]) -> tuple[int, float, float] | None:
+def locked_period(rows: Rows, guards: IntArray) -> tuple[int, float, float] | None:
     """Fewest samples after which a run repeats itself, its change over the last ones, and all to come; or None."""
     s, at = rows.values[rows.at], rows.at
     most = len(s) // 3

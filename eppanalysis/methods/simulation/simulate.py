@@ -8,8 +8,9 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.effort import left, spend
 from eppanalysis.methods.simulation.kept import EARLY, VERDICTS, Run, from_event
@@ -37,9 +38,6 @@ from eppanalysis.results.provenance import Provenance
 
 if TYPE_CHECKING:
     from eppanalysis.kernels.engine.workspace import Samples, Workspace
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: A run of so many steps of the grid has settled which modes its elements are in, and nothing else.
 _INSTANT = 1e-12
@@ -199,7 +197,7 @@ def _without_samples(n_y: int) -> Samples:
     return make_samples(np.zeros(0), n_y)
 
 
-def _without_memory(hybrid: HybridSystem) -> NDArray[np.bool_]:
+def _without_memory(hybrid: HybridSystem) -> BoolArray:
     """Automata whose mode follows from their input alone."""
     static = [len(e.breakpoints) > 0 for e in hybrid.elements]
     return np.array(static + [False] * (len(hybrid.automata) - len(static)))

@@ -9,12 +9,9 @@ first event onto themselves, so the multiplier 1 of a shift along the orbit is n
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.readable import DIGITS, number
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Singular values of the scaled return map below this share of the largest are rounding: directions that sticking,
 #: resets or fast decay wipe out.

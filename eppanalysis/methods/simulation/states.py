@@ -10,13 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import equilibrate, without_rounding
 from eppanalysis.results import LimitCycle
-
-Array = NDArray[np.float64]
 
 #: Share of the largest number of a loop, in units that suit it, below which one is none.
 _UNREAD = 1e-11

@@ -6,18 +6,17 @@ from collections.abc import Iterable
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.errors import AlgebraicLoop, ModelError
 from eppanalysis.models.systems.lure import LureSystem
 
-Array = NDArray[np.float64]
 #: What stands for the slope of a jump, relative to what it is compared with.
 _STEEP = 1e9
 _MOST = 10
 
 
-def parts_on_loops(acts: Array) -> NDArray[np.int64]:
+def parts_on_loops(acts: Array) -> IntArray:
     """Numbers of those that act on themselves, straight or through others; a row of `acts` is of what is acted on."""
     reach, steps = (acts != 0).astype(float), 1
     while steps < len(acts):  # each product doubles the number of steps

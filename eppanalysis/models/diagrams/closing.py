@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError, did_you_mean
 from eppanalysis.models.diagrams.algebraic import require_unique
 from eppanalysis.models.diagrams.blocks import Block
@@ -24,7 +24,6 @@ from eppanalysis.models.systems.linear import StateSpace
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.signals import SignalMap
 
-Array = NDArray[np.float64]
 Terms = list[tuple[float, Port]]
 #: Rows on states, outputs of elements, external inputs and one.
 Rows = tuple[Array, Array, Array, Array]

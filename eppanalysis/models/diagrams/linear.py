@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.diagrams.algebraic import acyclic, no_unique_answer, parts_on_loops
 from eppanalysis.models.diagrams.blocks import Block
@@ -16,7 +16,6 @@ from eppanalysis.models.systems.linear import StateSpace
 from eppanalysis.models.systems.own_states import diagonal
 from eppanalysis.readable import count
 
-Array = NDArray[np.float64]
 Wires = Mapping[Port, list[tuple[float, Port]]]
 
 

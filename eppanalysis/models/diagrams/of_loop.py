@@ -6,16 +6,14 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.diagrams.blocks import Block, Constant, DeadTime, StateSpaceBlock
 from eppanalysis.models.diagrams.wiring import NAME, Port, free_name, port_names, written
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.signals import SignalMap
-
-Array = NDArray[np.float64]
 
 
 def drawn(loop: LureSystem) -> dict[str, Any]:

@@ -13,14 +13,13 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import DrivenTwice, ModelError, OpenInput, UnknownName, did_you_mean
 from eppanalysis.models.diagrams.blocks import Block
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.own_states import ports as port_counts
 
-Array = NDArray[np.float64]
 #: A part and one of its ports; an external input is a part without ports.
 Port = tuple[str, str]
 

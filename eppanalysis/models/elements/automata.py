@@ -13,11 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Guard, Mode, Smooth
 from eppanalysis.models.elements.columns import ByName, Columns
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def static_map(breakpoints: ArrayLike, slopes: ArrayLike, intercepts: ArrayLike) -> Automaton:

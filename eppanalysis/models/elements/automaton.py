@@ -19,13 +19,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.columns import ByName, Columns, in_columns
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Size of its argument below which the logarithm of a size rests.
 LEAST = 5e-11
@@ -267,7 +265,7 @@ class Automaton:
         return bool(np.any(self.guard_columns["impulse"]))
 
     @cached_property
-    def followed(self) -> NDArray[np.bool_]:
+    def followed(self) -> BoolArray:
         """In which modes the element follows its input, and holds on to where it was where the input turns back."""
         out = np.zeros(len(self.modes), bool)
         if self.n_memory:

@@ -9,17 +9,16 @@ from functools import lru_cache, wraps
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError, shown
 from eppanalysis.models.elements.automaton import Automaton, slopes_of, switching_levels
 from eppanalysis.models.elements.exact import Exact, Reading
 
 if TYPE_CHECKING:
     import control
-
-Array = NDArray[np.float64]
 
 #: Exponents of the units of input, output and time in a field of an element.
 Role = tuple[int, int, int]
@@ -99,8 +98,8 @@ class MeanAndGain(NamedTuple):
     As one complex number, which is what python-control takes it for, it is the gain; with a mean it is none.
     """
 
-    mean: NDArray[np.float64]
-    gain: NDArray[np.complex128]
+    mean: Array
+    gain: ComplexArray
 
     def __complex__(self) -> complex:
         """The gain of one amplitude, of an element with one output that has no mean there.
@@ -132,7 +131,7 @@ class ClosedForm(NamedTuple):
     """What kernels compute mean and gain of an element from: its map in pieces, or the numbers of a lock pin."""
 
     #: (k,), (k + 1,), (k + 1,), (k,): breakpoints, slopes, intercepts and jumps.
-    pieces: tuple[NDArray[np.float64], ...] = (np.zeros(0), np.zeros(1), np.zeros(1), np.zeros(0))
+    pieces: tuple[Array, ...] = (np.zeros(0), np.zeros(1), np.zeros(1), np.zeros(0))
     #: Gap, stiffness, damping, and whether it only pushes; zeros for a map.
     pin: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
@@ -262,7 +261,7 @@ class Nonlinearity(ABC):
     @abstractmethod
     def describing_function(
         self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+    ) -> tuple[Array, ComplexArray]:
         """Mean output and complex gain for ``x = bias + amplitude * sin(omega t)``.
 
         The output is approximated by ``mean + Im(gain * amplitude * exp(j omega t))``: with
@@ -274,7 +273,7 @@ class Nonlinearity(ABC):
     def automaton(self) -> Automaton:
         """Modes, guards and resets of the element for the hybrid system."""
 
-    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, NDArray[np.float64]]:
+    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, Array]:
         """Mode and memory values at a start with a memory as `output` takes it (None: the element's own).
 
         The mode need not be the one in which the element is: what an input has passed it leaves at once.
@@ -290,19 +289,17 @@ class Nonlinearity(ABC):
         has_states = self.own_states is not None or self.inside is not None
         return has_states or type(self).start is not Nonlinearity.start or self.automaton().n_memory > 0
 
-    def memory_at(
-        self, mode: int, stored: NDArray[np.float64], x: NDArray[np.float64], output: NDArray[np.float64]
-    ) -> Any:
+    def memory_at(self, mode: int, stored: Array, x: Array, output: Array) -> Any:
         """What `output` and `start` take as memory, in a mode with memory values, shape (n_memory,), input
         and output.
         """
         return self.memory_of(output)
 
-    def memory_of(self, output: NDArray[np.float64]) -> float | None:
+    def memory_of(self, output: Array) -> float | None:
         """First memory value of the automaton for an output, shape (n_outputs,); None without such a memory."""
         return None
 
-    def thresholds(self, bias: float = 0.0) -> NDArray[np.float64]:
+    def thresholds(self, bias: float = 0.0) -> Array:
         """Positive amplitudes about `bias` at which the describing function changes its form.
 
         They are the scales of an amplitude search: distances of the automaton's switching levels from the bias.
@@ -325,9 +322,7 @@ class Nonlinearity(ABC):
         """
         return -np.inf, np.inf
 
-    def described_with_slopes(
-        self, amplitude: NDArray[np.float64], bias: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
+    def described_with_slopes(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array] | None:
         """Mean and gain (real), shape (n,), and derivatives of the mean by bias and amplitude, shape (2, n).
 
         Of a map without memory at amplitudes above zero, where there is a closed form; None for any other element. The
@@ -340,7 +335,7 @@ class Nonlinearity(ABC):
         """What kernels compute its mean and gain from; None where no kernel can."""
         return None
 
-    def linear_gain(self) -> NDArray[np.float64]:
+    def linear_gain(self) -> Array:
         """Gains, shape (n_outputs, n_inputs), that stand for the element in the margins of the linearised loop.
 
         The steepest slopes, infinite where the element jumps.
@@ -362,7 +357,7 @@ class Nonlinearity(ABC):
         """
         return None
 
-    def harmonics(self, amplitude: float, bias: float, omega: float, order: int) -> NDArray[np.complex128] | None:
+    def harmonics(self, amplitude: float, bias: float, omega: float, order: int) -> ComplexArray | None:
         """Of the settled output under ``bias + amplitude sin(omega t)``, over the amplitude; the mean is the zeroth.
 
         Shape (1, order + 1); None where the answer is that of the automaton to its input.

@@ -7,9 +7,10 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import DAMPING, IN, SLOPE, ClosedForm, Nonlinearity
@@ -23,9 +24,8 @@ from eppanalysis.models.elements.phases import (
     require_numbers,
 )
 
-Array = NDArray[np.float64]
 _CONTACT = MappingProxyType({"gap": IN, "stiffness": SLOPE, "damping": DAMPING})
-Answer = tuple[Array, NDArray[np.complex128]]
+Answer = tuple[Array, ComplexArray]
 
 
 @dataclass(frozen=True)

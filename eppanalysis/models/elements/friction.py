@@ -9,9 +9,10 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import OUT, ClosedForm, Nonlinearity
@@ -26,8 +27,6 @@ from eppanalysis.models.elements.phases import (
     require_numbers,
 )
 from eppanalysis.models.elements.static import Coulomb
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,7 @@ class Friction(Nonlinearity, kind="friction"):
 
     def describing_function(
         self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, NDArray[np.complex128]]:
+    ) -> tuple[Array, ComplexArray]:
         """Mean and gain (real) for the velocity ``bias + amplitude * sin(omega t)``, which never rests.
 
         Coulomb friction is the biased relay. For falling friction both integrals are elementary by the substitution

@@ -7,9 +7,10 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, OUT, Nonlinearity
@@ -25,8 +26,7 @@ from eppanalysis.models.elements.phases import (
     with_nan,
 )
 
-Array = NDArray[np.float64]
-Answer = tuple[Array, NDArray[np.complex128]]
+Answer = tuple[Array, ComplexArray]
 
 
 class _Levels(Nonlinearity):

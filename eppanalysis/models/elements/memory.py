@@ -16,9 +16,10 @@ from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, RATIO, SLOPE, Nonlinearity
@@ -36,8 +37,7 @@ from eppanalysis.models.elements.phases import (
 )
 from eppanalysis.models.elements.piecewise import UNITY
 
-Array = NDArray[np.float64]
-Answer = tuple[Array, NDArray[np.complex128]]
+Answer = tuple[Array, ComplexArray]
 
 
 class Slip(NamedTuple):
@@ -133,7 +133,7 @@ class Play(Nonlinearity, kind="play"):
         """Infinite, as the output stays where it is while the input passes zero; one without a gap."""
         return (-np.inf, np.inf) if self.gap else (1.0, 1.0)
 
-    def memory_of(self, output: NDArray[np.float64]) -> float | None:
+    def memory_of(self, output: Array) -> float | None:
         """The output itself."""
         return float(output[0])
 
@@ -230,7 +230,7 @@ class BacklashCompensator(_Sticking, kind="backlash_compensator"):
         """Infinite, as it adds to an input that passes zero; one without a gap."""
         return (-np.inf, np.inf) if self.gap else (1.0, 1.0)
 
-    def memory_of(self, output: NDArray[np.float64]) -> float | None:
+    def memory_of(self, output: Array) -> float | None:
         """Where the middle of the travel is, while the input stands there."""
         return float(output[0]) if self.travel else None
 
@@ -327,7 +327,7 @@ class JumpAndFollow(_Sticking, kind="jump_and_follow"):
         """The slope at which it follows."""
         return np.array([[self.slope]])
 
-    def memory_of(self, output: NDArray[np.float64]) -> float | None:
+    def memory_of(self, output: Array) -> float | None:
         """The output itself."""
         return float(output[0])
 
@@ -469,7 +469,7 @@ class StictionPulley(_Sticking, kind="stiction_pulley"):
         h, f = self.harness_stiffness, self.forearm_stiffness
         return np.full((2, 1), h * f / (h + f))
 
-    def memory_of(self, output: NDArray[np.float64]) -> float | None:
+    def memory_of(self, output: Array) -> float | None:
         """Stretch of the forearm side [m]."""
         return float(output[0]) / self.forearm_stiffness
 

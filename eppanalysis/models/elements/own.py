@@ -7,9 +7,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import SMOOTH_KINDS, Automaton, Guard
 from eppanalysis.models.elements.base import Nonlinearity, OwnStates
@@ -18,7 +19,6 @@ from eppanalysis.models.elements.phases import broadcast
 if TYPE_CHECKING:
     from eppanalysis.kernels.describing.sinusoid import Rules
 
-Array = NDArray[np.float64]
 _MOST_EVENTS = 1000
 
 
@@ -184,7 +184,7 @@ class AutomatonElement(Nonlinearity):
 
     def describing_function(
         self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, NDArray[np.complex128]]:
+    ) -> tuple[Array, ComplexArray]:
         """Mean and gain by quadrature over a period, where memory repeats after a few; accurate to about 1e-12.
 
         Not a number where it does not come to answer with the period of its input, or switches without end.

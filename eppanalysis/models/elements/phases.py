@@ -11,12 +11,11 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats, is_number
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
-
-Array = NDArray[np.float64]
 
 #: What a number may be expected to be, in the words in which it is refused.
 POSITIVE, NOT_NEGATIVE, NOT_ZERO = "a positive number", "zero or more", "a number other than zero"
@@ -125,7 +124,7 @@ def amplitude_and_bias(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) 
 
 def with_nan(
     a: Array, b: Array, mean: ArrayLike, gain: ArrayLike, omega: ArrayLike = 0.0
-) -> tuple[Array, NDArray[np.complex128]]:
+) -> tuple[Array, ComplexArray]:
     """Not-a-number in, not-a-number out (comparisons would take it for an amplitude below the threshold)."""
     undefined = np.isnan(a) | np.isnan(b) | np.isnan(omega)
     return np.where(undefined, np.nan, mean), np.where(undefined, np.nan, gain) + 0j

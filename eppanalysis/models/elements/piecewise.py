@@ -8,17 +8,16 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, OUT, SLOPE, ClosedForm, Nonlinearity
 from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import broadcast, distances
-
-Array = NDArray[np.float64]
 
 
 class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
@@ -129,7 +128,7 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
 
     def describing_function(
         self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, NDArray[np.complex128]]:
+    ) -> tuple[Array, ComplexArray]:
         """Mean output and gain (real, the map has no memory) for ``x = bias + amplitude * sin(omega t)``.
 
         Exact for every breakpoint and jump, by the closed form in :mod:`eppanalysis.kernels.describing.piecewise` (the

@@ -12,9 +12,10 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats, of_two_sides
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Nonlinearity
@@ -43,8 +44,6 @@ __all__ = [
     "Saturation",
     "Sine",
 ]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -413,7 +412,7 @@ class Sine(Nonlinearity, kind="sine"):
 
     def describing_function(
         self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, NDArray[np.complex128]]:
+    ) -> tuple[Array, ComplexArray]:
         """Mean ``scale J0(A) sin b`` and gain ``scale 2 J1(A)/A cos b``, by the Jacobi-Anger expansion.
 
         Raises

@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.signals import SignalMap
-
-Array = NDArray[np.float64]
 
 #: Condition number from which an algebraic loop has no unique solution.
 _SINGULAR = 1e13

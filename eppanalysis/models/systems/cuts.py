@@ -7,12 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked_class, floats
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError, shown
-
-Array = NDArray[np.float64]
 
 
 @checked_class

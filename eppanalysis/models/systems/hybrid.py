@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import SMOOTH_KINDS, Automaton, AutomatonBuilder
 from eppanalysis.models.elements.base import Nonlinearity, automaton_of
@@ -32,15 +32,13 @@ from eppanalysis.readable import listed, words
 if TYPE_CHECKING:
     from eppanalysis.kernels.engine.tables import Model
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 T = TypeVar("T")
 DELAY_LINE = len(SMOOTH_KINDS)
 #: Dead time, relative to the fastest time constant of the linear part.
 _LEAST_DELAY = 1e-7
 
 
-def cascade(elements: Iterable[int], acts: NDArray[np.bool_]) -> list[int]:
+def cascade(elements: Iterable[int], acts: BoolArray) -> list[int]:
     """Elements each behind those that act on it (a row what acts on one); the first one breaks an algebraic loop."""
     rest, found = list(elements), []
     while rest:
@@ -49,7 +47,7 @@ def cascade(elements: Iterable[int], acts: NDArray[np.bool_]) -> list[int]:
     return found
 
 
-def reaching(begun: NDArray[np.bool_], acts: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def reaching(begun: BoolArray, acts: BoolArray) -> BoolArray:
     """What each row of `begun` reaches by steps from rows of `acts` to their columns."""
     further = begun | (begun @ acts)
     return begun if np.array_equal(further, begun) else reaching(further, acts)
@@ -65,7 +63,7 @@ class HybridSystem:
     H0: Array
     modes0: IntArray  # (elements,): mode of each element at the start
     n_plant: int  # how many of the states are the loop's own
-    compared: NDArray[np.bool_]  # (n + inputs,): states that repeat on a limit cycle (clocks do not)
+    compared: BoolArray  # (n + inputs,): states that repeat on a limit cycle (clocks do not)
     element_names: tuple[str, ...]  # for the event list
     time_scale: float  # length of a step on which the linear part moves moderately [s]
     #: elements, automata: of the loop; the automata may end with that of an observer.
@@ -273,7 +271,7 @@ class _Packer:
             time_scale=2.0 / fastest if fastest > 0 else 1.0,
         )
 
-    def _acts_on(self, D: Array, B: Array, C: Array) -> NDArray[np.bool_]:
+    def _acts_on(self, D: Array, B: Array, C: Array) -> BoolArray:
         """Where the output of an element (column) acts straight on an input of another (row), or on its own.
 
         So does an impulse, by way of the states that integrate it.
@@ -301,7 +299,7 @@ class _Packer:
                     expected="one that acts on the rates of states alone, straight and without dead time",
                 )
 
-    def _order(self, acts: NDArray[np.bool_]) -> IntArray:
+    def _order(self, acts: BoolArray) -> IntArray:
         """Elements along the cascade: each behind those that act straight on it, but for algebraic loops.
 
         Sampled controllers come last, each behind those that reach it: what a sample brings about is settled before the
@@ -311,7 +309,7 @@ class _Packer:
         others = (e for e in range(len(acts)) if e not in sampled)
         return np.array([*cascade(others, acts), *cascade(sampled, self._reach(acts)[:-1].T > 0)], np.int64)
 
-    def _reach(self, acts: NDArray[np.bool_]) -> IntArray:
+    def _reach(self, acts: BoolArray) -> IntArray:
         """Which elements a jump reaches, straight or through others; a row each element, the last for inputs."""
         given = np.flatnonzero(np.any(self.system.D_input != 0.0, axis=1))
         inputs = np.zeros(len(acts), bool)

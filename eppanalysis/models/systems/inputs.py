@@ -10,12 +10,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import checked_class, floats
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 
-Array = NDArray[np.float64]
 Breakpoints = tuple[Array, Array, Array]
 
 

@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats, is_number
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: What is smaller than this share of the terms that it is made of is rounding: a realisation in other coordinates
 #: (rotated, balanced, identified) has such remainders where another one has zeros.

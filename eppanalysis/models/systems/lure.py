@@ -15,9 +15,10 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.dynamic.sampled import on_common_ticks
@@ -42,8 +43,6 @@ from eppanalysis.models.systems.signals import (
 if TYPE_CHECKING:
     import control
     from scipy import signal
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

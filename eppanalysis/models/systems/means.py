@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.systems.lure import LureSystem
 
-Array = NDArray[np.float64]
 #: Share of its terms below which a sum of the static balance is rounding.
 _REMAINDER = 1e-12
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked, checked_class
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.models.systems.inputs import InputSignal, Sine, input_signals_by_name
 
@@ -93,7 +93,7 @@ class OperatingPoint:
         return OperatingPoint({**self.inputs, **inputs}, left)
 
     @checked
-    def vector(self, system: LureSystem) -> NDArray[np.float64]:
+    def vector(self, system: LureSystem) -> Array:
         """The inputs in the order of a loop, shape (nv,).
 
         Raises

@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity, OwnStates
-
-Array = NDArray[np.float64]
 
 
 def ports(element: Nonlinearity) -> tuple[int, int]:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.models.systems.linear import solved
 from eppanalysis.models.systems.signals import SignalMap
-
-Array = NDArray[np.float64]
 
 
 class Responses(ABC):
@@ -37,7 +36,7 @@ class Responses(ABC):
         """
         return max(1, int(0.999 * np.pi / (omega * self.time_step))) if self.time_step else 10**6
 
-    def frequency_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
+    def frequency_response(self, omega: ArrayLike) -> ComplexArray:
         """Response from the elements' outputs to their inputs, shape (..., nz, nw), dead time included.
 
         Parameters
@@ -48,30 +47,30 @@ class Responses(ABC):
         """
         return self._response(floats(omega, "frequency_response: omega"), self.C, self.D)
 
-    def signal_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
+    def signal_response(self, omega: ArrayLike) -> ComplexArray:
         """Response from the elements' outputs to the named signals, shape (..., ns, nw)."""
         return self._response(omega, self.signals.C, self.signals.D)
 
-    def state_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
+    def state_response(self, omega: ArrayLike) -> ComplexArray:
         """Response from the elements' outputs to the state, shape (..., n, nw)."""
         n, nw = self.B.shape
         return self._response(omega, np.eye(n), np.zeros((n, nw)))
 
-    def frequency_response_and_slope(self, omega: ArrayLike) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    def frequency_response_and_slope(self, omega: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
         """:meth:`frequency_response` and its derivative by `omega`, both of shape (..., nz, nw)."""
         L, dL = self._answers(omega, self.C, 2)
         return L + self.D, dL
 
-    def response_at(self, s: ArrayLike) -> NDArray[np.complex128]:
+    def response_at(self, s: ArrayLike) -> ComplexArray:
         """Response from the elements' outputs to their inputs at any complex s [1/s], shape (..., nz, nw)."""
         s = np.asarray(s, complex)
         x = solved(self.characteristic_matrix(s), self.B + 0j) * np.exp(-s[..., None] * self.delays)[..., None, :]
         return np.asarray(self.C @ x + self.D, complex)
 
-    def _response(self, omega: ArrayLike, C: Array, D: Array) -> NDArray[np.complex128]:
+    def _response(self, omega: ArrayLike, C: Array, D: Array) -> ComplexArray:
         return np.asarray(self._answers(omega, C, 1)[0] + D, complex)
 
-    def _answers(self, omega: ArrayLike, C: Array, count: int) -> NDArray[np.complex128]:
+    def _answers(self, omega: ArrayLike, C: Array, count: int) -> ComplexArray:
         """Responses to what C takes of the states, and their derivatives by `omega` if two are asked for."""
         from eppanalysis.kernels.responses import response_and_slope
 
@@ -95,11 +94,11 @@ class Responses(ABC):
         """
         return self.with_integrators_apart if self.time_step else (self, None)
 
-    def characteristic_matrix(self, s: ArrayLike) -> NDArray[np.complex128]:
+    def characteristic_matrix(self, s: ArrayLike) -> ComplexArray:
         """``s - A`` at complex frequencies s [1/s], shape (..., n, n); in discrete time ``exp(s T) - A``."""
         return np.asarray(self._place(s)[0][..., None, None] * np.eye(len(self.A)) - self._rates, complex)
 
-    def _place(self, s: ArrayLike) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    def _place(self, s: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
         """What stands for the rate (in discrete time a step's change) at complex frequencies s [1/s], and its slope."""
         s = np.asarray(s, complex)
         if not self.time_step:

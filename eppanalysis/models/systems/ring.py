@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.linear import StateSpace, as_state_space
-
-Array = NDArray[np.float64]
 
 
 class Ring:

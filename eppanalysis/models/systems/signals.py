@@ -7,13 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.own_states import ports
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.models.elements.memory import Slip
 
 if TYPE_CHECKING:
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from eppanalysis.models.elements.automaton import Automaton
     from eppanalysis.models.elements.base import Nonlinearity
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 #: Distance from a value, relative to its terms, that is rounding.
 _ROUNDING = 1e-9
 
@@ -102,7 +100,7 @@ def _beside_level(hybrid: Hybrid, e: int, mode: int, x: Array) -> int:
     return mode
 
 
-def admitted(jump: Array, z: int, w: int, B: Array, C: Array, D: Array) -> NDArray[np.bool_]:
+def admitted(jump: Array, z: int, w: int, B: Array, C: Array, D: Array) -> BoolArray:
     """Whether the loop pulls an element's input (row z) back against jumps of its output (w)."""
     pull = float(C[z] @ B[:, w])
     size = float(np.abs(C[z]) @ np.abs(B[:, w]))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from eppanalysis.methods.design.climb import Array, Slope, climb
+from eppanalysis.arrays import Array
+from eppanalysis.methods.design.climb import Slope, climb
 
 
 def top_of(values, slopes, start: Array) -> Slope:

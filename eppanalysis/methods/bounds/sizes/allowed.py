@@ -13,8 +13,8 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import EppError, did_you_mean, shown
 from eppanalysis.methods.continuation.steps import signal_ranges
 from eppanalysis.methods.orbits.cycle import orbit_shape
@@ -26,8 +26,6 @@ from eppanalysis.units import QuantityError, parse_quantity
 
 if TYPE_CHECKING:
     from eppanalysis.methods.simulation.batch import BatchResult
-
-Array = NDArray[np.float64]
 
 
 class Measure(StrEnum):
@@ -136,7 +134,7 @@ class Allowed(PlainData):
         low, high = self.band
         return min(size, self.size / (period * low), self.size * high * period)
 
-    def counts(self, period: Array) -> NDArray[np.bool_]:
+    def counts(self, period: Array) -> BoolArray:
         """Whether cycles of these periods are bounded."""
         if self.band is None:
             return np.full(np.shape(period), True)
@@ -170,7 +168,7 @@ class Allowed(PlainData):
         square = (np.append(wave, wave[0]) - cycle.mean[self.signal]) ** 2
         return float(np.sqrt(np.trapezoid(square, time) / cycle.period))
 
-    def too_large(self, runs: BatchResult) -> NDArray[np.bool_]:
+    def too_large(self, runs: BatchResult) -> BoolArray:
         """Which of many runs end on a cycle larger than allowed, by 512 samples of it."""
         on_cycle = np.array([status is Status.LIMIT_CYCLE for status in runs.status])
         return on_cycle & (self.size_of_runs(runs) > self.size) & self.counts(runs.period)

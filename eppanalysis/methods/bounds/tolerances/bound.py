@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import check_counts
+from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.elasticity import exact_slopes, parameters_of
 from eppanalysis.methods.bounds.exact import ExactBound, correct
@@ -40,8 +40,6 @@ from eppanalysis.progress import Progress
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.deferred import Deferred
 from eppanalysis.results.provenance import Provenance
-
-Array = NDArray[np.float64]
 
 _MOST_CORNERS, _CHECKED = 8, 3
 #: Sizes of the orbit at the nominal bound from which the runs of a draw begin, and points on it.
@@ -400,7 +398,7 @@ class _Box:
             high, low = np.where(up, middle, high), np.where(up, low, middle)
         return low if self.sign > 0 else high
 
-    def _oscillating(self, cases: Sequence[CaseLike], values: Array, threads: int) -> NDArray[np.bool_]:
+    def _oscillating(self, cases: Sequence[CaseLike], values: Array, threads: int) -> BoolArray:
         """Which cases have a run that does not come to rest, at their values of the bounded parameter."""
         starts: list[list[HybridSystem]] = []
         for case, value in zip(cases, values.tolist(), strict=True):

@@ -5,11 +5,9 @@ from __future__ import annotations
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, shown
-
-Array = NDArray[np.float64]
 
 
 class Distribution(StrEnum):

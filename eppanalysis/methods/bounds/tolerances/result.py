@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array
 from eppanalysis.readable import listed, number, quantity, words
 from eppanalysis.results import Result, Status
 from eppanalysis.shown import frame_of
@@ -16,8 +16,6 @@ from eppanalysis.shown import frame_of
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,16 +12,15 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import polynomial as poly
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.certificates import check_elbow
 from eppanalysis.methods.certificates.numbers import NotCovered, number_of
 from eppanalysis.methods.certificates.registry import sealed
 from eppanalysis.models.elements import FiveBandLaw, Friction, LockPin, PiecewiseLinear
 from eppanalysis.models.systems.lure import LureSystem
 
-Array = NDArray[np.float64]
 #: Where the search begins, for the elbow with nominal values: log(mu c/J), log(sigma/(1 - sigma)), then of two factors
 #: of d, in units of the forearm's frequency on the contact, the log of the frequency and the damping, then n1, n2.
 _START = np.array([-3.67406 + 3.0683, -1.89799, 4.34538 - 4.988, -0.60492, 4.59518 - 4.988, 0.73808, -0.415, 0.331])

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.methods.certificates.orbits.path import ExactPath
 from eppanalysis.methods.orbits.orbit import Orbit
 
-Array = NDArray[np.float64]
 #: Bits of the entries of the axes; more only make the rationals longer.
 _BITS = 20
 #: What the last signal chosen adds to the others, relative to its size, at least.
@@ -72,7 +71,7 @@ def rational_of(value: float) -> Any:
     return fmpq(top, bottom)
 
 
-def _signals(orbit: Orbit, places: NDArray[np.int64]) -> Array | None:
+def _signals(orbit: Orbit, places: IntArray) -> Array | None:
     """As many signals as there are states, the most independent ones over the motion, as rows on the states."""
     model, n = orbit.hybrid.model, places.size
     rates = np.einsum("pij,pj->pi", orbit.arcs.F, orbit.starts[:-1])[:, places] * 0.1 * np.abs(orbit.tau)[:, None]

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.certificates.orbits.shooting import Enclosure, Shooting
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

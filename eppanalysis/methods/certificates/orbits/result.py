@@ -8,9 +8,9 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.methods.certificates.result import WithFile
 
 if TYPE_CHECKING:
@@ -92,11 +92,11 @@ class CertifiedOrbit(WithFile):
     radius: float = _NAN
     unique_within: float = _NAN
     events: tuple[str, ...] = ()
-    state: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    state: Array = field(default_factory=lambda: np.zeros(0))
     stability: OrbitStability = OrbitStability.NOT_DECIDED
     stability_message: str = ""
-    multipliers: NDArray[np.complex128] = field(default_factory=lambda: np.zeros(0, complex))
-    multiplier_radii: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    multipliers: ComplexArray = field(default_factory=lambda: np.zeros(0, complex))
+    multiplier_radii: Array = field(default_factory=lambda: np.zeros(0))
     n_pieces: int = 0
     evidence: dict[str, str] = field(default_factory=dict)
     document: Mapping[str, Any] = field(default_factory=dict)

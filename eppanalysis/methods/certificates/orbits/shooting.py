@@ -15,13 +15,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.certificates.numbers import NotCovered
 from eppanalysis.methods.certificates.orbits.axes import OwnAxes
 from eppanalysis.methods.orbits.orbit import Orbit
 
-Array = NDArray[np.float64]
 #: Relative sizes of the box that are tried, largest first.
 _BOXES = tuple(10.0**-k for k in range(3, 16))
 #: Steps of Newton's method with a fixed inverse, at most.

@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import require_packages
 
-Array = NDArray[np.float64]
 Vector = list[Fraction]
 Matrix = list[Vector]
 #: Solutions are rounded to so many parts of one.

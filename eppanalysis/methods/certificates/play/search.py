@@ -13,8 +13,8 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.certificates.check_play import contact_form, sectors_of
 from eppanalysis.methods.certificates.play.program import (
     Matrix,
@@ -25,8 +25,6 @@ from eppanalysis.methods.certificates.play.program import (
     spare,
     symmetric,
 )
-
-Array = NDArray[np.float64]
 
 
 def rays_of(count: int, n_digits: int = 100) -> Matrix:

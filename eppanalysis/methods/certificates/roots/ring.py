@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.certificates.numbers import NotCovered
-from eppanalysis.methods.certificates.rational import Array, forced, rational_link, require_no_bias
+from eppanalysis.methods.certificates.rational import forced, rational_link, require_no_bias
 from eppanalysis.models.systems.lure import LureSystem
 
 

@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.describing.balance import Array, Balance
+from eppanalysis.methods.describing.balance import Balance
 from eppanalysis.methods.describing.blind import near_misses
 from eppanalysis.methods.describing.data.intervals import Noise
 from eppanalysis.methods.describing.error import Estimate

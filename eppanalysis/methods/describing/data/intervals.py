@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray, scales
+from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.methods.describing.balance import Balance, scales
 from eppanalysis.models.systems.measured.loop import DataSystem
 
 #: Deviates of 95 % for one unknown and for two.

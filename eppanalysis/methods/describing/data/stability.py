@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from eppanalysis.methods.describing.balance import Array, Balance
+from eppanalysis.arrays import Array
+from eppanalysis.methods.describing.balance import Balance
 from eppanalysis.methods.describing.quality import Point
 from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.models.systems.measured.response import MeasuredResponse

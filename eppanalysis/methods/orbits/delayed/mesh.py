@@ -7,12 +7,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.errors import ModelError
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Pieces at most; and the longest one, of a period.
 _MOST_PIECES, _LONGEST = 160, 1.0 / 24.0

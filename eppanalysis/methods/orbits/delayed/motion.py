@@ -18,18 +18,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray, IntArray
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.delayed.mesh import Mesh, basis, nodes
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-IntArray = NDArray[np.int64]
 
 #: Echoes of each switch at which pieces end, and degree of the polynomials; the finer ones tell the error.
 COARSE, FINE = (6, 9), (9, 12)

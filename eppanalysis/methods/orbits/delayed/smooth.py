@@ -20,6 +20,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, ComplexArray, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.harmonic.balance import balances_of, cycle_of, settled
 from eppanalysis.methods.harmonic.elements import Unsettled
@@ -39,9 +40,6 @@ from eppanalysis.results import EXACT_ORBIT, LimitCycle
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Orders of the balance from which the corners of elements are read; estimate below which one is a start.
 _ORDERS, _TRUSTED = (50, 100, 200), 0.05
@@ -187,7 +185,7 @@ def _entries(
     return turns, rows, columns, values
 
 
-def _lines(system: LureSystem) -> list[tuple[float, NDArray[np.bool_]]]:
+def _lines(system: LureSystem) -> list[tuple[float, BoolArray]]:
     """Dead times, and the outputs that come so much later; zero for those that come at once."""
     return [(float(late), system.delays == late) for late in np.unique(system.delays)]
 
@@ -219,13 +217,13 @@ def _closed(loop: Loop, balance: LimitCycle) -> LimitCycle | None:
     return _told(loop, balance, made[0], made[1])
 
 
-def _corners(loop: Loop, Z: NDArray[np.complex128], omega: float) -> Array:
+def _corners(loop: Loop, Z: ComplexArray, omega: float) -> Array:
     """Phases within a turn at which elements have a corner, in order."""
     phases = np.sort(np.concatenate([r.phases % TURN for r in loop.answers(Z, omega)[1]]))
     return phases[np.diff(phases, prepend=-1.0) > _SAME * TURN]
 
 
-def _jumps(loop: Loop, Z: NDArray[np.complex128], corners: Array) -> bool:
+def _jumps(loop: Loop, Z: ComplexArray, corners: Array) -> bool:
     """Whether an output jumps at a corner."""
     around, beside = np.linspace(0.0, TURN, 64), _BESIDE * TURN
     at = (waves(Z, phases) for phases in (corners - beside, corners + beside, around))
@@ -240,7 +238,7 @@ def _jumps(loop: Loop, Z: NDArray[np.complex128], corners: Array) -> bool:
 class _Series:
     """The states of a balance as a Fourier series from a time on."""
 
-    coefficients: NDArray[np.complex128]
+    coefficients: ComplexArray
     omega: float
     begin: float
 
@@ -250,7 +248,7 @@ class _Series:
         return np.asarray((waves @ self.coefficients).real, float)
 
 
-def _begun(loop: Loop, Z: NDArray[np.complex128], omega: float, begin: float, mean: Array) -> _Series:
+def _begun(loop: Loop, Z: ComplexArray, omega: float, begin: float, mean: Array) -> _Series:
     W, _ = loop.answers(Z, omega)
     moving = (loop.system.state_response(omega * orders(Z.shape[1] - 1)[1:]) @ W.T[1:, :, None])[..., 0]
     return _Series(np.vstack([mean + 0j, moving]), omega, begin)
@@ -302,8 +300,8 @@ def _settled(course: _Course) -> _Course | None:
 def _told(
     loop: Loop,
     balance: LimitCycle,
-    coarse: tuple[_Course, NDArray[np.complex128] | None],
-    fine: tuple[_Course, NDArray[np.complex128] | None],
+    coarse: tuple[_Course, ComplexArray | None],
+    fine: tuple[_Course, ComplexArray | None],
 ) -> LimitCycle | None:
     """The closed cycle; None where its refinements differ."""
     (rough, first), (course, values) = coarse, fine

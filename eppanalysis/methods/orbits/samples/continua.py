@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from eppanalysis.arrays import Array
 
 #: Change once round, relative to the motion, that is rounding, and the share of its neighbours' size that a cycle
 #: between two of one continuum has at least.

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.guess import brought_about, marked
@@ -32,8 +32,6 @@ from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.models.systems.starts import remembered
 from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
-
-Array = NDArray[np.float64]
 
 #: Steps of Newton's method that better nothing.
 _IDLE = 5
@@ -138,9 +136,7 @@ class Round:
                 D = self._along(modes[part], guards[part], tau[part], self.rows[part], D, known)
         return D[free]
 
-    def _along(
-        self, modes: NDArray[np.int64], guards: NDArray[np.int64], tau: Array, starts: Array, D: Array, known: dict
-    ) -> Array:
+    def _along(self, modes: IntArray, guards: IntArray, tau: Array, starts: Array, D: Array, known: dict) -> Array:
         from eppanalysis.kernels.orbits.sweep import along
 
         it = EventSequence(modes, guards, np.full((guards.size, 3), -1), brought_about(self.start.model, guards, tau))
@@ -171,7 +167,7 @@ class Round:
         return D
 
     @cached_property
-    def multipliers(self) -> NDArray[np.complex128] | None:
+    def multipliers(self) -> ComplexArray | None:
         """Those of what repeats, one for each state of the controllers too; None where a guard is only touched."""
         if not np.all(np.isfinite(self.derivative)):
             return None

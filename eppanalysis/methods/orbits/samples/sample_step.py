@@ -8,15 +8,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.methods.simulation.effort import spend
 from eppanalysis.methods.simulation.iterate import cascade_order, whole_samples
 from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.systems.lure import LureSystem
 
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 #: Steps of differences relative to the motion, the largest first: between pieces' borders they are exact to rounding.
 _STEPS = (1e-3, 1e-5, 1e-7)
 #: What a sample of any number of states is worth in steps of the engine, and one of a single state; with the derivative
@@ -42,7 +40,7 @@ class Step:
         return cascade_order(self.system)
 
     @cached_property
-    def lag(self) -> NDArray[np.int64]:
+    def lag(self) -> IntArray:
         """Dead time of each output in samples."""
         return whole_samples(self.system, "a dead time", self.system.delays)
 

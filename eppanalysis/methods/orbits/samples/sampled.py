@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.samples.sample_step import Step
 from eppanalysis.methods.simulation.iterate import cycle_of_samples
@@ -29,9 +30,6 @@ from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.results import EXACT_ORBIT, SIMULATION, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 _ITERATIONS = 12
 _CLOSED = 1e-11  # change over a period, relative to the motion, of an orbit that is closed
 _SAME = 1e-7

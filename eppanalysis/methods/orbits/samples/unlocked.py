@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.orbits.samples.sample_step import Step
 from eppanalysis.results import SIMULATION, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
-Array = NDArray[np.float64]
 #: Fewest samples of a turn between which a state is taken from a straight line, and fewest turns that are compared.
 _FEWEST_SAMPLES, _FEWEST_TURNS = 30, 8
 #: How far turns may differ, relative to the motion, and how much of that may be a drift from the first half of them to

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
 from eppanalysis.models.elements.base import Nonlinearity
@@ -31,8 +31,6 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.signals import SignalMap
 
 __all__ = ["ElbowParameters", "elbow"]
-
-Array = NDArray[np.float64]
 
 SIGNAL_UNITS = {
     "theta": "rad",

@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
 from eppanalysis.models.elements.curves.table import Tabulated, check_points
 from eppanalysis.models.elements.phases import broadcast, distances, with_nan
-
-Array = NDArray[np.float64]
 
 #: Gauss's rule for the phases between two points, of polynomials of the sixth degree in a sine.
 _PLACE, _WEIGHT = np.polynomial.legendre.leggauss(28)
@@ -94,7 +93,7 @@ class MonotoneTable(Tabulated, kind="monotone_table"):
 
     def describing_function(
         self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, NDArray[np.complex128]]:
+    ) -> tuple[Array, ComplexArray]:
         """Mean output and gain (real) for ``x = bias + amplitude * sin(omega t)``, to rounding.
 
         The gain is 2/pi times the integral of the slope by the squared cosine from trough to peak (by parts), so that

@@ -7,14 +7,13 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array
 from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE
 from eppanalysis.models.elements.phases import require, require_numbers, require_steps
 from eppanalysis.models.elements.piecewise import PiecewiseLinear
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

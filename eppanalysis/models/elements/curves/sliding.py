@@ -8,9 +8,10 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Nonlinearity
@@ -18,13 +19,12 @@ from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import NOT_NEGATIVE, broadcast, layers, require, require_numbers, with_nan
 from eppanalysis.models.elements.static import Coulomb
 
-Array = NDArray[np.float64]
 #: Largest exponent of a Stribeck curve, parts of a panel of one that falls steeply, and how much shorter panels are at
 #: rest where the exponent makes a root there.
 _STEEPEST, _PARTS, _ROOT = 6, 4, 2.0**30
 #: Velocity over the Stribeck velocity below which a line stands for a curve that has no Taylor series at rest.
 _CREEP = 1e-10
-Answer = tuple[Array, NDArray[np.complex128]]
+Answer = tuple[Array, ComplexArray]
 
 
 class _Sliding(Nonlinearity):

@@ -8,14 +8,13 @@ from types import MappingProxyType
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import IN, OUT, Nonlinearity
 from eppanalysis.models.elements.piecewise import PiecewiseLinear
-
-Array = NDArray[np.float64]
 
 
 class Tabulated(Nonlinearity):

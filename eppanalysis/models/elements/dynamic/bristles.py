@@ -12,9 +12,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, ComplexArray, IntArray
 from eppanalysis.models.elements.automaton import Automaton, Smooth
 from eppanalysis.models.elements.base import IN, OUT, SLOPE, SLOPE_PER_TIME, OwnStates
 from eppanalysis.models.elements.dynamic.presliding import DahlLaw, PreslidingLaw, Spring
@@ -28,8 +29,6 @@ from eppanalysis.models.elements.phases import (
 )
 from eppanalysis.models.elements.piecewise import UNITY
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Answer = tuple[Array, ComplexArray]
 #: Nodes of Radau's rule on a panel, most panels of half an arc, and panels that are solved at once.
 _NODES, _MOST_PANELS, _AT_ONCE = 12, 40, 4000
@@ -73,7 +72,7 @@ class LuGreLaw(PreslidingLaw):
         shape = np.shape(amplitude)
         return mean.reshape(shape), gain.reshape(shape)
 
-    def _panels(self, a: Array, w: Array) -> NDArray[np.int64]:
+    def _panels(self, a: Array, w: Array) -> IntArray:
         """Panels of half an arc; each is half as long as the next, the nearer they are to the end of the arc.
 
         The force changes within the presliding distance behind a reversal, the steady one within the Stribeck velocity.

@@ -11,9 +11,10 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder
 from eppanalysis.models.elements.base import DAMPING, OUT, SLOPE, SLOPE_PER_TIME, TIME, OwnStates
@@ -29,9 +30,6 @@ from eppanalysis.models.elements.phases import (
     with_nan,
 )
 from eppanalysis.models.elements.static import Saturation
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
@@ -19,7 +20,7 @@ from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.piecewise import PiecewiseLinear
 from eppanalysis.models.elements.static import FiveBandLaw
 
-Answer = tuple[NDArray[np.float64], NDArray[np.complex128]]
+Answer = tuple[Array, ComplexArray]
 
 
 @dataclass(frozen=True)
@@ -106,15 +107,13 @@ class ParkingBandLaw(Nonlinearity):
         law = self.law
         return automata.parking(law.breakpoints, law.slopes, law.intercepts, law.low, law.high, self.dwell_time)
 
-    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, NDArray[np.float64]]:
+    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, Array]:
         """Parked or not, with the clock at the entry into the band; a plain number is that clock, not parked."""
         parked, entered = memory if isinstance(memory, tuple) else (False, memory)
         mode, stored = super().start(automaton, None if entered is None or math.isnan(entered) else entered)
         return (self._parked if parked else mode), stored
 
-    def memory_at(
-        self, mode: int, stored: NDArray[np.float64], x: NDArray[np.float64], output: NDArray[np.float64]
-    ) -> tuple[bool, float]:
+    def memory_at(self, mode: int, stored: Array, x: Array, output: Array) -> tuple[bool, float]:
         """(parked, clock at entry into the band), nan when outside."""
         inside = mode == self._parked or self.law.low <= float(x[0]) <= self.law.high
         return mode == self._parked, float(stored[0]) if inside else math.nan
@@ -124,7 +123,7 @@ class ParkingBandLaw(Nonlinearity):
         """Number of the mode that is parked, behind the pieces of the law."""
         return len(self.law.slopes)
 
-    def thresholds(self, bias: float = 0.0) -> NDArray[np.float64]:
+    def thresholds(self, bias: float = 0.0) -> Array:
         """Those of the plain law."""
         return self.law.thresholds(bias)
 
@@ -139,7 +138,7 @@ class ParkingBandLaw(Nonlinearity):
 
     linear_gain_is = "the steepest slope of its law, before it parks"
 
-    def linear_gain(self) -> NDArray[np.float64]:
+    def linear_gain(self) -> Array:
         """That of the law, and nothing from the clock."""
         return np.hstack([self.law.linear_gain(), [[0.0]]])
 
@@ -194,20 +193,18 @@ class SampledLaw(Nonlinearity):
         half = np.asarray(omega, float) * self.period / 2
         return mean, gain * np.sinc(half / np.pi) * np.exp(-1j * half)
 
-    def memory_of(self, output: NDArray[np.float64]) -> float | None:
+    def memory_of(self, output: Array) -> float | None:
         """The output itself."""
         return float(output[0])
 
-    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, NDArray[np.float64]]:
+    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, Array]:
         """Holding (output, clock at the next reading); a plain number is the output, with a reading at once."""
         mode, stored = super().start(automaton)
         given = np.atleast_1d(np.asarray(0.0 if memory is None else memory, float))
         stored[: given.size] = given
         return mode, stored
 
-    def memory_at(
-        self, mode: int, stored: NDArray[np.float64], x: NDArray[np.float64], output: NDArray[np.float64]
-    ) -> tuple[float, float]:
+    def memory_at(self, mode: int, stored: Array, x: Array, output: Array) -> tuple[float, float]:
         """(held output, clock at the next reading)."""
         return float(stored[0]), float(stored[1])
 
@@ -215,7 +212,7 @@ class SampledLaw(Nonlinearity):
         """One mode that holds, with a reset at every sample."""
         return automata.sampled(self.law.breakpoints, self.law.slopes, self.law.intercepts, self.period)
 
-    def thresholds(self, bias: float = 0.0) -> NDArray[np.float64]:
+    def thresholds(self, bias: float = 0.0) -> Array:
         """Those of the law."""
         return self.law.thresholds(bias)
 
@@ -225,6 +222,6 @@ class SampledLaw(Nonlinearity):
 
     linear_gain_is = "the steepest slope of its law, without the lag of its sampling"
 
-    def linear_gain(self) -> NDArray[np.float64]:
+    def linear_gain(self) -> Array:
         """That of the law, and nothing from the clock."""
         return np.hstack([self.law.linear_gain(), [[0.0]]])

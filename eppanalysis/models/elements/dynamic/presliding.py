@@ -12,9 +12,10 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
 from eppanalysis.models.elements.base import OUT, SLOPE_PER_TIME, Nonlinearity
 from eppanalysis.models.elements.dynamic.state import POLE, StateOutput, lag, state_of_law
@@ -29,8 +30,7 @@ from eppanalysis.models.elements.phases import (
 )
 from eppanalysis.models.elements.piecewise import UNITY
 
-Array = NDArray[np.float64]
-Answer = tuple[Array, NDArray[np.complex128]]
+Answer = tuple[Array, ComplexArray]
 _PLACE, _WEIGHT = np.polynomial.legendre.leggauss(24)
 #: Most panels of an arc: the shortest is as short as the steepest begin in double precision.
 _MOST_PANELS = 40

@@ -12,9 +12,10 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder
 from eppanalysis.models.elements.base import PER_TIME, SLOPE_PER_TIME, Nonlinearity
 from eppanalysis.models.elements.dynamic.state import POLE, StateOutput, lag, state_of_law
@@ -29,8 +30,7 @@ from eppanalysis.models.elements.phases import (
 )
 from eppanalysis.models.elements.piecewise import UNITY
 
-Array = NDArray[np.float64]
-Answer = tuple[Array, NDArray[np.complex128]]
+Answer = tuple[Array, ComplexArray]
 #: Product of a pole and a time below which the exponential is a series.
 _SHORT = 1e-2
 
@@ -157,7 +157,7 @@ class _Reset(StateOutput):
         a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         return _answer(a, b, w, self._law.gain, self._law.pole)
 
-    def harmonics(self, amplitude: float, bias: float, omega: float, order: int) -> NDArray[np.complex128]:
+    def harmonics(self, amplitude: float, bias: float, omega: float, order: int) -> ComplexArray:
         """In closed form, as the describing function; the mean is infinite where an integrator is never reset."""
         point = broadcast_with_frequency(amplitude, bias, omega)
         each = [_answer(*point, self._law.gain, self._law.pole, n) for n in range(1, order + 1)]

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import checked_class, floats
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder
 from eppanalysis.models.elements.base import Nonlinearity, OwnStates
 from eppanalysis.models.elements.phases import broadcast
 
-Array = NDArray[np.float64]
 #: Two times have a tick in common where their ratio is one of whole numbers up to this, but for rounding.
 _LARGEST_RATIO, _ROUNDING = 10_000, 1e-13
 
@@ -272,7 +272,7 @@ class SampledController(Nonlinearity):
         w = held[0] if self._p == 1 else np.array(held)
         return w, ControllerMemory(state, held, due, computed, ready)
 
-    def response(self, omega: ArrayLike) -> NDArray[np.complex128]:
+    def response(self, omega: ArrayLike) -> ComplexArray:
         """Frequency response with hold and delay, shape (..., p, m): the mean over all phases of the samples.
 
         ``(C (z - A)^-1 B + D) (1 - 1/z)/(j omega T) exp(-j omega delay)`` at ``z = exp(j omega T)``, T the sample time:
@@ -285,15 +285,15 @@ class SampledController(Nonlinearity):
         """
         return self.response_and_slope(omega)[0]
 
-    def response_and_slope(self, omega: ArrayLike) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    def response_and_slope(self, omega: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
         """:meth:`response` and its derivative by `omega`, both of shape (..., p, m)."""
         return self._response(floats(omega, "response: omega"))
 
-    def response_at(self, s: ArrayLike) -> NDArray[np.complex128]:
+    def response_at(self, s: ArrayLike) -> ComplexArray:
         """:meth:`response` at any complex s but zero [1/s], shape (..., p, m)."""
         return self._response(-1j * np.asarray(s))[0]
 
-    def _response(self, w: NDArray[Any]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    def _response(self, w: NDArray[Any]) -> tuple[ComplexArray, ComplexArray]:
         T = self.sample_time
         A, B, C, D = (np.asarray(getattr(self, name)) for name in "ABCD")
         half = 0.5 * w * T
@@ -306,7 +306,7 @@ class SampledController(Nonlinearity):
         hold, falls = (part[..., None, None] for part in self.hold(w))
         return np.asarray(law * hold, complex), np.asarray(slope * hold + law * falls, complex)
 
-    def hold(self, omega: NDArray[Any]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    def hold(self, omega: NDArray[Any]) -> tuple[ComplexArray, ComplexArray]:
         """Response of hold and delay alone and its derivative by the frequency [rad/s], which may be complex."""
         T = self.sample_time
         half, late = 0.5 * omega * T, np.exp(-1j * omega * (0.5 * T + self.delay))
@@ -320,7 +320,7 @@ class SampledController(Nonlinearity):
 
     def describing_function(
         self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, NDArray[np.complex128]]:
+    ) -> tuple[Array, ComplexArray]:
         """Its response with hold and delay; the mean is infinite where it integrates a bias.
 
         Raises

@@ -9,13 +9,12 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import Nonlinearity, OwnStates
 
-Array = NDArray[np.float64]
 #: Pole of a state in the loop's matrices that its law takes back [rad/s]: without one the balance of means would not
 #: determine its mean.
 POLE = 1.0

@@ -9,15 +9,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.signals import SignalMap
 
 if TYPE_CHECKING:
     import control
-
-Array = NDArray[np.float64]
 
 
 def linear_part(loop: Any) -> control.StateSpace:

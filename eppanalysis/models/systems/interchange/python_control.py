@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.foreign import as_element
@@ -26,7 +27,6 @@ from eppanalysis.models.systems.signals import SignalMap
 if TYPE_CHECKING:
     import control
 
-Array = NDArray[np.float64]
 #: Where an element is tried against a nonlinear subsystem: multiples of its last edge, and most of its pieces.
 _SPREAD = np.concatenate([-np.geomspace(1e-3, 1e3, 27), [0.0], np.geomspace(1e-3, 1e3, 27)])
 _MOST_TRIED = 200

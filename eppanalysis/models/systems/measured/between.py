@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.models.elements.base import Nonlinearity, OwnStates
 from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.own_states import side_by_side
 from eppanalysis.models.systems.signals import slices
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 #: Inputs that nothing measures, as they follow from others: see :func:`ways_of`.
 _FOLLOW = ("rate", "clock", "contact")
 

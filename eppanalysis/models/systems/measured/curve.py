@@ -15,12 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
+
 # Only a measured loop pays for loading splines.
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Fewest spans of a fitted spline, and fewest points in each.
 _FEWEST_SPANS, _POINTS_EACH = 3, 2
@@ -184,7 +183,7 @@ def _fitted(x: Array, y: Array, deviation: Array) -> BSpline:
     return _with_knots(x, y, deviation, _halved(best, np.ones(len(best) - 1, bool)))
 
 
-def _halved(edges: NDArray[np.int_], which: NDArray[np.bool_]) -> NDArray[np.int_]:
+def _halved(edges: NDArray[np.int_], which: BoolArray) -> NDArray[np.int_]:
     """The edges of spans with those between, of the spans that have points enough for two."""
     enough = np.diff(edges) >= 2 * _POINTS_EACH
     return np.union1d(edges, ((edges[:-1] + edges[1:]) // 2)[which & enough])

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import checked_class, floats
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.dynamic.sampled import SampledController
@@ -26,8 +27,6 @@ from eppanalysis.models.systems.own_states import ports
 from eppanalysis.models.systems.sampled.averaged import averaged
 from eppanalysis.models.systems.signals import element_signals, labels_of, slices
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 #: Matrices of means on inputs and on outputs, and what they are balanced with.
 Means = tuple[ArrayLike, ArrayLike, ArrayLike]
 
@@ -142,7 +141,7 @@ class MeasuredLoop:
         return np.array(rows, np.intp), np.array(columns, np.intp)
 
     @property
-    def _open(self) -> NDArray[np.bool_]:
+    def _open(self) -> BoolArray:
         """Paths whose part in the balance of means is not known, shape of the matrix."""
         gain = self.matrix.static_gain
         several = np.isinf(gain) & (np.isinf(gain).sum(1) > 1)[:, None]

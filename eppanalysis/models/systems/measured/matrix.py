@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked, checked_class
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.systems.measured.response import MeasuredResponse, reach
 from eppanalysis.readable import count
@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     import pandas
 
     from eppanalysis.plotting import Axes
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 @checked_class

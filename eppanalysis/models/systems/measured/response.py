@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import checked, checked_class, floats
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.systems.measured.curve import Curve
 from eppanalysis.readable import number
@@ -20,9 +21,6 @@ if TYPE_CHECKING:
     import pandas
 
     from eppanalysis.plotting import Axes
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Fewest points of a curve.
 _FEWEST = 8
@@ -110,7 +108,7 @@ class MeasuredResponse(Shown):
         if gain is not None and (np.isnan(gain) or gain == -np.inf):
             _refuse("static_gain", str(gain), "a number, or infinity for a part that integrates")
 
-    def _told_by_magnitude(self, value: ComplexArray) -> NDArray[np.bool_]:
+    def _told_by_magnitude(self, value: ComplexArray) -> BoolArray:
         """Of each step between neighbours, whether the phase turned as the magnitude says.
 
         At a peak, of a lightly damped pole, it turns back, or ahead where the pole is unstable; at a dip, of a zero on

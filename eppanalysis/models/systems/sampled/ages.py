@@ -16,12 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.hybrid import cascade, reaching
 from eppanalysis.models.systems.lure import LureSystem
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Samples in one turn of all clocks beyond which they are taken for clocks that never coincide.
 _MOST_SAMPLES = 512
@@ -107,7 +105,7 @@ def _columns(system: LureSystem, element: int) -> range:
     return range(w.start, w.stop)
 
 
-def _reach(system: LureSystem) -> NDArray[np.bool_]:
+def _reach(system: LureSystem) -> BoolArray:
     """Which elements (columns) act on which (rows) without any state between, straight or through others."""
     acts = np.array(
         [[bool(np.any(system.D[z, w])) for w in system.output_slices] for z in system.input_slices], dtype=bool

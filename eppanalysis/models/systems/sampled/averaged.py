@@ -14,9 +14,10 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.dynamic.sampled import ControllerMemory, SampledController
 from eppanalysis.models.systems.cuts import Cuts
@@ -25,9 +26,6 @@ from eppanalysis.models.systems.sampled.places import Places, at
 from eppanalysis.models.systems.sampled.rational import Forms, Reads
 from eppanalysis.models.systems.sampled.strobe import is_sampled
 from eppanalysis.models.systems.signals import SignalMap
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,6 +227,6 @@ def _taken(p: Places) -> dict[int, int]:
     return found
 
 
-def _is_unit(columns: Array) -> NDArray[np.bool_]:
+def _is_unit(columns: Array) -> BoolArray:
     """Which columns are those of a unit matrix."""
     return (np.count_nonzero(columns, axis=0) == 1) & np.any(columns == 1.0, axis=0)

@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.ages import StraightReading, straight_readings
 from eppanalysis.models.systems.sampled.strobe import clock_in
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,13 +8,12 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.ages import StraightReading
 from eppanalysis.models.systems.sampled.places import Places, at
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

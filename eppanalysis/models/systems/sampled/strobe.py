@@ -10,13 +10,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 def sampled_among(elements: Iterable[Nonlinearity]) -> dict[int, SampledController]:
@@ -157,7 +155,7 @@ class Strobe:
         """Places of what repeats on a cycle among states and memory values."""
         return np.flatnonzero(np.concatenate([self.hybrid.compared, self.held]))
 
-    def begun(self, x: Array, H: Array, modes: NDArray[np.int64]) -> HybridSystem:
+    def begun(self, x: Array, H: Array, modes: IntArray) -> HybridSystem:
         """The hybrid system begun behind one of its samples, with the clock turned back to zero."""
         model, x, H = self.hybrid.model, x.copy(), H.copy()
         for e, controller in zip(self.numbers, self.controllers, strict=True):
