@@ -87,18 +87,24 @@ def _expand_linear(M, M_twice, f, h, small, X):
     return -1
 
 
+@njit(**INLINE)
+def argument(rows, j, k, X, H, Sg):
+    """Coefficient k of what the rows of channel j make of state, memory and the channels before it."""
+    a = 0.0
+    for i in range(rows.smooth_x.shape[1]):
+        a += rows.smooth_x[j, i] * X[k, i]
+    if k == 0:
+        for i in range(H.size):
+            a += rows.smooth_H[j, i] * H[i]
+    for i in range(j):
+        a += rows.smooth_s[j, i] * Sg[k, i]
+    return a
+
+
 @njit(**HOT)
 def smooth_term(model, j, k, X, H, Sg, arg, aux):
     """Coefficient k of smooth channel j by the recurrences of Taylor arithmetic."""
-    a = 0.0
-    for i in range(model.smooth_x.shape[1]):
-        a += model.smooth_x[j, i] * X[k, i]
-    if k == 0:
-        for i in range(H.size):
-            a += model.smooth_H[j, i] * H[i]
-    for i in range(j):
-        a += model.smooth_s[j, i] * Sg[k, i]
-    arg[k, j] = a
+    arg[k, j] = argument(model, j, k, X, H, Sg)
     scale = model.smooth_scale[j]
     kind = model.smooth_kind[j]
     if kind == SINE:

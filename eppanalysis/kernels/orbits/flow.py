@@ -23,7 +23,7 @@ from eppanalysis.kernels.engine.curves import (
     hides,
 )
 from eppanalysis.kernels.engine.flow import flow, growth_rate
-from eppanalysis.kernels.engine.series import DELAY_LINE, EPS, ORDER, smooth_term
+from eppanalysis.kernels.engine.series import DELAY_LINE, EPS, ORDER, argument, smooth_term
 from eppanalysis.kernels.filling import accumulate, fill, fill_rows, largest
 from eppanalysis.kernels.simd.vectors import padded
 
@@ -323,24 +323,10 @@ def _rate_by(by, k, X, H, Sg, V):
 
 
 @njit(**PART)
-def _argument(rows, j, k, X, H, Sg):
-    """Coefficient k of what the rows of channel j make of state, memory and the channels before it."""
-    v = 0.0
-    for i in range(X.shape[1]):
-        v += rows.smooth_x[j, i] * X[k, i]
-    if k == 0:
-        for i in range(H.size):
-            v += rows.smooth_H[j, i] * H[i]
-    for i in range(j):
-        v += rows.smooth_s[j, i] * Sg[k, i]
-    return v
-
-
-@njit(**PART)
 def _channel_by(channels, by, j, k, X, H, Sg, slope, change):
     """Add to coefficient k of the change of channel j what a parameter changes in its argument and in its scale."""
     last = change.shape[3] - 1
-    change[0, j, k, last] += _argument(by, j, k, X, H, Sg)
+    change[0, j, k, last] += argument(by, j, k, X, H, Sg)
     # The convolution with the slope again, of the part that was added; all channels are proportional to their scale.
     change[1, j, k, last] = 0.0
     for c in range(k + 1):
@@ -382,7 +368,7 @@ def _channel_term(model, sense, j, k, X, H, Sg, arg, aux, slope):
             slope[k, j] = aux[k, j] if kind == SINE else 3.0 * scale * aux[k, j]
         return
     # scale/(1 + s a), with the sign s of the mode: at breakaway the argument and its rate are both zero.
-    arg[k, j] = _argument(model, j, k, X, H, Sg)
+    arg[k, j] = argument(model, j, k, X, H, Sg)
     s = sense[j]
     v = scale if k == 0 else 0.0
     for i in range(1, k + 1):

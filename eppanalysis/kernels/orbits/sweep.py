@@ -36,18 +36,26 @@ def _guard_channels(channels, gs, sigma, slope, row):
     value = 0.0
     if channels is None:
         return value
-    n = channels.smooth_x.shape[1]
-    # From the last channel back: each hands its weight on to those in its argument.
-    weight = gs.copy()
+    n, weight = channels.smooth_x.shape[1], _weights(channels, gs, slope)
     for j in range(sigma.size - 1, -1, -1):
         value += gs[j] * sigma[j]
         through = weight[j] * slope[j]
         if through != 0.0:
             accumulate(row[:n], through, channels.smooth_x[j])
             accumulate(row[n:], through, channels.smooth_H[j])
-            for i in range(j):
-                weight[i] += through * channels.smooth_s[j, i]
     return value
+
+
+@njit(**PART)
+def _weights(channels, gs, slope):
+    """Derivative of a guard by each smooth channel, by way of those that have it in their argument too."""
+    weight = gs.copy()
+    # From the last channel back: each hands its weight on to those in its argument.
+    for j in range(weight.size - 1, 0, -1):
+        through = weight[j] * slope[j]
+        for i in range(j):
+            weight[i] += through * channels.smooth_s[j, i]
+    return weight
 
 
 @njit(**KERNEL)
@@ -72,8 +80,7 @@ def _guard_change(channels, by, dg, dgs, gs, smooth, end, sigma, slope):
         value += dg[j] * end[j]
     if channels is None or not smooth:
         return value
-    n = channels.smooth_x.shape[1]
-    weight = gs.copy()
+    n, weight = channels.smooth_x.shape[1], _weights(channels, gs, slope)
     for j in range(sigma.size - 1, -1, -1):
         value += dgs[j] * sigma[j]
         through = weight[j] * slope[j]
@@ -83,7 +90,6 @@ def _guard_change(channels, by, dg, dgs, gs, smooth, end, sigma, slope):
             value += through * by.smooth_H[j, i - n] * end[i]
         for i in range(j):
             value += through * by.smooth_s[j, i] * sigma[i]
-            weight[i] += through * channels.smooth_s[j, i]
         if channels.smooth_scale[j] != 0.0:
             value += weight[j] * by.smooth_scale[j] / channels.smooth_scale[j] * sigma[j]
     return value
