@@ -1,7 +1,5 @@
 """How the page looks: colours of its widgets by day and by night, what is in focus, and names for those who listen."""
 
-from __future__ import annotations
-
 #: Of every widget: the page's own colours, which are inherited, and an outline round what the keyboard is at.
 WIDGETS = """
 :host { color: var(--ink); }

@@ -4,8 +4,6 @@ What the equations are is in :mod:`eppanalysis.methods.describing.balance`; here
 outputs, which are too short for array operations to be worth their calls.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

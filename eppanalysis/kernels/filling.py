@@ -4,8 +4,6 @@ Numba's own assignment of an array to a slice brings along a message for shapes 
 compile.
 """
 
-from __future__ import annotations
-
 from eppanalysis.kernels.compiling import PART, njit
 
 

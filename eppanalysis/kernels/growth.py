@@ -4,8 +4,6 @@ Far beyond its levels and constants a piecewise linear loop (with dead time or w
 as large moves k times as fast. So a motion that comes back enlarged, in all its states alike, comes back so for ever.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from eppanalysis.kernels.compiling import PART, njit

@@ -4,8 +4,6 @@ Few points on a curve took their time by calls, many on a grid by what was writt
 computed is what :mod:`eppanalysis.methods.describing` does step by step for other elements, to the last bit.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Compiled: responses of a linear part and their slopes, for matrices that are too small for a call to LAPACK each."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit

@@ -1,7 +1,5 @@
 """Compiled: what a run came to, read from its last events: at rest, on a cycle, growing without end, or neither."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit

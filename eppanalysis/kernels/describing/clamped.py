@@ -11,8 +11,6 @@ the map of a period has the product of its arcs' matrices as derivative, and New
 Mean and fundamental follow from the ends of arcs: ``x' = M x + f`` by parts is ``(M - j) I = [x exp(-j phi)] - F``.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

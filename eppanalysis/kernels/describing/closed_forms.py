@@ -4,8 +4,6 @@ The input is ``b + a sin(phi)``, phases are measured from its peak: what is ``fr
 above the trough is passed at an angle that is known to full relative accuracy.
 """
 
-from __future__ import annotations
-
 import math
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit

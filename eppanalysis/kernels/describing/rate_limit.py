@@ -6,8 +6,6 @@ half a period. In each half it ramps from the phase `begin`, where the rate reac
 two are roots, and with them the fundamental of the output is elementary, by ``integral of y' exp(-j phi)``.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ but for the factor ``a |k + j c w|``, with ``tan(psi) = 1/kappa``: it falls thro
 begins where the contact angle arrives, of which the phase is a root.
 """
 
-from __future__ import annotations
-
 import math
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit

@@ -5,8 +5,6 @@ The numbers are those of ``SMOOTH_KINDS``. Series are scaled to the step, as in
 the scaled function goes into `Sg`. `aux` holds the squared argument (powers) or the scaled slope (others).
 """
 
-from __future__ import annotations
-
 import math
 
 from eppanalysis.kernels.compiling import njit

@@ -6,8 +6,6 @@ with those that were there before, for ever. So a step is expanded beyond it, as
 and where the next one only continues it (there was no switch, or its echo has become too faint) both are one segment.
 """
 
-from __future__ import annotations
-
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.engine.series import DELAY_LINE, EPS, ORDER
 from eppanalysis.kernels.engine.tables import HOT

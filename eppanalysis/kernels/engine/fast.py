@@ -5,8 +5,6 @@ cubic plus its remainder); a long one, of 16 to 65536 steps of the grid, from a 
 Derived in docs/theory/engine.md, "Two ways to advance".
 """
 
-from __future__ import annotations
-
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.engine.flow import compile_long, compile_step
 from eppanalysis.kernels.engine.series import EPS

@@ -4,8 +4,6 @@ For one step h the matrices are made that carry state, rate and guards from the 
 bound on how far a guard can stray from the cubic through its end values; for long steps, with a bound on its travel.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from eppanalysis.kernels.compiling import njit

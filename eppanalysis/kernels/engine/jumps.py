@@ -7,8 +7,6 @@ first. So the jump is tried beforehand along the cascade, each element settled b
 at: what overshoots on the way is no motion.
 """
 
-from __future__ import annotations
-
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.engine.modes import find_combination
 from eppanalysis.kernels.engine.switches import input_at, record, smooth_at, switch

@@ -1,7 +1,5 @@
 """Compiled: the affine system of one combination of element modes, with its guards."""
 
-from __future__ import annotations
-
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.engine.flow import choose_step, multiply
 from eppanalysis.kernels.engine.series import DELAY_LINE

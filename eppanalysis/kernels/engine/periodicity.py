@@ -5,8 +5,6 @@ seen (a run that starts on a cycle, stable or not, shows none and is computed th
 still leaves to come is below rounding too.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from eppanalysis.kernels.compiling import njit

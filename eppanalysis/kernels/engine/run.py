@@ -6,8 +6,6 @@ off the grid of the samples, and for smooth channels, the *series step* expands 
 first rise of every guard (`series_step`). See docs/theory/engine.md.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from eppanalysis.kernels.compiling import njit

@@ -3,8 +3,6 @@
 Series are scaled to the step: ``x(t + u h) = sum X[k] u**k`` with u in [0, 1].
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from eppanalysis.kernels.compiling import njit

@@ -4,8 +4,6 @@ Rules at its start, for a guard that stands within rounding of zero: the sign of
 rounding decides; rising fires at once, falling arms it for its next rise (docs/theory/engine.md, "Rules at a switch").
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from eppanalysis.kernels.compiling import njit

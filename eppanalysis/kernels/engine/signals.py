@@ -1,7 +1,5 @@
 """Compiled: what follows from a state in its mode: constant parts until the next event, its rate, the signals."""
 
-from __future__ import annotations
-
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.engine.series import DELAY_LINE, EPS, smooth_term
 from eppanalysis.kernels.engine.switches import smooth_at

@@ -1,7 +1,5 @@
 """Compiled: the rules of a switch: when a guard counts as risen, and what its element does then."""
 
-from __future__ import annotations
-
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.engine.modes import find_combination, is_of
 from eppanalysis.kernels.engine.series import first_rise, guard_noise, term_sizes

@@ -5,8 +5,6 @@ carries every constant. On an arc ``dy/dt = F y + S sigma(y)``, its end lies on 
 the event there maps y to ``J y`` (docs/theory/exact_orbits.md, "Closing an orbit").
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit

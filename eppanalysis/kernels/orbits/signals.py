@@ -1,7 +1,5 @@
 """Compiled: states and signals along a closed orbit: at given times, and their least and greatest values."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit

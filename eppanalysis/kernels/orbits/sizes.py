@@ -1,7 +1,5 @@
 """Compiled: sizes of the motion on an orbit, by which residuals and steps of Newton's method are scaled."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, njit

@@ -3,8 +3,6 @@
 The equations and their unknowns are those of docs/theory/exact_orbits.md, "Closing an orbit".
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit

@@ -4,8 +4,6 @@ They run where numba is switched off (``NUMBA_DISABLE_JIT=1``), to step through 
 same bits: each lane adds up on its own, and sums over all lanes go by halves.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 VECTOR_SIZE = 8
