@@ -20,6 +20,8 @@ from eppanalysis.models.elements.exact import Exact, Reading
 if TYPE_CHECKING:
     import control
 
+#: Mean output and complex gain, as a describing function gives them.
+Answer = tuple[Array, ComplexArray]
 #: Exponents of the units of input, output and time in a field of an element.
 Role = tuple[int, int, int]
 IN: Role = (1, 0, 0)
@@ -259,9 +261,7 @@ class Nonlinearity(ABC):
         """Output for the input `x` that is reached, monotonically, from the state `memory`: (output, memory)."""
 
     @abstractmethod
-    def describing_function(
-        self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, ComplexArray]:
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean output and complex gain for ``x = bias + amplitude * sin(omega t)``.
 
         The output is approximated by ``mean + Im(gain * amplitude * exp(j omega t))``: with

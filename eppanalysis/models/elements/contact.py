@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
-from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.arrays import Array
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
-from eppanalysis.models.elements.base import DAMPING, IN, SLOPE, ClosedForm, Nonlinearity
+from eppanalysis.models.elements.base import DAMPING, IN, SLOPE, Answer, ClosedForm, Nonlinearity
 from eppanalysis.models.elements.phases import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -25,7 +25,6 @@ from eppanalysis.models.elements.phases import (
 )
 
 _CONTACT = MappingProxyType({"gap": IN, "stiffness": SLOPE, "damping": DAMPING})
-Answer = tuple[Array, ComplexArray]
 
 
 @dataclass(frozen=True)

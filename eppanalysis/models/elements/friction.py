@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
-from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.arrays import Array
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
-from eppanalysis.models.elements.base import OUT, ClosedForm, Nonlinearity
+from eppanalysis.models.elements.base import OUT, Answer, ClosedForm, Nonlinearity
 from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import (
     NOT_NEGATIVE,
@@ -92,9 +92,7 @@ class Friction(Nonlinearity, kind="friction"):
             return np.sign(v) * self.breakaway / (1 + self.stribeck * np.abs(v)), memory
         return self.coulomb * np.sign(v), memory
 
-    def describing_function(
-        self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, ComplexArray]:
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean and gain (real) for the velocity ``bias + amplitude * sin(omega t)``, which never rests.
 
         Coulomb friction is the biased relay. For falling friction both integrals are elementary by the substitution

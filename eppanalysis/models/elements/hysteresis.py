@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
-from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.arrays import Array
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
-from eppanalysis.models.elements.base import IN, OUT, Nonlinearity
+from eppanalysis.models.elements.base import IN, OUT, Answer, Nonlinearity
 from eppanalysis.models.elements.exact import Named, Reading
 from eppanalysis.models.elements.phases import (
     POSITIVE,
@@ -25,8 +25,6 @@ from eppanalysis.models.elements.phases import (
     require_numbers,
     with_nan,
 )
-
-Answer = tuple[Array, ComplexArray]
 
 
 class _Levels(Nonlinearity):

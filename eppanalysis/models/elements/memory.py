@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
-from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.arrays import Array
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
-from eppanalysis.models.elements.base import IN, RATIO, SLOPE, Nonlinearity
+from eppanalysis.models.elements.base import IN, RATIO, SLOPE, Answer, Nonlinearity
 from eppanalysis.models.elements.exact import Named, Reading
 from eppanalysis.models.elements.phases import (
     NOT_NEGATIVE,
@@ -36,8 +36,6 @@ from eppanalysis.models.elements.phases import (
     with_nan,
 )
 from eppanalysis.models.elements.piecewise import UNITY
-
-Answer = tuple[Array, ComplexArray]
 
 
 class Slip(NamedTuple):

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
-from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import SMOOTH_KINDS, Automaton, Guard
-from eppanalysis.models.elements.base import Nonlinearity, OwnStates
+from eppanalysis.models.elements.base import Answer, Nonlinearity, OwnStates
 from eppanalysis.models.elements.phases import broadcast
 
 if TYPE_CHECKING:
@@ -182,9 +182,7 @@ class AutomatonElement(Nonlinearity):
         """Mode, memory values and input."""
         return ModeMemory(mode, tuple(stored.tolist()), float(x[0]))
 
-    def describing_function(
-        self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, ComplexArray]:
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean and gain by quadrature over a period, where memory repeats after a few; accurate to about 1e-12.
 
         Not a number where it does not come to answer with the period of its input, or switches without end.

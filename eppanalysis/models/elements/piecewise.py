@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
-from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
-from eppanalysis.models.elements.base import IN, OUT, SLOPE, ClosedForm, Nonlinearity
+from eppanalysis.models.elements.base import IN, OUT, SLOPE, Answer, ClosedForm, Nonlinearity
 from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import broadcast, distances
 
@@ -126,9 +126,7 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
         slope, offset = self.slopes, self.intercepts
         return np.asarray((slope[left] * x + offset[left] + (slope[right] * x + offset[right])) / 2), memory
 
-    def describing_function(
-        self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, ComplexArray]:
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean output and gain (real, the map has no memory) for ``x = bias + amplitude * sin(omega t)``.
 
         Exact for every breakpoint and jump, by the closed form in :mod:`eppanalysis.kernels.describing.piecewise` (the

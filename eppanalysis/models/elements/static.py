@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats, of_two_sides
-from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.arrays import Array
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
-from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Nonlinearity
+from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Answer, Nonlinearity
 from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import (
     NOT_NEGATIVE,
@@ -410,9 +410,7 @@ class Sine(Nonlinearity, kind="sine"):
         """Output for any array `x`; `memory` is handed through unused."""
         return self.scale * np.sin(floats(x, "output: x")), memory
 
-    def describing_function(
-        self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, ComplexArray]:
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean ``scale J0(A) sin b`` and gain ``scale 2 J1(A)/A cos b``, by the Jacobi-Anger expansion.
 
         Raises

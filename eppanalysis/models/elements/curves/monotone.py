@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
-from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
+from eppanalysis.models.elements.base import Answer
 from eppanalysis.models.elements.curves.table import Tabulated, check_points
 from eppanalysis.models.elements.phases import broadcast, distances, with_nan
 
@@ -91,9 +92,7 @@ class MonotoneTable(Tabulated, kind="monotone_table"):
         x = floats(x, "output: x")
         return np.where(np.isnan(x), np.nan, self._value(x)), memory
 
-    def describing_function(
-        self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, ComplexArray]:
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean output and gain (real) for ``x = bias + amplitude * sin(omega t)``, to rounding.
 
         The gain is 2/pi times the integral of the slope by the squared cosine from trough to peak (by parts), so that

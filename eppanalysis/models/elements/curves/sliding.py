@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
-from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.arrays import Array
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
-from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Nonlinearity
+from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Answer, Nonlinearity
 from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import NOT_NEGATIVE, broadcast, layers, require, require_numbers, with_nan
 from eppanalysis.models.elements.static import Coulomb
@@ -24,7 +24,6 @@ from eppanalysis.models.elements.static import Coulomb
 _STEEPEST, _PARTS, _ROOT = 6, 4, 2.0**30
 #: Velocity over the Stribeck velocity below which a line stands for a curve that has no Taylor series at rest.
 _CREEP = 1e-10
-Answer = tuple[Array, ComplexArray]
 
 
 class _Sliding(Nonlinearity):

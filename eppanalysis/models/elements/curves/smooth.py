@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
-from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
-from eppanalysis.models.elements.base import OUT, RATIO, SLOPE, Nonlinearity
+from eppanalysis.models.elements.base import OUT, RATIO, SLOPE, Answer, Nonlinearity
 from eppanalysis.models.elements.exact import Named, Reading
 from eppanalysis.models.elements.phases import POSITIVE, broadcast, layers, require_numbers, with_nan
 
-Answer = tuple[Array, ComplexArray]
 #: Smooth functions that powers are made of.
 _POWERS = {2: "square", 3: "cube", 4: "fourth_power", 5: "fifth_power"}
 
@@ -63,9 +62,7 @@ class Cube(_Power, kind="cube"):
         """Output for any array `x`; `memory` is handed through unused."""
         return self.scale * floats(x, "output: x") ** 3, memory
 
-    def describing_function(
-        self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, ComplexArray]:
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean ``scale (b^3 + 3 b A^2/2)`` and gain ``scale (3 b^2 + 3 A^2/4)``, by expanding the cube.
 
         Raises

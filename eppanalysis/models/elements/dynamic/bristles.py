@@ -15,9 +15,9 @@ from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
-from eppanalysis.arrays import Array, ComplexArray, IntArray
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.models.elements.automaton import Automaton, Smooth
-from eppanalysis.models.elements.base import IN, OUT, SLOPE, SLOPE_PER_TIME, OwnStates
+from eppanalysis.models.elements.base import IN, OUT, SLOPE, SLOPE_PER_TIME, Answer, OwnStates
 from eppanalysis.models.elements.dynamic.presliding import DahlLaw, PreslidingLaw, Spring
 from eppanalysis.models.elements.dynamic.state import POLE, StateOutput
 from eppanalysis.models.elements.phases import (
@@ -29,7 +29,6 @@ from eppanalysis.models.elements.phases import (
 )
 from eppanalysis.models.elements.piecewise import UNITY
 
-Answer = tuple[Array, ComplexArray]
 #: Nodes of Radau's rule on a panel, most panels of half an arc, and panels that are solved at once.
 _NODES, _MOST_PANELS, _AT_ONCE = 12, 40, 4000
 #: Least amplitude beside a bias: a smaller one would be lost in the rounding of the mean, and is as linear.

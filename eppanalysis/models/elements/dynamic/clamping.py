@@ -17,7 +17,7 @@ from eppanalysis.arguments import floats
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder
-from eppanalysis.models.elements.base import DAMPING, OUT, SLOPE, SLOPE_PER_TIME, TIME, OwnStates
+from eppanalysis.models.elements.base import DAMPING, OUT, SLOPE, SLOPE_PER_TIME, TIME, Answer, OwnStates
 from eppanalysis.models.elements.dynamic.controller import LimitedPID
 from eppanalysis.models.elements.dynamic.state import POLE
 from eppanalysis.models.elements.phases import (
@@ -114,9 +114,7 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
         held = ((v > self.upper) & (drive > 0)) | ((v < self.lower) & (drive < 0))
         return np.array([np.where(held, 0.0, drive) + POLE * s, np.clip(v, self.lower, self.upper)]), memory
 
-    def describing_function(
-        self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, ComplexArray]:
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean and gain of both outputs, shape (..., 2), for ``v = bias + amplitude * sin(omega t)``.
 
         Closed forms without a derivative; with one the map of a period is closed and its fixed point is found by
@@ -140,7 +138,7 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
         of_u = Saturation(self.lower, self.upper).describing_function(a, b, w)
         return np.stack([POLE * mean, of_u[0]], -1), np.stack([(1j * w + POLE) * gain, of_u[1]], -1)
 
-    def _with_derivative(self, a: Array, b: Array, w: Array) -> tuple[Array, ComplexArray]:
+    def _with_derivative(self, a: Array, b: Array, w: Array) -> Answer:
         """The same where the error follows from v by the filter of the derivative, too (see the kernel)."""
         from eppanalysis.kernels.describing.clamped import describe
 
@@ -162,7 +160,7 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
         gain = np.where(moves, wave, np.where(follows, slow[1], 0.0))
         return with_nan(a, b, mean, gain, w)
 
-    def _integrator(self, a: Array, b: Array, w: Array) -> tuple[Array, ComplexArray]:
+    def _integrator(self, a: Array, b: Array, w: Array) -> Answer:
         """Mean of the integrator's state, and its fundamental over the amplitude.
 
         As ``ki e = (v - s) ki/kp`` it follows v with the time constant kp/ki while v is within the limits, and stands

@@ -12,15 +12,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
-from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.models.elements.base import Answer, Nonlinearity
 from eppanalysis.models.elements.piecewise import PiecewiseLinear
 from eppanalysis.models.elements.static import FiveBandLaw
-
-Answer = tuple[Array, ComplexArray]
 
 
 @dataclass(frozen=True)

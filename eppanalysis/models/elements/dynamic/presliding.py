@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
-from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.arrays import Array
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
-from eppanalysis.models.elements.base import OUT, SLOPE_PER_TIME, Nonlinearity
+from eppanalysis.models.elements.base import OUT, SLOPE_PER_TIME, Answer, Nonlinearity
 from eppanalysis.models.elements.dynamic.state import POLE, StateOutput, lag, state_of_law
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.phases import (
@@ -30,7 +30,6 @@ from eppanalysis.models.elements.phases import (
 )
 from eppanalysis.models.elements.piecewise import UNITY
 
-Answer = tuple[Array, ComplexArray]
 _PLACE, _WEIGHT = np.polynomial.legendre.leggauss(24)
 #: Most panels of an arc: the shortest is as short as the steepest begin in double precision.
 _MOST_PANELS = 40

@@ -16,14 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
-from eppanalysis.arrays import Array, ComplexArray
-from eppanalysis.models.elements.base import OUT_PER_TIME, PER_TIME, Nonlinearity, OwnStates, RateLimit
+from eppanalysis.arrays import Array
+from eppanalysis.models.elements.base import OUT_PER_TIME, PER_TIME, Answer, Nonlinearity, OwnStates, RateLimit
 from eppanalysis.models.elements.dynamic.state import StateOutput, lag
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.phases import POSITIVE, broadcast, broadcast_with_frequency, require_numbers
 from eppanalysis.models.elements.piecewise import UNITY, PiecewiseLinear
 
-Answer = tuple[Array, ComplexArray]
 #: Times a sine's fastest slope over the limit, and its frequency over the bandwidth, beyond which nothing passes.
 _TOO_FAST = 1e100
 

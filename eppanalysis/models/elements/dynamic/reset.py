@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from eppanalysis.arguments import floats
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder
-from eppanalysis.models.elements.base import PER_TIME, SLOPE_PER_TIME, Nonlinearity
+from eppanalysis.models.elements.base import PER_TIME, SLOPE_PER_TIME, Answer, Nonlinearity
 from eppanalysis.models.elements.dynamic.state import POLE, StateOutput, lag, state_of_law
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.phases import (
@@ -30,7 +30,6 @@ from eppanalysis.models.elements.phases import (
 )
 from eppanalysis.models.elements.piecewise import UNITY
 
-Answer = tuple[Array, ComplexArray]
 #: Product of a pole and a time below which the exponential is a series.
 _SHORT = 1e-2
 

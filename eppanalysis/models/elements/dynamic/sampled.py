@@ -19,7 +19,7 @@ from eppanalysis.arguments import checked_class, floats
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder
-from eppanalysis.models.elements.base import Nonlinearity, OwnStates
+from eppanalysis.models.elements.base import Answer, Nonlinearity, OwnStates
 from eppanalysis.models.elements.phases import broadcast
 
 #: Two times have a tick in common where their ratio is one of whole numbers up to this, but for rounding.
@@ -318,9 +318,7 @@ class SampledController(Nonlinearity):
         falls = 0.5 * T * bend * late - 1j * (0.5 * T + self.delay) * hold
         return np.asarray(hold, complex), np.asarray(falls, complex)
 
-    def describing_function(
-        self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, ComplexArray]:
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Its response with hold and delay; the mean is infinite where it integrates a bias.
 
         Raises
