@@ -19,22 +19,12 @@ from eppanalysis.units import QuantityError, dimensions, parse_any
 
 @dataclass(frozen=True)
 class Parts:
-    """What a validated file describes.
+    """What a validated file describes."""
 
-    Attributes
-    ----------
-    parameters : dict of str to Parameter
-        Every scalar parameter that is given, by its dotted name.
-    input : InputSignal, dict of str to InputSignal, or None
-    system : LureSystem
-    elbow : ElbowParameters or None
-        Of a case of the elbow.
-    """
-
-    parameters: dict[str, Parameter]
+    parameters: dict[str, Parameter]  # every scalar parameter that is given, by its dotted name
     input: InputSignal | Mapping[str, InputSignal] | None
     system: LureSystem
-    elbow: ElbowParameters | None = None
+    elbow: ElbowParameters | None = None  # of a case of the elbow
 
 
 class Kind(ABC):

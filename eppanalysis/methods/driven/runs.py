@@ -32,20 +32,11 @@ REPEATS = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Steady:
-    """What a run comes to.
+    """What a run comes to."""
 
-    Attributes
-    ----------
-    response : PeriodicResponse or None
-        None where it has not come to repeat itself.
-    periods : int
-        Of the input that were run.
-    distance : float
-        Of the last stretch from the one before, relative to the range; nan where nothing repeats itself.
-    """
-
-    response: PeriodicResponse | None
-    periods: int
+    response: PeriodicResponse | None  # None where it has not come to repeat itself
+    periods: int  # of the input that were run
+    #: Of the last stretch from the one before, relative to the range; nan where nothing repeats itself.
     distance: float = float("nan")
 
 

@@ -111,29 +111,21 @@ def _even(time: float, turn: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Between:
-    """A loop between two samples, where all but the controllers is linear.
+    """A loop between two samples, where all but the controllers is linear."""
 
-    Attributes
-    ----------
-    x_x, x_h, r_x, r_h : arrays
-        Rate of the plant's state (x) and what the controllers read (r), on that state and on what is held (h).
-    x_d, r_d : arrays
-        The same on a disturbance at each place of the loop.
-    y_x, y_h : arrays
-        What comes back to each place.
-    y_d : array
-        What a disturbance at each place does straight to what comes back there.
-    """
-
+    #: x_x, x_h, r_x, r_h: rate of the plant's state (x) and what the controllers read (r), on that state and on what is
+    #: held (h).
     x_x: Array
     x_h: Array
     r_x: Array
     r_h: Array
+    #: x_d, r_d: the same on a disturbance at each place of the loop.
     x_d: Array
     r_d: Array
+    #: y_x, y_h: what comes back to each place.
     y_x: Array
     y_h: Array
-    y_d: Array
+    y_d: Array  # what a disturbance at each place does straight to what comes back there
 
     @classmethod
     def of(cls, system: LureSystem, gains: Array, p: Places) -> Between:

@@ -39,22 +39,13 @@ def written(port: Port) -> str:
 
 @dataclass(frozen=True)
 class Ports:
-    """All ports of a diagram.
+    """All ports of a diagram."""
 
-    Attributes
-    ----------
-    inputs, outputs : mapping of str to tuple of str
-        Names of the ports of each part.
-    external : tuple of str
-        Names of the external inputs.
-    who : str
-        What messages call the diagram.
-    """
-
+    #: inputs, outputs: names of the ports of each part.
     inputs: Mapping[str, tuple[str, ...]]
     outputs: Mapping[str, tuple[str, ...]]
-    external: tuple[str, ...]
-    who: str
+    external: tuple[str, ...]  # names of the external inputs
+    who: str  # what messages call the diagram
 
     @cached_property
     def sources(self) -> tuple[Port, ...]:

@@ -46,21 +46,11 @@ def columns_of(element: Nonlinearity) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Between:
-    """The parts of all elements side by side.
+    """The parts of all elements side by side."""
 
-    Attributes
-    ----------
-    states : dict of str to array
-        Their states, as :func:`~eppanalysis.models.systems.own_states.side_by_side` has them.
-    rates : array
-        Matrix from (x, w) to (z, y) of what is differentiated.
-    controllers : tuple of (SampledController, slice, slice)
-        With their places in y and in x.
-    """
-
-    states: dict[str, Array]
-    rates: Array
-    controllers: tuple[tuple[SampledController, slice, slice], ...]
+    states: dict[str, Array]  # their states, as :func:`~eppanalysis.models.systems.own_states.side_by_side` has them
+    rates: Array  # matrix from (x, w) to (z, y) of what is differentiated
+    controllers: tuple[tuple[SampledController, slice, slice], ...]  # with their places in y and in x
 
     @classmethod
     def of(cls, elements: Sequence[Nonlinearity]) -> Between:
