@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from rich.table import Table
@@ -12,52 +13,43 @@ from eppanalysis.readable import percent, signed_percent, with_unit, words
 from eppanalysis.tables.cells import cell, table_of
 
 if TYPE_CHECKING:
-    from eppanalysis.methods.bounds.result import DesignBounds
+    from eppanalysis.methods.bounds.result import BoundCell, DesignBounds
     from eppanalysis.methods.design.result import Design
 
 
 def bounds_table(bounds: DesignBounds) -> Table:
-    """Bounds by every method, over the parameter that runs."""
+    """Bounds by every method, over the parameter that runs; where a size is allowed, what is active and the size."""
     (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
     if bounds.not_covered:
         return _searched_bounds_table(bounds)
-    if bounds.allowed is not None:
-        return _sized_bounds_table(bounds)
+    allowed = bounds.allowed
+    columns: list[tuple[str, Callable[[BoundCell], str]]] = [
+        (with_unit("first order", y_unit), lambda c: cell(y * c.first_order)),
+        ("", lambda c: signed_percent(c.first_order_error) + " unsafe" * c.first_order_unsafe),
+    ]
+    if allowed is None:
+        columns += [
+            (with_unit("harmonic balance", y_unit), lambda c: cell(y * c.harmonic)),
+            ("", lambda c: signed_percent(c.harmonic_error)),
+            ("order", lambda c: str(c.order)),
+        ]
+    columns.append((with_unit("exact", y_unit), lambda c: cell(y * c.exact)))
+    if allowed is not None:
+        size = f"{words(allowed.signal)} there"
+        columns.append(("active", lambda c: c.kind or "-"))
+        columns.append((size, lambda c: allowed.text(c.size) if math.isfinite(c.size) else "-"))
+    columns.append(("frequency [Hz]", lambda c: cell(c.frequency)))
     proofs = any(c.proved is not None for c in bounds)
-    table = table_of(
-        with_unit(words(bounds.over), x_unit),
-        with_unit("first order", y_unit),
-        "",
-        with_unit("harmonic balance", y_unit),
-        "",
-        "order",
-        with_unit("exact", y_unit),
-        "frequency [Hz]",
-        "verified",
-        *([with_unit(f"proved {side}", y_unit) for side in ("free", "cycle")] if proofs else []),
-        *(["apart"] if proofs else []),
-    )
+    beside = [*(with_unit(f"proved {side}", y_unit) for side in ("free", "cycle")), "apart"] if proofs else []
+    table = table_of(with_unit(words(bounds.over), x_unit), *(head for head, _ in columns), "verified", *beside)
     for c in bounds:
-        proved = ["-"] * 3 * proofs
+        bound = c.finding is Finding.BOUND
+        proved = ["-"] * len(beside)
         if c.proved is not None:
             proved = [*(cell(y * v) for v in (c.proved.free, c.proved.cycle)), percent(c.proved.gap)]
-        if c.finding is not Finding.BOUND:
-            table.add_row(cell(x * c.value), *["-"] * 6, "-", c.finding, *proved)
-            continue
         tested = f"yes, {c.n_settled} runs" if c.verified else "no"
-        side = " unsafe" if c.first_order_unsafe else ""
-        table.add_row(
-            cell(x * c.value),
-            cell(y * c.first_order),
-            signed_percent(c.first_order_error) + side,
-            cell(y * c.harmonic),
-            signed_percent(c.harmonic_error),
-            str(c.order),
-            cell(y * c.exact),
-            cell(c.frequency),
-            tested,
-            *proved,
-        )
+        shown = [text(c) if bound else "-" for _, text in columns]
+        table.add_row(cell(x * c.value), *shown, tested if bound else c.finding, *proved)
     return table
 
 
@@ -87,35 +79,4 @@ def _searched_bounds_table(bounds: DesignBounds) -> Table:
         known = [cell(y * c.searched), cell(y * c.other_value), cell(c.frequency)]
         shown = known if c.finding is Finding.BOUND else ["-", "-", c.finding]
         table.add_row(cell(x * c.value), *shown, str(c.n_searched), str(c.n_runs))
-    return table
-
-
-def _sized_bounds_table(bounds: DesignBounds) -> Table:
-    """Bounds where a size is allowed, with what is active and the size of the stable cycle there."""
-    assert bounds.allowed is not None
-    (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
-    table = table_of(
-        with_unit(words(bounds.over), x_unit),
-        with_unit("first order", y_unit),
-        "",
-        with_unit("exact", y_unit),
-        "active",
-        f"{words(bounds.allowed.signal)} there",
-        "frequency [Hz]",
-        "verified",
-    )
-    for c in bounds:
-        if c.finding is not Finding.BOUND:
-            table.add_row(cell(x * c.value), *["-"] * 6, c.finding)
-            continue
-        table.add_row(
-            cell(x * c.value),
-            cell(y * c.first_order),
-            signed_percent(c.first_order_error) + (" unsafe" if c.first_order_unsafe else ""),
-            cell(y * c.exact),
-            c.kind or "-",
-            bounds.allowed.text(c.size) if math.isfinite(c.size) else "-",
-            cell(c.frequency),
-            f"yes, {c.n_settled} runs" if c.verified else "no",
-        )
     return table
