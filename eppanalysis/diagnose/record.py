@@ -122,6 +122,7 @@ def oscillation_of(record: Record) -> Oscillation:
     if n < 4 * _FEWEST_SAMPLES:
         raise EppError(f"{record.source}: has {n} samples; expected three periods with {_FEWEST_SAMPLES} each or more.")
     left = Y - _trend(t, Y)
+    # Signals in units of their own motion count alike, whatever they are measured in.
     size = left.std(axis=0)
     still_ones = size <= _STILL * np.abs(Y).max(axis=0)
     if np.any(still_ones):
@@ -137,6 +138,7 @@ def oscillation_of(record: Record) -> Oscillation:
     if 2.0 * np.pi / omega < _FEWEST_SAMPLES * span / n:
         each = 2.0 * np.pi * n / (omega * span)
         raise EppError(f"{record.source}: has {each:.2g} samples a period; expected {_FEWEST_SAMPLES} or more.")
+    # The line of a spectrum is as wide as the record is short: a growing sine with its harmonics tells more.
     K = _count(t, omega)
     (omega, rate), cov = _refined(t, scaled, omega, K)
     c, rest = _fitted(t, scaled, omega, rate, K)

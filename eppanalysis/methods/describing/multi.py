@@ -432,6 +432,7 @@ def inner_newton(balance: Balance, X: Array, L: ComplexArray) -> tuple[Array, Co
     R = balance.newton_compiled(X, X, _INNER_STEPS, limits, (rows, columns), L, workspace, done)
     if R is not None:
         return X, R[:, p] + 1.0 + 1j * R[:, m + p], done
+    # The same steps for elements that no kernel knows.
     with np.errstate(all="ignore"):
         for _ in range(_INNER_STEPS):
             todo = np.flatnonzero(alive & ~done)

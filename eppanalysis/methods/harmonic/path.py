@@ -114,6 +114,8 @@ def let_in(loop: Loop, Z: ComplexArray, omega: float, pivot: int, order: int) ->
         here, length = curve.place(Y, rise), _FIRST
     except (Unsettled, np.linalg.LinAlgError):
         return None
+    # The last unknown is the share to which the higher harmonics are let in: from 0, the balance given, to 1. Along the
+    # curve it may turn back and come again, where steps in it alone would end.
     for _ in range(_MOST_STEPS):
         there = curve.step(here, length)
         if there is None:

@@ -70,6 +70,7 @@ class Pulses:
         if turn is None:
             return None
         n, (modes, guards, level) = hybrid.n_plant, turn
+        # In modes the motion between two switches is a row of exponentials, and half a turn an equation for each.
         A, units = balanced(model.A)
         poles, vectors = _modes(A)
         if np.linalg.cond(vectors) > _ILL or np.sum(known_poles(A) == 0.0) > 1:

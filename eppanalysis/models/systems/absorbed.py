@@ -46,6 +46,7 @@ def with_gains(loop: LureSystem, gains: Mapping[int, Array]) -> LureSystem:
     n, nv, m = len(loop.A), loop.B_input.shape[1], len(own)
     E = np.zeros((len(K), m))
     E[own, np.arange(m)] = 1.0
+    # z = D K z + ...: what the gains put out may act on their own inputs straight away.
     closed = np.eye(K.shape[1]) - loop.D @ K
     if closed.size and np.linalg.cond(closed) > _SINGULAR:
         raise ModelError(f"{loop.name}: the algebraic loop through its elements has no unique solution.")

@@ -91,6 +91,8 @@ class Step:
         late, buffer, place = W.copy(), [], n + h
         d_late, d_buffer = (dW.copy() if scale is not None else None), []
         eye = np.broadcast_to(np.eye(self.size), (len(S), self.size, self.size))
+        # What is on its way through a dead time stands behind the states, the newest first: each sample puts the output
+        # in front and takes the oldest off.
         for j, lag in enumerate(self.lag):
             if lag:
                 late[:, j] = S[:, place + lag - 1]
@@ -115,6 +117,7 @@ class Step:
         W, dW = np.zeros((m, system.B.shape[1])), np.zeros((m, system.B.shape[1], d))
         dM, border, after = np.zeros((m, len(self.remembers), d)), np.zeros(m, bool), list(memory)
         forced = system.D_input @ self.value + system.constant_input
+        # Each element behind those whose outputs act on its input within the sample: what it sees is known by then.
         for i in self.order:
             element, zs, ws = system.elements[i], system.input_slices[i].start, system.output_slices[i]
             z = S[:, :n] @ system.C[zs] + W @ system.D[zs] + forced[zs]
