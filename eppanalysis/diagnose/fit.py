@@ -18,6 +18,7 @@ from eppanalysis.diagnose.candidates import Candidates, Family, Linear
 from eppanalysis.diagnose.record import Oscillation
 from eppanalysis.diagnose.result import DISTURBANCE, LINEAR
 from eppanalysis.errors import EppError
+from eppanalysis.models.systems.absorbed import gain_matrix
 from eppanalysis.results import LimitCycle
 
 #: Growth per period of a steady oscillation that a record may still show, as a share of the model error.
@@ -241,9 +242,7 @@ def of_disturbance(yard: Yardstick, linear: Linear) -> Iterator[Fit]:
 def _responses(found: Oscillation, linear: Linear) -> Iterator[tuple[str, ComplexArray]]:
     """The recorded signals under a sine at each external input and behind each element."""
     loop, closed = linear.loop, linear.closed
-    K = np.zeros((loop.B.shape[1], loop.C.shape[0]))
-    for i, gain in linear.gains.items():
-        K[loop.output_slices[i], loop.input_slices[i]] = gain
+    K = gain_matrix(loop, linear.gains)
     # What comes in behind an element first goes round the paths without states.
     through = np.eye(len(K)) + K @ np.linalg.solve(np.eye(K.shape[1]) - loop.D @ K, loop.D)
     rows = [closed.signals.names.index(name) for name in found.names]

@@ -20,6 +20,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Balance, describe, newton
 from eppanalysis.methods.describing.search import frequency_scales
 from eppanalysis.methods.harmonic.loop import Loop, inputs_of
+from eppanalysis.models.systems.absorbed import gain_matrix
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.signals import SignalMap
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
@@ -278,9 +279,7 @@ def _frozen(system: LureSystem, i: int, amplitude: float, bias: float, omega: fl
 
 def _rest(system: LureSystem, cut: int, gains: list[ComplexArray], omega: Array) -> ComplexArray:
     """Response from the output of the element at the cut to its input, the other elements being gains."""
-    K = np.zeros((system.B.shape[1], system.C.shape[0]), complex)
-    for i, gain in enumerate(gains):
-        K[system.output_slices[i], system.input_slices[i]] = gain
+    K = gain_matrix(system, dict(enumerate(gains)))
     L = system.frequency_response(omega)
     # K is zero at the cut: what is closed are the loops of the others around it.
     closed = np.linalg.solve(np.eye(K.shape[1]) - L @ K, L[:, :, [system.output_slices[cut].start]])

@@ -10,6 +10,7 @@ import numpy as np
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.margins.sampled import from_sample_to_sample, with_straight_gains
+from eppanalysis.models.systems.absorbed import gain_matrix
 from eppanalysis.models.systems.linear import ROUNDING, balanced, poles, zeros
 from eppanalysis.models.systems.lure import LureSystem, with_own_states
 from eppanalysis.models.systems.sampled.averaged import averaged
@@ -173,14 +174,9 @@ class Linearised:
     def _of_gains(cls, loop: LureSystem) -> Linearised:
         """The loop with its elements as gains."""
         system = loop.with_integrators_apart[0]
-        K = np.zeros((system.B.shape[1], system.C.shape[0]))
-        without = []
-        for i, element in enumerate(system.elements):
-            gain = np.asarray(element.linear_gain(), float)
-            if not np.all(np.isfinite(gain)):
-                without.append(i)
-                gain = np.zeros_like(gain)
-            K[system.output_slices[i], system.input_slices[i]] = gain
+        gains = {i: np.asarray(element.linear_gain(), float) for i, element in enumerate(system.elements)}
+        without = [i for i, gain in gains.items() if not np.all(np.isfinite(gain))]
+        K = gain_matrix(system, {i: gain for i, gain in gains.items() if i not in without})
         if max(np.abs(part).max(initial=0.0) for part in (system.A, system.B, system.C, system.D, K)) > _LARGEST:
             what = f"{system.name}: numbers beyond all range, whose squares are infinite"
             raise ModelError(what, expected="values of ordinary magnitude")

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
@@ -14,6 +16,14 @@ from eppanalysis.models.systems.signals import SignalMap
 
 #: Condition number from which an algebraic loop has no unique solution.
 _SINGULAR = 1e13
+
+
+def gain_matrix(loop: LureSystem, gains: Mapping[int, NDArray[Any]]) -> NDArray[Any]:
+    """Gains of elements, by their numbers, as one matrix from the inputs of all to their outputs, zero elsewhere."""
+    K = np.zeros((loop.B.shape[1], loop.C.shape[0]), np.result_type(float, *gains.values()))
+    for i, gain in gains.items():
+        K[loop.output_slices[i], loop.input_slices[i]] = gain
+    return K
 
 
 def with_gains(loop: LureSystem, gains: Mapping[int, Array]) -> LureSystem:
@@ -32,13 +42,12 @@ def with_gains(loop: LureSystem, gains: Mapping[int, Array]) -> LureSystem:
     ModelError
         If there is dead time behind one of these elements, or the algebraic loop through them has no unique solution.
     """
-    K = np.zeros((loop.B.shape[1], loop.C.shape[0]))
-    for i, gain in gains.items():
+    for i in gains:
         if np.any(loop.delays[loop.output_slices[i]]):
             raise ModelError(
                 f"{loop.name}: there is dead time behind {loop.element_names[i]}", expected="none behind what is linear"
             )
-        K[loop.output_slices[i], loop.input_slices[i]] = gain
+    K = gain_matrix(loop, gains)
     kept = [i for i in range(len(loop.elements)) if i not in gains]
     places = [np.arange(len(K))[loop.output_slices[i]] for i in kept]
     own = np.concatenate([np.zeros(0, int), *places])
