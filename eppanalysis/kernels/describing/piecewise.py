@@ -27,6 +27,10 @@ from eppanalysis.kernels.compiling import KERNEL, PART, njit
 HALF_PI = math.pi / 2
 #: Amplitudes that are worked on at a time: their arrays stay in the nearest cache.
 CHUNK = 512
+#: Steps of a staircase up to which they are added one by one; those near a peak that always are; and the coefficients
+#: of Euler and Maclaurin's formula, Bernoulli numbers over factorials.
+FEW, ENDS, BERNOULLI = 128, 32, (1 / 12, -1 / 720, 1 / 30240, -1 / 1209600)
+EPSILON = float(np.finfo(float).eps)
 #: Order of the polynomials: their error falls as (3 + sqrt 8)**-order, to rounding.
 ORDER = 20
 #: Terms of the power series that the polynomials are made from, for squares up to one half.
@@ -128,6 +132,97 @@ def _add_jump(edge, jump, amplitude, bias, mean, gain, level, sway):
         sway[i] += jump * (edge - bias[i]) / (math.pi * A * A * rate) if inside else 0.0
 
 
+@njit(**PART, error_model="numpy")
+def _slopes_at(t, A, f):
+    """Fill f, shape (4, 8), with what the four sums of `_even_side` add at t, and the first seven derivatives of each.
+
+    All follow from those of ``g = 1/sqrt(A^2 - t^2)``, which has ``(A^2 - t^2) g' = t g``.
+    """
+    left = (A - t) * (A + t)
+    root = math.sqrt(left)
+    f[0, 0], f[1, 0], f[2, 0] = root, math.acos(t / A), 1.0 / root
+    for n in range(7):
+        f[2, n + 1] = ((2 * n + 1) * t * f[2, n] + n * n * (f[2, n - 1] if n else 0.0)) / left
+    f[3, 0] = t * f[2, 0]
+    for n in range(1, 8):
+        f[3, n] = t * f[2, n] + n * f[2, n - 1]
+        f[0, n] = -f[3, n - 1]
+        f[1, n] = -f[2, n - 1]
+
+
+@njit(**PART, error_model="numpy")
+def _even_side(edges, first, last, bias, A, sums, below, above):
+    """Sums of sqrt(A^2 - t^2), acos(t/A), 1/sqrt(A^2 - t^2) and t/sqrt(A^2 - t^2) over evenly spaced edges.
+
+    t is the distance of an edge from the bias; `first` is the nearest and `last` lies behind the farthest, either way.
+    Near the peak, where the roots are singular, term by term; before it by Euler and Maclaurin's formula, whose rest
+    is a part in 10^15 of what is summed at these distances from the peak.
+    """
+    sums[:] = 0.0
+    way = 1 if last > first else -1
+    cut = last if abs(last - first) <= 2 * ENDS else last - way * ENDS
+    for edge in range(cut, last, way) if cut != last else range(first, last, way):
+        t = abs(edges[edge] - bias)
+        root = math.sqrt((A - t) * (A + t))
+        sums[0] += root
+        sums[1] += math.acos(t / A)
+        sums[2] += 1.0 / root
+        sums[3] += t / root
+    if cut == last:
+        return
+    p, q = abs(edges[first] - bias), abs(edges[cut - way] - bias)
+    step = (q - p) / (abs(cut - first) - 1)
+    _slopes_at(p, A, below)
+    _slopes_at(q, A, above)
+    arc, fall = math.asin(q / A) - math.asin(p / A), above[0, 0] - below[0, 0]
+    sums[0] += 0.5 * (q * above[0, 0] - p * below[0, 0] + A * A * arc) / step
+    sums[1] += (q * above[1, 0] - p * below[1, 0] - fall) / step
+    sums[2] += arc / step
+    sums[3] -= fall / step
+    for i in range(4):
+        sums[i] += 0.5 * (above[i, 0] + below[i, 0])
+        power = step
+        for j in range(4):
+            sums[i] += BERNOULLI[j] * power * (above[i, 2 * j + 1] - below[i, 2 * j + 1])
+            power *= step * step
+
+
+@njit(**PART, error_model="numpy")
+def _even_jump(breakpoints, jumps, first, last):
+    """The jump at breakpoints that are evenly spaced and have one jump, both to rounding; else zero."""
+    step, nearest = (breakpoints[last - 1] - breakpoints[first]) / (last - 1 - first), first
+    for k in range(first, last):
+        nearest = k if abs(breakpoints[k]) < abs(breakpoints[nearest]) else nearest
+    # Next to zero, where least has been cancelled in it.
+    jump, apart = jumps[nearest], 0.0
+    for k in range(first, last):
+        place = abs(breakpoints[first] + (k - first) * step - breakpoints[k])
+        apart = max(apart, place, abs(jumps[k] / jump - 1.0) * step if jump != 0.0 else math.inf)
+    return jump if apart <= 8.0 * EPSILON * max(abs(breakpoints[first]), abs(breakpoints[last - 1])) else 0.0
+
+
+@njit(**PART, error_model="numpy")
+def _add_stairs(edges, jump, amplitude, bias, mean, gain, level, sway):
+    """Add what a staircase of equal steps brings, in a time that does not grow with the steps that are passed."""
+    up, down, below, above = np.empty(4), np.empty(4), np.empty((4, 8)), np.empty((4, 8))
+    for i in range(amplitude.size):
+        A, b = amplitude[i], bias[i]
+        if not A > 0.0:
+            continue
+        # Edges that are passed: distances from the bias decide, as rounding of bias and amplitude together would not.
+        low, high = np.searchsorted(edges, b - A), np.searchsorted(edges, b + A)
+        low += low < edges.size and not b - edges[low] < A
+        high -= high > 0 and not edges[high - 1] - b < A
+        beyond, before = np.searchsorted(edges, b, side="right"), np.searchsorted(edges, b)
+        _even_side(edges, beyond, max(high, beyond), b, A, up, below, above)
+        _even_side(edges, before - 1, min(low, before) - 1, b, A, down, below, above)
+        middle = beyond - before  # an edge at the bias itself
+        gain[i] += 2.0 * jump / (math.pi * A) * ((up[0] + down[0]) / A + middle)
+        mean[i] += jump / math.pi * (up[1] - down[1])
+        level[i] += jump / math.pi * (up[2] + down[2] + middle / A)
+        sway[i] += jump / (math.pi * A) * (up[3] - down[3])
+
+
 @njit(**PART)
 def _start(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain, by):
     """Start `mean` with the output at the bias and `gain` with zero, or finish both where nothing oscillates."""
@@ -173,8 +268,13 @@ def describe(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain
             _add_piece(low, high, slopes[piece], 1.0, amplitude, bias, mean, gain, by[0], by[1])
         if slopes[piece] != 0.0 and low < highest and high > bottom:
             _add_piece(high, low, slopes[piece], -1.0, amplitude, bias, mean, gain, by[0], by[1])
-    for edge in range(k):
-        if jumps[edge] != 0.0 and bottom < breakpoints[edge] < top:
+    first, last = np.searchsorted(breakpoints, bottom, side="right"), np.searchsorted(breakpoints, top)
+    jump = _even_jump(breakpoints, jumps, first, last) if last - first > FEW else 0.0
+    if jump != 0.0:
+        _add_stairs(breakpoints[first:last], jump, amplitude, bias, mean, gain, by[0], by[1])
+        return
+    for edge in range(first, last):
+        if jumps[edge] != 0.0:
             _add_jump(breakpoints[edge], jumps[edge], amplitude, bias, mean, gain, by[0], by[1])
 
 

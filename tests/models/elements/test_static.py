@@ -7,6 +7,7 @@ import os
 import pickle
 import subprocess
 import sys
+import time
 from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
@@ -20,8 +21,10 @@ from eppanalysis.models.elements import (
     DeadZone,
     DeadZoneSaturation,
     FiveBandLaw,
+    FloorQuantiser,
     Friction,
     FrictionCompensator,
+    MidRiseQuantiser,
     PiecewiseLinear,
     Preload,
     Quantiser,
@@ -207,6 +210,41 @@ def test_just_above_a_threshold_relative_accuracy_is_kept(k: int) -> None:
     np.testing.assert_allclose(gain, series / np.pi, rtol=1e-10)
     lever = theta**3 * (1 / 3 - theta**2 / 30 + theta**4 / 840)
     np.testing.assert_allclose(mean, (1 + excess) / np.pi * lever, rtol=1e-10)
+
+
+@pytest.mark.parametrize("element", [Quantiser(0.37, 2000), FloorQuantiser(1e-3, 700), MidRiseQuantiser(20.0, 400)])
+def test_a_staircase_is_the_sum_of_its_steps(element: PiecewiseLinear) -> None:
+    """Term by term in extended precision; few and many steps, at edges, just past them and beyond the last one."""
+    rng, edges = np.random.default_rng(5), element.breakpoints
+    step, reach = edges[1] - edges[0], float(edges[-1] - edges[0])
+    bias = np.concatenate([rng.uniform(-0.3, 0.3, 40) * reach, rng.choice(edges, 20), np.zeros(4)])
+    amplitude = reach * np.exp(rng.uniform(np.log(0.05), np.log(2.0), bias.size))
+    amplitude[::4] = np.abs(edges[len(edges) // 2 + 220] - bias[::4]) + 1e-8 * reach
+    _, gain = element.describing_function(amplitude, bias)
+    mean, _, by = element._described(amplitude, bias)
+    for a, b, found in zip(amplitude, bias, np.array([gain.real, mean, *by]).T, strict=True):
+        t = edges.astype(np.longdouble) - b
+        t, A = t[np.abs(t) < a], np.longdouble(a)
+        root, sides = np.sqrt((A - t) * (A + t)), np.sign(t)
+        level = (element.output(np.nextafter(b, -np.inf))[0] + element.output(np.nextafter(b, np.inf))[0]) / 2
+        angles = (sides * np.arccos(np.abs(t) / A)).sum()
+        exact = [2 * root.sum() / A**2, level * np.pi / step + angles, (1 / root).sum(), (t / root).sum() / A]
+        scale = [exact[0], (A + abs(b)) / step, exact[2], exact[2]]
+        error = np.abs(found - step / np.pi * np.array(exact, float)) / (step / np.pi * np.array(scale, float))
+        # Just past an edge the slopes of the mean hang on how far, which rounding tells to so many digits only.
+        near = 1e-6 if np.min(a - np.abs(t)) < 1e-6 * a else 1e-13
+        assert np.all(error < [1e-13, 1e-13, near, near])
+
+
+def test_a_staircase_takes_no_longer_where_it_has_more_steps() -> None:
+    def seconds(levels: int) -> float:
+        element, amplitude = Quantiser(1.0, levels), levels * np.linspace(0.3, 0.9, 500)
+        element.describing_function(amplitude)
+        begun = time.perf_counter()
+        element.describing_function(amplitude, 0.1)
+        return time.perf_counter() - begun
+
+    assert seconds(80_000) < 20 * seconds(400)
 
 
 def test_below_and_at_the_threshold() -> None:
