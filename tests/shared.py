@@ -32,6 +32,17 @@ def touching(figure: Figure) -> Iterator[str]:
 
 
 @cache
+def shipped() -> dict[str, epp.Case]:
+    """The cases that ship, for those who choose among them before any test begins."""
+    return {name: epp.case(name) for name in epp.shipped_cases()}
+
+
+def of_kind(*kinds: str) -> list[str]:
+    """Names of the shipped cases of some kinds."""
+    return [name for name, case in shipped().items() if case.kind in kinds]
+
+
+@cache
 def predicted(name: str) -> epp.Prediction:
     """What first order predicts for a shipped case."""
     return epp.predict_limit_cycles(epp.case(name))

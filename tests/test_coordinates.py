@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,10 +18,9 @@ from eppanalysis.methods.describing.multi import choose_pivot
 from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.models.systems.lure import LureSystem
 from tests.coordinates import UNITS, assert_same_cycles, in_coordinates, orthogonal, rescaled, rotated, words
-from tests.shared import cycles_of
+from tests.shared import cycles_of, of_kind
 
-CASES = sorted(p.stem for p in (Path(__file__).parents[1] / "cases").glob("*.toml"))
-LOOPS = [name for name in CASES if epp.case(name).kind == "loop"]
+LOOPS = of_kind("loop")
 #: Cases with a search of less than a second or so.
 QUICK = ["pid_hunting", "relay_fopdt_closed", "relay_hyst_goncalves6", "relay_ideal_khalil79", "sat_am165",
          "stiction_level_S5J2", "thruster_dz_hyst", "two_mass_damped_shaft",
@@ -218,7 +216,7 @@ def test_an_exact_orbit_does_not_depend_on_coordinates(name):
     np.testing.assert_allclose(Q.T @ found.state, wanted.state, rtol=1e-7, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", [name for name in CASES if epp.case(name).kind == "elbow"])
+@pytest.mark.parametrize("name", of_kind("elbow"))
 def test_what_acts_on_what_in_an_elbow_does_not_depend_on_coordinates(name):
     """A search begins at the same element, and a contact's second input is the rate of its first, not another state."""
     system = epp.case(name).to_system()

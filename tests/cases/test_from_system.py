@@ -16,9 +16,10 @@ from eppanalysis.methods.bounds.harmonic import look
 from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.systems.inputs import Constant, InputSignal, Ramp, Recorded, Sine, Step, Steps
 from eppanalysis.models.systems.signals import SignalMap
+from tests.shared import of_kind
 
 #: An elbow with parking logic holds an element that case files do not know.
-WRITTEN = tuple(name for name in epp.shipped_cases() if name != "parking_stops_it" and epp.case(name).kind != "diagram")
+WRITTEN = tuple(name for name in of_kind("elbow", "loop") if name != "parking_stops_it")
 
 
 def bits(value: Any) -> Any:
@@ -226,7 +227,7 @@ def test_a_diagram_that_no_file_has_a_place_for_becomes_a_case_of_its_loop():
 DRAWABLE = ("A", "B", "C", "D", "B_input", "D_input", "constant_state", "constant_input", "x0", "v0", "delays")
 
 
-@pytest.mark.parametrize("name", [n for n in epp.shipped_cases() if epp.case(n).kind == "loop"])
+@pytest.mark.parametrize("name", of_kind("loop"))
 def test_every_shipped_loop_is_the_same_as_the_file_of_a_diagram(name: str) -> None:
     """Equal numbers, elements and starts are equal results: a diagram's loop is analysed as any other."""
     loop = epp.case(name).to_system()

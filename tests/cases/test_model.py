@@ -12,6 +12,7 @@ import pytest
 from eppanalysis.cases import Case, case, json_schema, read_case, shipped_cases, shipped_cases_folder
 from eppanalysis.errors import CaseError
 from eppanalysis.models.systems.inputs import Ramp, Recorded, Sine, Step, Steps
+from tests.shared import of_kind
 
 BASE = (shipped_cases_folder() / "elbow.toml").read_text(encoding="utf-8")
 LOOP = """kind = "loop"
@@ -409,7 +410,7 @@ def test_answers_of_loops(name: str, omegas: tuple[float, float]) -> None:
     assert (expected.describing_function[0].omega, expected.exact[0].omega) == omegas
 
 
-@pytest.mark.parametrize("name", [n for n in shipped_cases() if case(n).kind == "loop"])
+@pytest.mark.parametrize("name", of_kind("loop"))
 def test_first_order_answers_close_the_loop(name: str) -> None:
     """``H(j omega) N = 1`` and the balance of means hold at each answer, so signs and units of the file are right."""
     found = case(name)

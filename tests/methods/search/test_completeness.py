@@ -16,12 +16,12 @@ from scipy.stats import qmc
 
 import eppanalysis as epp
 from eppanalysis.methods.search.basin import REST, UNDECIDED, basin
-from tests.shared import cycles_of
+from tests.shared import cycles_of, shipped
 
 LOOPS = [
     name
-    for name in epp.shipped_cases()
-    if (case := epp.case(name)).kind == "loop" and case.expected.exact is not None and not case.to_system().time_step
+    for name, case in shipped().items()
+    if case.kind == "loop" and case.expected.exact is not None and not case.to_system().time_step
 ]
 TRUTH_TABLE = [
     "fig8a_original",

@@ -29,10 +29,10 @@ from eppanalysis.models.systems.inputs import Constant, InputSignal, Ramp, Recor
 from eppanalysis.results import Status
 from tests.random_loops import random_loop
 from tests.reference.elbow_reference import LBF, ROWS, row, simulate_reference
-from tests.shared import cycles_of
+from tests.shared import cycles_of, shipped
 
 ROOT = str(Path(epp.__file__).parents[1])
-TEXTBOOK = [n for n in epp.shipped_cases() if epp.case(n).expected.exact and epp.case(n).expected.outcome]
+TEXTBOOK = [name for name, case in shipped().items() if case.expected.exact and case.expected.outcome]
 
 
 def run_case(name: str, t_end: float | None = None, **changes: Any) -> epp.Trajectory:

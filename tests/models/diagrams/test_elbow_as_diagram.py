@@ -7,9 +7,9 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.models.elements.dynamic.parking import ParkingBandLaw, SampledLaw
-from tests.shared import cycles_of
+from tests.shared import cycles_of, of_kind
 
-ELBOWS = [name for name in epp.shipped_cases() if epp.case(name).kind == "elbow"]
+ELBOWS = of_kind("elbow")
 
 
 def _mechanics(p):

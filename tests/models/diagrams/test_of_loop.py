@@ -8,6 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 import eppanalysis as epp
 from eppanalysis.models.systems.signals import SignalMap
+from tests.shared import of_kind
 
 MATRICES = (
     *("A", "B", "C", "D", "B_input", "D_input", "constant_state", "constant_input"),
@@ -43,7 +44,7 @@ def _require_same_places(found, loop):
             np.testing.assert_array_equal(getattr(found.places, matrix)[i], getattr(loop.places, matrix)[j])
 
 
-@pytest.mark.parametrize("name", [n for n in epp.shipped_cases() if epp.case(n).kind in ("loop", "elbow")])
+@pytest.mark.parametrize("name", of_kind("loop", "elbow"))
 def test_every_shipped_loop_comes_back_from_its_diagram(name):
     loop = epp.case(name).to_system()
     found = epp.Diagram.of(loop).to_system()
