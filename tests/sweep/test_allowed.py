@@ -21,7 +21,7 @@ from tests.shared import said_above
 SERVO = epp.case("backlash_servo")
 #: Peak to peak of the cycle for a gap of one: published with the case (exact), and of first order.
 EXACT, FIRST_ORDER = 1.959706261794195, 2.020632276959861
-GAPS = {"play.gap": "0.2:0.3:11"}
+GAPS = {"play.gap": "0.2:0.3:5"}
 SETTLES, WITHIN, EXCEEDS = Allowance.SETTLES, Allowance.WITHIN, Allowance.EXCEEDS
 
 

@@ -456,6 +456,7 @@ class Wrapped(control.DescribingFunctionNonlinearity):
 
 
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.slow
 class TestPythonControl:
     """What ``control.describing_function_response`` (0.10.2) answers to the same questions, beside our answers.
 
