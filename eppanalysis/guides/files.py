@@ -16,7 +16,7 @@ from eppanalysis.plotting import figure_of
 from eppanalysis.readable import one_line
 from eppanalysis.shown import png
 from eppanalysis.tables.files import PICTURES, atomic, check_target, csv_cell, write_figure
-from eppanalysis.tables.manual import size_rows
+from eppanalysis.tables.manual import keep_texts, size_rows
 
 if TYPE_CHECKING:
     import pandas
@@ -144,9 +144,9 @@ def _excel(guide: Guide, path: Path) -> None:
     for name in frame:
         # As the other files have them: four digits of a cell would be to the nearest, which may be the unsafe side.
         numbers = pandas.api.types.is_numeric_dtype(frame[name])
-        frame[name] = pandas.to_numeric(rounded[name], errors="coerce") if numbers else rounded[name].map(csv_cell)
-    sentences = pandas.DataFrame({"sentence": [csv_cell(s) for s in guide.sentences()]})
-    source = pandas.DataFrame({"provenance": [csv_cell(facts(guide))]})
+        frame[name] = pandas.to_numeric(rounded[name], errors="coerce") if numbers else rounded[name]
+    sentences = pandas.DataFrame({"sentence": list(guide.sentences())})
+    source = pandas.DataFrame({"provenance": [facts(guide)]})
     with pandas.ExcelWriter(path, engine="openpyxl") as book:
         for name, sheet in (("guideline", frame), ("sentences", sentences), ("provenance", source)):
             sheet.to_excel(book, sheet_name=name, index=False)
@@ -161,6 +161,7 @@ def _excel(guide: Guide, path: Path) -> None:
                 for cell in column:
                     cell.alignment = Alignment(wrap_text=True, vertical="top")
             size_rows(cells)
+            keep_texts(cells)
 
 
 def _word(guide: Guide, path: Path) -> None:

@@ -79,7 +79,9 @@ def _of_guide(guide: Guide, given: float | None) -> ManualTable:
         pulley, force = _at_the_pulley(guide)
         beside = [pulley, *(beside or [force])]
     else:
-        beside = [*(beside or [_rests_unless_struck(guide, step, up)]), _frequencies(row.cell for row in guide.rows)]
+        struck = _rests_unless_struck(guide, step, up)
+        beside = beside or [struck] * any(cell != _DASH for cell in struck.cells)
+        beside = [*beside, _frequencies(row.cell for row in guide.rows)]
     name = "Backlash at the elbow" if guide.of_backlash else _capital(in_words(guide.limit))
     heads = (
         "Design",
@@ -187,7 +189,7 @@ def _rests_unless_struck(guide: Guide, step: Decimal, up: bool) -> _Column:
         f"the case {came} wherever it was tried. A blow may start the oscillation."
     )
     head = with_unit(f"{struck} {'down' if up else 'up'} to", unit)
-    return _Column(head, cells, note=note if any(cell != _DASH for cell in cells) else "")
+    return _Column(head, cells, note=note)
 
 
 def _frequencies(cells: Iterable[BoundCell]) -> _Column:

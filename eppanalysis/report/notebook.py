@@ -30,8 +30,9 @@ from eppanalysis.report.sections import LADDER, OVERVIEW, SECTIONS, SETUP
 if TYPE_CHECKING:
     from nbformat import NotebookNode
 
-#: A section that takes longer than this hangs [s].
-LONGEST_CELL = 600
+#: A section that takes longer than this hangs [s]: that of an elbow under gravity asks for most of a minute of a
+#: processor, and a busy machine may have a tenth of one to give.
+LONGEST_CELL = 3600
 #: A kernel that has not answered after this will not [s].
 _LONGEST_START = 120
 _LONGEST_SOCKET_FOLDER = 55

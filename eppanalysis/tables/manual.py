@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import html
 import math
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -17,7 +18,7 @@ from typing import Any
 
 from eppanalysis.errors import EppError
 from eppanalysis.readable import one_line
-from eppanalysis.tables.files import atomic, check_target, csv_cell
+from eppanalysis.tables.files import atomic, check_target
 
 #: Most that is given away by rounding, relative to the smallest value of a column.
 _GIVEN_AWAY = 0.02
@@ -30,6 +31,8 @@ _LATEX = {c: f"\\{c}" for c in "&%$#_{}"} | {
     "<": "\\textless{}",
     ">": "\\textgreater{}",
 }
+#: Between a number and its unit no line of a narrow column is broken.
+_WITH_UNIT = re.compile(r"(?<=\d) (?=[A-Za-zµ%])")
 _STYLE = """
 :root { color-scheme: light dark; }
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem; max-width: 52rem; }
@@ -240,7 +243,7 @@ def _word(table: ManualTable, path: Path) -> None:
     grid.rows[0]._tr.get_or_add_trPr().append(OxmlElement("w:tblHeader"))
     for texts, shade in table.shaded():
         for i, (cell, text) in enumerate(zip(grid.add_row().cells, texts, strict=True)):
-            cell.text = text
+            cell.text = _WITH_UNIT.sub("\N{NO-BREAK SPACE}", text)
             if shade and i == 1:
                 fill = OxmlElement("w:shd")
                 fill.set(qn("w:val"), "clear")
@@ -264,6 +267,12 @@ def size_rows(sheet: Any, first: int = 1) -> None:
         sheet.row_dimensions[row[0].row].height = 15.0 * max(1, *lines)
 
 
+def keep_texts(sheet: Any) -> None:
+    """Make every text of a sheet a text, whatever it begins with: none is run as a formula, and none needs a mark."""
+    for cell in (cell for row in sheet.iter_rows() for cell in row if isinstance(cell.value, str)):
+        cell.data_type, cell.quotePrefix = "s", True
+
+
 def _excel(table: ManualTable, path: Path) -> None:
     from openpyxl import Workbook
     from openpyxl.styles import Alignment, Border, Font, PatternFill, Side
@@ -271,14 +280,14 @@ def _excel(table: ManualTable, path: Path) -> None:
     book = Workbook()
     sheet = book.active
     sheet.title = "guideline"
-    sheet.append([csv_cell(one_line(table.title))])
+    sheet.append([one_line(table.title)])
     sheet["A1"].font = Font(bold=True, size=13)
-    sheet.append([csv_cell(name) for name in table.columns])
+    sheet.append(list(table.columns))
     line = Side(style="thin", color="999999")
     wrapped = Alignment(wrap_text=True, vertical="top")
     shades = [shade for _, shade in table.shaded()]
     for row, shade in zip(table.rows, shades, strict=True):
-        sheet.append([float(cell) if isinstance(cell, Decimal) else csv_cell(one_line(cell)) for cell in row])
+        sheet.append([float(cell) if isinstance(cell, Decimal) else one_line(cell) for cell in row])
         for cell, value in zip(sheet[sheet.max_row], row, strict=True):
             if isinstance(value, Decimal):
                 places = max(0, -int(value.as_tuple().exponent))
@@ -293,7 +302,7 @@ def _excel(table: ManualTable, path: Path) -> None:
         sheet.column_dimensions[cell.column_letter].width = _LETTERS
     size_rows(sheet, first=2)
     for note in table.notes:
-        sheet.append([csv_cell(note)])
+        sheet.append([note])
         sheet.merge_cells(start_row=sheet.max_row, end_row=sheet.max_row, start_column=1, end_column=len(table.columns))
         sheet.cell(sheet.max_row, 1).alignment = wrapped
         sheet.row_dimensions[sheet.max_row].height = 15.0 * math.ceil(len(note) / 110)
@@ -301,6 +310,7 @@ def _excel(table: ManualTable, path: Path) -> None:
     sheet.print_title_rows = "2:2"
     sheet.page_setup.orientation, sheet.page_setup.fitToHeight = "landscape", 0
     sheet.sheet_properties.pageSetUpPr.fitToPage = True
+    keep_texts(sheet)
     book.save(path)
 
 

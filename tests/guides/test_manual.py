@@ -173,6 +173,12 @@ def test_excel_holds_numbers_with_their_decimals_and_no_formula(guide, tmp_path:
     assert sheet["B3"].number_format == "0.00" and sheet["C3"].number_format == "0.000"
     assert all(c.font.bold and c.alignment.wrap_text for c in sheet[2])
     assert all(c.data_type != "f" for row in sheet.iter_rows() for c in row)
+    # A mark that keeps a text from being run would stand in the cell for all to see; a text needs none.
+    assert [[c.value for c in row if isinstance(c.value, str)] for row in sheet.iter_rows(min_row=3, max_row=4)] == [
+        [text for text, cell in zip(texts, row, strict=True) if isinstance(cell, str)]
+        for texts, row in zip(epp.manual_table(guide).texts()[:2], epp.manual_table(guide).rows[:2], strict=True)
+    ]
+    assert sheet["A1"].value == epp.manual_table(guide).title
     frame = pandas.read_excel(tmp_path / "g.xlsx", header=1, nrows=2)
     assert frame.columns[1] == "Backlash at the elbow, at most [deg]"
 
@@ -182,7 +188,9 @@ def test_word_holds_the_table_with_bold_headings_that_repeat(guide, tmp_path: Pa
     epp.manual_table(guide).write(tmp_path / "g.docx")
     document = docx.Document(str(tmp_path / "g.docx"))
     (table,) = document.tables
-    assert [c.text for c in table.rows[1].cells] == list(epp.manual_table(guide).texts()[0])
+    texts = [c.text for c in table.rows[1].cells]
+    assert [text.replace("\N{NO-BREAK SPACE}", " ") for text in texts] == list(epp.manual_table(guide).texts()[0])
+    assert "1.5\N{NO-BREAK SPACE}lbf" in texts[0]
     assert all(run.bold for c in table.rows[0].cells for run in c.paragraphs[0].runs)
     assert "w:tblHeader" in table.rows[0]._tr.xml
     assert document.paragraphs[0].text.endswith(BAD)
