@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eppanalysis.diagnose.record import waveform
+from eppanalysis.diagnose.result import Diagnosis, Explanation
 from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION, label_of, label_time, label_up, legend_below, places_of
-
-if TYPE_CHECKING:
-    from eppanalysis.diagnose.result import Diagnosis, Explanation
 
 #: Points of a record that are drawn, and points of a waveform.
 _MOST_POINTS, _POINTS = 4000, 400

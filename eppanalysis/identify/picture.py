@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from eppanalysis.identify import Identification
+from eppanalysis.identify.estimate import BenchFit, Estimate
 from eppanalysis.plotting import (
     BLUE,
     GREY,
@@ -22,10 +24,6 @@ from eppanalysis.plotting import (
     root_figure,
 )
 from eppanalysis.readable import readable, with_unit, words
-
-if TYPE_CHECKING:
-    from eppanalysis.identify import Identification
-    from eppanalysis.identify.estimate import BenchFit, Estimate
 
 #: Points of a curve that is only drawn behind.
 _MOST_POINTS = 6000

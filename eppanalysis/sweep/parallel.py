@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+import xarray
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -16,10 +18,6 @@ from eppanalysis.plotting import BLUE, GREY, SKY, SMALL, VERMILLION, WIDTH, line
 from eppanalysis.readable import readable, with_unit, words
 from eppanalysis.sweep.analyses import Allowance, Outcome
 from eppanalysis.sweep.labels import is_sized, meanings, outcomes_in, put_verdict_of, readable_axis
-
-if TYPE_CHECKING:
-    import xarray
-    from matplotlib.axes import Axes
 
 #: Letters of all labels side by side, and those of one below which labels stand upright.
 _LETTERS, _FEWEST = 12.5 * WIDTH, 8

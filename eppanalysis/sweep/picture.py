@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+import xarray
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -30,6 +32,7 @@ from eppanalysis.plotting import (
 )
 from eppanalysis.readable import readable, with_unit, words
 from eppanalysis.sweep.analyses import Allowance, Outcome
+from eppanalysis.sweep.boundary import Boundary
 from eppanalysis.sweep.labels import (
     factor_of,
     is_sized,
@@ -40,12 +43,6 @@ from eppanalysis.sweep.labels import (
     readable_axis,
 )
 from eppanalysis.sweep.parallel import plot_parallel
-
-if TYPE_CHECKING:
-    import xarray
-    from matplotlib.axes import Axes
-
-    from eppanalysis.sweep.boundary import Boundary
 
 #: Colours of unknown, settles, oscillates, diverges: apart in brightness as well as in hue.
 OUTCOME_COLOURS = ("#BDBDBD", "#DCEBF5", ORANGE, VERMILLION)

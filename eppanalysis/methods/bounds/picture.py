@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.result import Turn
+from eppanalysis.methods.bounds.result import DesignBounds, Turn
 from eppanalysis.plotting import (
     BLUE,
     GREEN,
@@ -25,9 +25,6 @@ from eppanalysis.plotting import (
     put_legend,
 )
 from eppanalysis.readable import number, with_unit, words
-
-if TYPE_CHECKING:
-    from eppanalysis.methods.bounds.result import DesignBounds
 
 _MOST_BARS = 14
 #: Letters of a line of a label below bars, whose names take a third of the width.

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.certificates.play.picture import plot_level
 from eppanalysis.methods.certificates.registry import Asked
+from eppanalysis.methods.certificates.result import Certificate
 from eppanalysis.plotting import BLUE, VERMILLION, place_of, put_legend
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from eppanalysis.methods.certificates.result import Certificate
 
 
 def plot_certificate(certificate: Certificate, ax: Axes | None = None) -> Figure:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from eppanalysis.methods.describing.frozen import FrozenLoop
 from eppanalysis.plotting import GREEN, draw_nyquist, place_of, put_legend
-
-if TYPE_CHECKING:
-    from eppanalysis.methods.describing.frozen import FrozenLoop
 
 
 def plot_frozen(loop: FrozenLoop, ax: Axes | None = None) -> Figure:

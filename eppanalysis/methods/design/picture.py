@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.design.goal import Sense
+from eppanalysis.methods.design.result import Design
 from eppanalysis.plotting import BLUE, GREEN, ORANGE, SMALL, VERMILLION, place_of, put_legend
 from eppanalysis.readable import with_unit, words
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from eppanalysis.methods.design.result import Design
 
 
 def plot_design(design: Design, ax: Axes | None = None) -> Figure:

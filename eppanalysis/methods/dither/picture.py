@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from eppanalysis.arrays import Array
+from eppanalysis.methods.dither.result import Dither
 from eppanalysis.methods.dither.runs import Start
+from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, VERMILLION, places_of, put_legend
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from eppanalysis.methods.dither.result import Dither
-    from eppanalysis.models.elements.base import Nonlinearity
 
 #: How a run from the cycle ended: label, colour, marker.
 _ENDS = {

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from eppanalysis.arrays import Array
+from eppanalysis.methods.elements.result import ElementCheck
 from eppanalysis.plotting import BLUE, VERMILLION, places_of, put_legend
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from eppanalysis.methods.elements.result import ElementCheck
 
 
 def plot_element_check(found: ElementCheck, ax: Axes | None = None) -> Figure:

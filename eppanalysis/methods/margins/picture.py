@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from eppanalysis.methods.margins.olop_result import BOUNDARY
+from eppanalysis.methods.margins.olop_result import BOUNDARY, OnsetPoint
+from eppanalysis.methods.margins.result import Margins
 from eppanalysis.plotting import BLUE, DARK, GREEN, VERMILLION, place_of, put_legend
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from eppanalysis.methods.margins.olop_result import OnsetPoint
-    from eppanalysis.methods.margins.result import Margins
 
 #: Loop gains up to this size are shown.
 _REACH = 2.5

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from eppanalysis.methods.rational.result import RationalModel
 from eppanalysis.plotting import BLUE, GREY, VERMILLION, places_of, put_legend
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from eppanalysis.methods.rational.result import RationalModel
 
 
 def plot_rational(model: RationalModel, ax: Axes | None = None) -> Figure:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
+from eppanalysis.methods.search.basin import Basin
+from eppanalysis.methods.search.result import CycleSearch
+from eppanalysis.methods.search.trigger import Trigger
 from eppanalysis.plotting import (
     BLUE,
     DARK,
@@ -28,14 +32,7 @@ from eppanalysis.plotting import (
     root_figure,
 )
 from eppanalysis.readable import number, readable, with_unit, words
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from eppanalysis.methods.search.basin import Basin
-    from eppanalysis.methods.search.result import CycleSearch
-    from eppanalysis.methods.search.trigger import Trigger
-    from eppanalysis.results import LimitCycle
+from eppanalysis.results import LimitCycle
 
 
 _STABLE, _UNSTABLE = (BLUE, GREEN, SKY, PURPLE), (VERMILLION, ORANGE, GREY, PURPLE)

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from eppanalysis.methods.simulation.batch import BatchResult
 from eppanalysis.plotting import BLUE, place_of
 from eppanalysis.readable import words
 from eppanalysis.results import Status
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from eppanalysis.methods.simulation.batch import BatchResult
 
 
 def plot_batch(batch: BatchResult, ax: Axes | None = None) -> Figure:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from eppanalysis.methods.bounds.tolerances.result import ToleranceBound
 from eppanalysis.plotting import BLUE, SKY, VERMILLION, place_of, put_legend
 from eppanalysis.readable import number, with_unit, words
-
-if TYPE_CHECKING:
-    from eppanalysis.methods.bounds.tolerances.result import ToleranceBound
 
 
 def plot_tolerance(bound: ToleranceBound, ax: Axes | None = None) -> Figure:

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
 from eppanalysis.plotting import BLUE, place_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
 
 
 def plot_multiplier_discs(orbit: CertifiedOrbit, ax: Axes | None = None) -> Figure:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from eppanalysis.plotting import BLUE, GREY, VERMILLION, put_legend
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 #: Levels are drawn out to this many times their smallest radius.
 _REACH = 8.0

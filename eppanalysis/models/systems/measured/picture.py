@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from eppanalysis.models.systems.measured.matrix import MeasuredMatrix
+from eppanalysis.models.systems.measured.response import MeasuredResponse
 from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, Axes, Figure, places_of, put_legend
-
-if TYPE_CHECKING:
-    from eppanalysis.models.systems.measured.matrix import MeasuredMatrix
-    from eppanalysis.models.systems.measured.response import MeasuredResponse
 
 #: Of paths that stand beside each other, in this order; what follows repeats the colours with the next style.
 _COLOURS, _STYLES = (BLUE, VERMILLION, GREEN, ORANGE, SKY), ("-", "--", ":", "-.")
