@@ -34,7 +34,6 @@ from eppanalysis.plotting import (
 from eppanalysis.readable import number, readable, with_unit, words
 from eppanalysis.results import LimitCycle
 
-
 _STABLE, _UNSTABLE = (BLUE, GREEN, SKY, PURPLE), (VERMILLION, ORANGE, GREY, PURPLE)
 #: Words in the middle of an empty panel, and the letters on a line of them.
 _MIDDLE: dict[str, Any] = {"ha": "center", "va": "center", "color": DARK, "fontsize": SMALL}
