@@ -22,6 +22,8 @@ FORBIDDEN = 1e300
 #: Distance of the first places from the centre, in standard deviations, and of how many each chain begins at one: wide,
 #: for a population shrinks fast, and grows slowly.
 _SPREAD, _OF = 4.0, 3
+#: Places that a walk asks for their cost, at most.
+WALKED = 1 + CHAINS * (_OF + BEFORE + TURNS)
 #: Every other stride is shorter: few full ones stay on a step of the stair.
 _SHORT = 0.3
 #: How far, in standard deviations, and by which factor in spread the two halves of the turns may differ.

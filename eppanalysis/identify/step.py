@@ -10,8 +10,10 @@ tolerance. What the data cannot identify is taken from the case as known to its 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,12 +24,14 @@ from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.plausible import LEAST_SHARE, explained, refuse_what_is_no_response
 from eppanalysis.identify.reading import Recording
 from eppanalysis.identify.response import Response, Unknown
-from eppanalysis.identify.sampling import Cloud, walk
+from eppanalysis.identify.sampling import WALKED, Cloud, walk
 from eppanalysis.identify.surface import DRAWS, ENOUGH, explore
 from eppanalysis.identify.whitening import WIDEST_START, bounds_of, local, suspects
 from eppanalysis.progress import Progress
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
+
+Drawn = TypeVar("Drawn")
 
 #: What is fitted unless the user says otherwise.
 DEFAULT = ("drive.inertia", "drive.coulomb_friction", "drive.electrical_time_constant", "controller.delay")
@@ -84,7 +88,7 @@ def fit_step(
         raise EppError(f"{recording.source}: cannot identify {' or '.join(names)}; {_remedy(response)}")
     refuse_what_is_no_response(response, candidates, recording.source)
     q = _search(response, seed, progress)
-    solution = _settle(response, q, names, seed)
+    solution = _settle(response, q, names, seed, progress)
     if all(name in solution.held for name in names):
         raise EppError(f"{recording.source}: cannot identify {' or '.join(names)}; {_remedy(response)}")
     return _result(recording, solution, names, seed)
@@ -230,8 +234,21 @@ class _Solution:
         return self.cloud.settled
 
 
-def _settle(response: Response, q: Array, names: Sequence[str], seed: int) -> _Solution:
+def _settle(
+    response: Response, q: Array, names: Sequence[str], seed: int, progress: Progress | None = None
+) -> _Solution:
     """What the data leave possible; one parameter after the other is held until the data identify the rest."""
+
+    def told(ask: Callable[[Array], Drawn], total: int | None) -> Callable[[Array], Drawn]:
+        number = count(1)
+
+        def asked(place: Array) -> Drawn:
+            if progress is not None:
+                progress(next(number), total, "identify: intervals")
+            return ask(place)
+
+        return asked
+
     low, high = bounds_of(response.unknowns)
     cloud = Cloud(q, q, np.zeros((q.size, q.size)), math.inf)
     # Noise is read off what the best place leaves, and where that is hangs on the noise: once more from there.
@@ -241,10 +258,10 @@ def _settle(response: Response, q: Array, names: Sequence[str], seed: int) -> _S
         scale = spread / np.sqrt(np.diag(matrix))
         matrix = matrix * np.outer(scale, scale)
         if cloud.effective > ENOUGH * DRAWS:
-            cloud = explore(whitener.residual, q, matrix, low, high, seed)
+            cloud = explore(told(whitener.residual, None), q, matrix, low, high, seed)
         q = cloud.best
     if cloud.effective <= ENOUGH * DRAWS:
-        cloud = walk(whitener.cost, q, matrix, (low, high), seed)
+        cloud = walk(told(whitener.cost, WALKED), q, matrix, (low, high), seed)
         q = cloud.best
     student = _student(cloud.effective)
     spread = student * np.sqrt(np.diag(cloud.matrix))

@@ -180,7 +180,10 @@ def test_loops_of_matrices_and_rings_are_fitted_from_their_start(tmp_path, few_d
     y = y + 0.01 * np.std(y) * np.random.default_rng(1).normal(size=y.size)
     path = tmp_path / "record.csv"
     np.savetxt(path, np.column_stack([times, y]), delimiter=",", header=f"time [s],{signal}", comments="")
-    estimate = epp.identify(case, step=path, fit=(field,))[field]
+    told: list[str] = []
+    estimate = epp.identify(case, step=path, fit=(field,), progress=lambda *at: told.append(at[2]))[field]
+    # What the intervals take is shown as it goes, too: where the sum of squares is rough it is the longer part.
+    assert told.count("identify: intervals") > 10
     assert estimate.identified and estimate.low <= estimate.high
     assert estimate.value == pytest.approx(value, rel=0.05)
 
