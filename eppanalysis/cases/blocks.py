@@ -225,7 +225,8 @@ def make_element(block: Block, field: str, raw: RawCase) -> Nonlinearity:
     values: dict[str, Any] = {k: p.value for k, p in block.parameters.items() if k in types}
     for key in (key for key in values if types[key] is Held.COUNT):
         if not (values[key] == round(values[key]) and 0 < values[key] <= LARGEST_COUNT):
-            raise raw.refused(f"{field}.{key}", f"a whole number from 1 to {LARGEST_COUNT}")
+            near = round(min(max(values[key], 1.0), LARGEST_COUNT))
+            raise raw.refused(f"{field}.{key}", f"a whole number from 1 to {LARGEST_COUNT}, such as {near}")
         values[key] = round(values[key])
     lacking = needed(made_of, next((len(v) for v in block.lists.values()), 2), {**values, **block.others})
     if lacking:

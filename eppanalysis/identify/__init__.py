@@ -155,9 +155,9 @@ def identify(
     """
     tray, backlash, step = (_beside(case, path) for path in (tray, backlash, step))
     if tray is None and backlash is None and step is None:
-        raise EppError(
-            "identify: no measured file is given; expected a weight tray, backlash cycling or step response."
-        )
+        elbow = "tray, backlash or step: a weight tray, backlash cycling or step response"
+        expected = elbow if case.kind == "elbow" else "step: a recorded response"
+        raise EppError(f"identify: no measured file is given; expected {expected}.")
     if tray is not None or backlash is not None:
         case.elbow_parameters  # noqa: B018  (refuses others)
     fits: list[BenchFit] = []

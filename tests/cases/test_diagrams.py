@@ -379,6 +379,12 @@ def test_a_value_of_another_dimension_is_refused_where_no_field_asks_for_one(cas
         epp.case(case).with_values({name: other})
 
 
+@pytest.mark.parametrize(("levels", "near"), [(1843.2, 1843), (0.2, 1), (5e5, 100000)])
+def test_a_count_that_is_none_is_refused_with_the_nearest_one(levels, near):
+    with pytest.raises(epp.CaseError, match=f"levels is .*; expected a whole number from 1 to 100000, such as {near}"):
+        epp.case("azimuth_servo").with_values({"encoder.levels": levels})
+
+
 def test_radians_may_be_left_out_plain_numbers_are_in_si_units_and_expressions_have_units():
     servo = epp.case("azimuth_servo")
     for given in ("80 V", "80 V/rad", 80.0):

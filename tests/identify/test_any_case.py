@@ -207,6 +207,13 @@ def test_what_is_wrong_is_one_sentence(tmp_path, header, arguments, expected):
     assert expected in result.stderr and len(result.stderr.strip().splitlines()) == 1
 
 
+def test_without_a_record_only_that_which_a_case_can_take_is_asked_for():
+    with pytest.raises(epp.EppError, match="no measured file is given; expected step: a recorded response"):
+        epp.identify(epp.case("azimuth_servo"))
+    with pytest.raises(epp.EppError, match="expected tray, backlash or step: a weight tray"):
+        epp.identify(epp.case("elbow"))
+
+
 def test_discrete_time_is_refused():
     with pytest.raises(epp.EppError, match="expected continuous time"):
         epp.identify(epp.case("backlash_discrete_pi"), step="none.csv", fit=("play.gap",))

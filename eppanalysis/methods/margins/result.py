@@ -102,9 +102,9 @@ class Margins(Result):
             return f"No margins at {self.at}: {self.message[:1].lower()}{self.message[1:]}"
         parts = [
             f"gain margin {number(self.gain_margin)}{_at(self.phase_crossover)}",
-            f"phase margin {math.degrees(self.phase_margin):.4g} deg{_at(self.gain_crossover)}",
+            f"phase margin {_in(math.degrees(self.phase_margin), 'deg')}{_at(self.gain_crossover)}",
         ]
-        others = f"disk margin {self.disk_margin:.4g}, delay margin {number(self.delay_margin)} s"
+        others = f"disk margin {self.disk_margin:.4g}, delay margin {_in(self.delay_margin, 's')}"
         stable = {True: "stable", False: "unstable", None: "not decided"}[self.stable]
         return f"Linearised loop {stable}: {', '.join(parts)}; {others}; cut at {self.at}. {self.message}".rstrip()
 
@@ -116,6 +116,10 @@ class Margins(Result):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Nyquist picture of the loop cut open at the place, with its crossovers."""
         return self.drawn("plot_margins", ax)
+
+
+def _in(value: float, unit: str) -> str:
+    return f"{number(value)} {unit}" if math.isfinite(value) else number(value)
 
 
 def _at(omega: float) -> str:

@@ -281,6 +281,11 @@ def test_their_table_frame_and_picture_name_the_cut() -> None:
     assert "cut at motor.command" in said_above(found[0].plot().figure)[1]
 
 
+def test_a_margin_without_a_crossover_is_said_to_be_infinite() -> None:
+    said = str(epp.margins(saturation(([0.5], [1.0, 1.0]))))
+    assert "gain margin infinite, phase margin infinite; disk margin" in said and "delay margin infinite;" in said
+
+
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 1000), st.floats(0.01, 3.0))
 def test_with_dead_time_they_do_not_depend_on_coordinates(seed: int, delay: float) -> None:
