@@ -10,6 +10,7 @@ import numpy as np
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.margins.sampled import from_sample_to_sample, with_straight_gains
+from eppanalysis.models.elements.piecewise import UNITY
 from eppanalysis.models.systems.absorbed import gain_matrix
 from eppanalysis.models.systems.linear import ROUNDING, balanced, poles, zeros
 from eppanalysis.models.systems.lure import LureSystem, with_own_states
@@ -186,6 +187,8 @@ class Linearised:
         """Which gain stands for each element, and why, a sentence each."""
         said = []
         for i, (name, element) in enumerate(zip(self.system.element_names, self.system.elements, strict=True)):
+            if element == UNITY:
+                continue  # a dead time stands behind it, and nothing stands for it
             block = self.gains[self.system.output_slices[i], self.system.input_slices[i]]
             numbers = ", ".join(number(value) for value in block.ravel())
             none = "none (its output jumps, or its slope has no bound)"

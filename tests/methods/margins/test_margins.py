@@ -281,6 +281,28 @@ def test_their_table_frame_and_picture_name_the_cut() -> None:
     assert "cut at motor.command" in said_above(found[0].plot().figure)[1]
 
 
+def test_a_dead_time_is_no_element_for_which_a_gain_would_stand() -> None:
+    drawn = epp.Diagram(
+        parts={
+            "controller": epp.blocks.PI(kp=2.0, ti=5.0),
+            "valve": epp.Saturation(lower=-1.0, upper=1.0),
+            "plant": epp.blocks.LowPass(bandwidth=1.0),
+            "pipe": epp.blocks.DeadTime(delay=0.1),
+            "probe": epp.blocks.LowPass(bandwidth=20.0),
+        },
+        connect=[
+            "setpoint - probe -> controller",
+            "controller -> valve",
+            "valve -> plant",
+            "plant -> pipe",
+            "pipe -> probe",
+        ],
+        inputs=["setpoint"],
+        signals={"level": "plant"},
+    )
+    assert epp.margins(drawn.to_system()).rule == ("valve: 1 (its steepest slope).",)
+
+
 def test_a_margin_without_a_crossover_is_said_to_be_infinite() -> None:
     said = str(epp.margins(saturation(([0.5], [1.0, 1.0]))))
     assert "gain margin infinite, phase margin infinite; disk margin" in said and "delay margin infinite;" in said
