@@ -79,6 +79,7 @@ class Commands(BashLexer):
 
 def setup(app) -> None:
     """Register the maker of pictures and tables, what lists of attributes leave out, and how commands are coloured."""
-    app.add_lexer("sh", Commands)
+    for name in ("sh", "bash"):  # commands that the tests run, and others
+        app.add_lexer(name, Commands)
     app.connect("builder-inited", make_pages)
     app.connect("autodoc-skip-member", leave_out)
