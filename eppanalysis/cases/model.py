@@ -409,13 +409,15 @@ class Case:
         if not name.endswith(".kind") and is_expression_of(held, self.parameters):
             expected = "a quantity, which can be varied; vary what it is made of, or set it to a quantity first"
             raise CaseError(source, name, held, expected)
-        close = difflib.get_close_matches(name, known, n=1) or [k for k in known if k.endswith(f".{name}")][:1]
+        alike = [k for k in known if k.casefold() == name.casefold() or k.endswith(f".{name}")]
+        close = difflib.get_close_matches(name, known, n=1) or alike
         hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(known)}"
         raise CaseError(source, name, "not known" if shown is None else shown, f"a known field: {hint}")
 
     def _check_settable(self, name: str, value: Any, source: str) -> None:
         """Refuse names that validation could not put right; the rest of the file may be set too ("run.t_end")."""
-        if name.partition(".")[0] in ("run", "expected", "title", "loop"):
+        section = name.partition(".")[0]
+        if section in ("run", "expected", "title") or (section == "loop" and self.kind == "loop"):
             return
         if not KINDS[self.kind].takes(name, self._raw.data):
             self._check_known(name, source, value)

@@ -663,3 +663,17 @@ def test_run_time_and_numbers_of_the_input_have_units(input_signal, units):
 def test_a_file_in_place_of_a_name_is_told_who_reads_it() -> None:
     with pytest.raises(CaseError, match="the name of a case that ships; read_case reads a file"):
         case("my_loop.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "sentence"),
+    [
+        ("x15_flare", "loop.gain", "loop.gain is 2.0; expected a known field: one of Kp, "),
+        ("fig8a_original", "loop.gain", "loop.gain is 2.0; expected a known field: did you mean"),
+        ("robot_servo", "kp", "kp is 2.0; expected a known field: did you mean 'Kp'?"),
+    ],
+)
+def test_a_field_that_this_kind_of_case_has_not_is_told_as_it_was_typed(name, field, sentence) -> None:
+    with pytest.raises(CaseError) as refused:
+        case(name).with_values({field: 2.0}, "--set")
+    assert str(refused.value).startswith(f"--set: {sentence}")
