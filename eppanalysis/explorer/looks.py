@@ -7,7 +7,7 @@ WIDGETS = """
 .bk-btn:hover { border-color: var(--accent); }
 select:not([multiple]).bk-input { background-image: url("data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg' \
 viewBox='0 0 8 8'%3E%3Cpath fill='%23808080' d='M0 2h8L4 7z'/%3E%3C/svg%3E"); background-size: 8px; }
-.bk-slider-title { overflow-wrap: anywhere; }
+.bk-slider-title { overflow-wrap: anywhere; white-space: normal; }
 .noUi-target { background: var(--line); }
 :focus-visible, .noUi-handle:focus-visible { outline: 3px solid var(--accent); outline-offset: 2px; }
 """
@@ -39,6 +39,11 @@ const paint = () => {
       }
     }
     for (const renderer of plot.renderers) {
+      // The blue of print is dim on dark paper; the lighter one of the house is not.
+      const held = renderer.glyph.line_color?.value?.toLowerCase?.();
+      if (['#0072b2', '#56b4e9'].includes(held)) {
+        renderer.glyph.line_color = {value: night.matches ? '#56B4E9' : '#0072B2'};
+      }
       const dark = renderer.glyph.tags?.includes('ink') || renderer.tags?.includes('ink');
       if (dark) { renderer.glyph.line_color = {value: ink}; renderer.glyph.fill_color = {value: ink}; }
     }

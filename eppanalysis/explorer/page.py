@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from bokeh.events import DocumentReady
-from bokeh.models import ColumnDataSource, CustomJS
+from bokeh.models import ColumnDataSource, CustomJS, CustomJSTickFormatter
 from bokeh.models.widgets import Button, Div, Select, Slider as SliderWidget, TextInput
 
 from eppanalysis.cases import Case, variation_of
@@ -29,7 +29,7 @@ from eppanalysis.explorer.values import (
     read_query,
     write_query,
 )
-from eppanalysis.readable import readable, words
+from eppanalysis.readable import DIGITS, in_print, readable, words
 
 if TYPE_CHECKING:
     from bokeh.document import Document
@@ -39,6 +39,8 @@ _CALM = 500
 #: How long after a run what stands beside it follows [ms].
 _MOMENT = 50
 _MOST_STEPS_BACK = 200
+#: A slider's number as all are written, however small.
+_DIGITS = f"return String(+tick.toPrecision({DIGITS}))"
 _ADDRESS = "history.replaceState(null, '', cb_obj.data.query[0] ? '?' + cb_obj.data.query[0] : location.pathname);"
 _COPY = """
 const done = () => { cb_obj.label = 'Link copied'; setTimeout(() => { cb_obj.label = 'Copy link'; }, 1500); };
@@ -135,12 +137,12 @@ class Page:
 
     def _slider(self, slider: Slider) -> SliderWidget:
         widget = SliderWidget(
-            title=slider.label(),
+            title=in_print(slider.label()),
             start=slider.low,
             end=slider.high,
             step=slider.step,
             value=slider.value,
-            format="0[.]0[0000]" if slider.high < 1000 else "0",
+            format=CustomJSTickFormatter(code=_DIGITS),
             name=f"slider_{len(self.doc.roots)}",
             tags=[slider.name],
             sizing_mode="stretch_width",

@@ -458,6 +458,20 @@ def test_a_loop_has_its_own_sliders(browser):
         page.close()
 
 
+def test_sliders_show_numbers_however_small_and_curves_are_bright_by_night(browser):
+    with running_explorer("robot_servo", slow_pictures=False) as (address, _):
+        page = open_page(browser, address)
+        titles = "[...deep(document.body, '.bk-slider-title')].map((node) => node.textContent)"
+        assert {"motor inertia [kg·m²]: 1e-7", "motor torque constant [N·m/A]: 0.004"} <= set(page.evaluate(titles))
+        cut = "[...deep(document.body, '.bk-slider-title')].filter((n) => n.scrollWidth > n.clientWidth + 1).length"
+        assert page.evaluate(cut) == 0
+        colour = "model('step').renderers.map((r) => r.glyph.line_color.value)"
+        for scheme, blue in (("dark", "#56B4E9"), ("light", "#0072B2")):
+            page.emulate_media(color_scheme=scheme)
+            wait(page, f"{colour}.includes('{blue}')")
+        page.close()
+
+
 def test_a_port_in_use_and_a_missing_case_are_one_sentence():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
