@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from enum import Enum
 from pathlib import Path
@@ -15,11 +16,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import eppanalysis
 from benchmarks import figures as benchmark_figures
 from studies import GENERATED
-from studies.pages import figures, howto, identify, tables
+from studies.pages import figures, howto, identify, sums, tables
 from studies.paper import figures as paper_figures, tables as paper_tables
 
 #: What makes the pictures and tables that the pages include.
-MAKERS = (figures, identify, tables, howto, paper_figures, paper_tables, benchmark_figures)
+MAKERS = (figures, identify, tables, sums, howto, paper_figures, paper_tables, benchmark_figures)
 
 project = "eppanalysis"
 author = "eppanalysis developers"
@@ -68,6 +69,11 @@ def leave_out(app, what, name, obj, skip, options) -> bool | None:
     return True if what == "attribute" and not isinstance(obj, Enum) else None
 
 
+def hide_own(app, what, name, obj, options, signature, returned) -> tuple[str | None, str | None]:
+    """A signature without the fields that a class keeps for itself."""
+    return signature and re.sub(r", _\w+(=[^,)]*)?", "", signature), returned
+
+
 class Commands(BashLexer):
     """Lines for a shell whose options are marks of their own, so that none is broken at its hyphens."""
 
@@ -83,3 +89,4 @@ def setup(app) -> None:
         app.add_lexer(name, Commands)
     app.connect("builder-inited", make_pages)
     app.connect("autodoc-skip-member", leave_out)
+    app.connect("autodoc-process-signature", hide_own)

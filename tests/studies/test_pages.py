@@ -8,7 +8,7 @@ import pytest
 
 from eppanalysis.plotting import figure_of
 from studies import DOCS
-from studies.pages import figures, gallery
+from studies.pages import figures, gallery, sums
 from tests.explorer.browser import find_chromium, running_browser
 from tests.shared import touching
 from tests.studies.pages import read_faults, seen_faults
@@ -93,3 +93,13 @@ def test_numbers_of_a_drawing_of_an_element_stand_apart(name, drawing):
     figure = figures.draw_element(drawing)
     figure.draw_without_rendering()
     assert not list(touching(figure)), name
+
+
+def test_what_the_checks_add_up_to_is_read_from_their_tables(tmp_path, monkeypatch):
+    page = tmp_path / "checks.md"
+    page.write_text("| runs of x | number | differ |\n| --- | --- | --- |\n| a | 2,000 | 0 |\n| b | 30 | 1 (see) |\n")
+    monkeypatch.setattr(sums, "CHECKS", page)
+    assert "| runs in time against another code | 2,030 | 1 |" in sums.sums_table()
+    monkeypatch.undo()
+    rows = sums.sums_table().splitlines()
+    assert len(rows) == 6 and all(row.count("|") == 4 for row in rows)
