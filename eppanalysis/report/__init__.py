@@ -8,15 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from eppanalysis.cases import as_case
+from eppanalysis.cases import Case, as_case
 from eppanalysis.errors import EppError, require_packages
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.progress import Progress
-
-if TYPE_CHECKING:
-    from eppanalysis.cases import Case
 
 __all__ = ["SUFFIXES", "check", "report"]
 

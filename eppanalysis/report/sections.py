@@ -10,14 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
-from eppanalysis.cases import variation_of
+from eppanalysis.cases import Case, variation_of
 from eppanalysis.methods.bounds.searched import in_samples
 from eppanalysis.plotting import main_signals
-
-if TYPE_CHECKING:
-    from eppanalysis.cases import Case
 
 
 @dataclass(frozen=True)

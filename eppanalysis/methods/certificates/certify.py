@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,12 +17,10 @@ from eppanalysis.methods.certificates.numbers import NotCovered
 from eppanalysis.methods.certificates.registry import Asked, of_text
 from eppanalysis.methods.certificates.result import Certificate, Check, enclosure, sentence
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, standing
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
-
-if TYPE_CHECKING:
-    from eppanalysis.models.systems.operating import OperatingPoint
 
 #: Longest time that a checker may take [s].
 _PATIENCE = 600.0

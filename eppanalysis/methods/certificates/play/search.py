@@ -27,14 +27,11 @@ from eppanalysis.methods.certificates.play.program import (
 )
 
 
-def rays_of(count: int, n_digits: int = 100) -> Matrix:
+def rays_of(count: int) -> Matrix:
     """Borders of 2 `count` sectors of equal angles, in rationals, from (0, 1) by (1, 0) to (0, -1)."""
     angles = [math.pi / 2 * k / count for k in range(1, count)]
     # Any rays will do; short numbers keep the certificate short.
-    upper = [
-        [Fraction(round(n_digits * math.sin(a)), n_digits), Fraction(round(n_digits * math.cos(a)), n_digits)]
-        for a in angles
-    ]
+    upper = [[Fraction(round(100 * math.sin(a)), 100), Fraction(round(100 * math.cos(a)), 100)] for a in angles]
     lower = [[a, -b] for a, b in reversed(upper)]
     zero, one = Fraction(0), Fraction(1)
     return [[zero, one], *upper, [one, zero], *lower, [zero, -one]]
