@@ -299,16 +299,12 @@ def merge(base: dict[str, Any], child: dict[str, Any]) -> dict[str, Any]:
         inherited = out.get(key)
         if isinstance(value, dict) and isinstance(inherited, dict) and not _is_parameter(value):
             out[key] = merge(drop_alternatives(key, inherited, set(value)), value)
-        elif isinstance(value, dict) and not _is_parameter(value) and _is_scalar(inherited):
+        elif isinstance(value, dict) and not _is_parameter(value) and isinstance(inherited, str | int | float):
             # A mark, a note or a tolerance alone leaves the inherited number as it is.
             out[key] = {"value": inherited, **value} if set(value) <= {"mark", "note", "tolerance"} else value
         else:
             out[key] = value
     return out
-
-
-def _is_scalar(value: Any) -> bool:
-    return isinstance(value, (str, int, float))
 
 
 def drop_alternatives(section: str, inherited: dict[str, Any], given: set[str]) -> dict[str, Any]:

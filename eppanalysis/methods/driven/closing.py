@@ -65,7 +65,7 @@ def passed(start: HybridSystem, duration: float) -> Orbit | None:
     tau = np.diff(np.concatenate([[0.0], run.time[rows], [duration]]))
     modes = np.vstack([start.modes0, run.modes[rows]])
     guards = run.guard[rows]
-    marks = np.append(brought_about(start.model, guards, tau[:-1]) if rows.size else _nothing(), 0)
+    marks = np.append(brought_about(start.model, guards, tau[:-1]) if rows.size else guards, 0)
     # The last arc ends when the time is over and on no guard: -1 (docs/theory/driven.md, Periodic responses).
     sequence = EventSequence(modes, np.append(guards, -1), np.full((rows.size + 1, 3), -1), marks)
     starts = np.vstack([np.append(start.x0, start.H0), np.hstack([run.state[rows], run.memory_values[rows]])])
@@ -76,10 +76,6 @@ def passed(start: HybridSystem, duration: float) -> Orbit | None:
     arcs = replace(arcs, event_sequence=marked(arcs, starts, tau))
     orbit = evaluate(start, arcs, starts[0].copy(), tau)
     return orbit if np.isfinite(orbit.residual) else None
-
-
-def _nothing() -> IntArray:
-    return np.zeros(0, np.int64)
 
 
 def _of_elements(hybrid: HybridSystem, guards: IntArray) -> BoolArray:

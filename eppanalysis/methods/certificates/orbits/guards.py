@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from math import comb
+from math import comb, factorial
 from typing import Any
 
 import numpy as np
@@ -259,7 +259,7 @@ class _Pieces:
         """Bound on the remainder of the Taylor polynomials on a piece that begins, or ends, with a state; per size."""
         reach = self.norm.rate * abs(self._length(level))
         rates = (self.rate * state).entries()
-        return (self.norm.of(rates) / self.norm.rate * reach**_TERMS / _factorial() * reach.exp()).upper()
+        return (self.norm.of(rates) / self.norm.rate * reach**_TERMS / factorial(_TERMS) * reach.exp()).upper()
 
     def _series(self, level: int, g: int, backward: bool) -> Any:
         """Taylor coefficients of a guard over the length of a piece, as rows on the state."""
@@ -299,8 +299,3 @@ def _to_bernstein(terms: int) -> Any:
 
     d = terms - 1
     return fmpq_mat([[fmpq(comb(i, j), comb(d, j)) if j <= i else fmpq(0) for j in range(terms)] for i in range(terms)])
-
-
-@cache
-def _factorial() -> int:
-    return int(np.prod([*range(1, _TERMS + 1)], dtype=object))
