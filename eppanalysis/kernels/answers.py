@@ -230,7 +230,7 @@ def _move(table, pieces, z, omega, here, moved, memory, by_x):
 
 
 @njit(**_INNER)
-def _add_moved(table, pieces, jump, moved, dW):
+def _add_moved(pieces, jump, moved, dW):
     """What moving switches contribute: one that comes later keeps the old output for so long."""
     for i in range(pieces.fired.size):
         for k in range(dW.shape[1]):
@@ -297,6 +297,6 @@ def slopes(table, pieces, z, omega, S, R, jump, moved, memory, wave, work, dW):
         # finds.
         for _ in range(2 if n_memory else 1):
             _move(table, pieces, z, omega, work[1:], moved, memory, work[0])
-        _add_moved(table, pieces, jump, moved, dW)
+        _add_moved(pieces, jump, moved, dW)
     if n_memory:
         _add_memory(table, pieces, memory, wave, dW)

@@ -25,7 +25,7 @@ def find_combination(model, compiled, work, modes, base_step):
         q = compiled.count[2] = alike if alike >= 0 else (compiled.count[2] + 1) % compiled.key.shape[0]
     if not compile_modes(model, compiled, work, q, modes):
         return -1
-    compile_guards(model, compiled, work, q, modes)
+    compile_guards(model, compiled, q, modes)
     if alike < 0:
         choose_step(compiled, work, q, base_step)
     compiled.count[0] = max(compiled.count[0], q + 1)
@@ -295,7 +295,7 @@ def _hold_input(rate, c, B, w):
 
 
 @njit(**HOT)
-def compile_guards(model, compiled, work, q, modes):
+def compile_guards(model, compiled, q, modes):
     """Guard rows of the combination, on state, rate, memory values and smooth channels, in the order of the cascade.
 
     Of guards that a jump has passed the first one fires, so that an element meets the jump that is left behind others.

@@ -73,7 +73,7 @@ def run(model, compiled, work, workspace, samples, buffer, now):
                 break
             come_back(model, compiled, work, workspace, samples, now)
             continue
-        _aim(model, compiled, work, workspace, samples, now)
+        _aim(model, compiled, work, workspace, now)
         # What costs least and proves most comes first; the series step needs no grid and misses nothing
         # (docs/theory/engine.md, Two ways to advance).
         if go_far(compiled, work, workspace, samples, now) or go_fast(compiled, workspace, samples, now):
@@ -177,7 +177,7 @@ def _stand(compiled, workspace, now):
 
 
 @njit(**HOT)
-def _aim(model, compiled, work, workspace, samples, now):
+def _aim(model, compiled, work, workspace, now):
     """Step of the mode, how far the run may go, a guard that is passed already, and what fast steps need."""
     now.h, now.t_stop = compiled.step[now.q], now.until
     if now.i_breakpoint < model.breakpoint_time.size and model.breakpoint_time[now.i_breakpoint] < now.t_stop:

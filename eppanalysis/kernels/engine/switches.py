@@ -62,7 +62,7 @@ def switch(model, compiled, work, q, which, x, recent, H, Sg, last, u, modes, me
         w0 = model.first[model.guard_element[k], 1]
         for i in range(model.B.shape[0]):
             x[i] += model.B[i, w0] * strength
-    settle_on_level(model, compiled, new, model.guard_element[k], modes, x, H)
+    settle_on_level(model, model.guard_element[k], modes, x, H)
     return new
 
 
@@ -145,7 +145,7 @@ def beyond_level(model, compiled, q, k, x, recent, H, Sg, last, u):
 
 
 @njit(**INLINE)
-def settle_on_level(model, compiled, q, e, modes, x, H):
+def settle_on_level(model, e, modes, x, H):
     """Put the input of a sticking element exactly on its level, which the event located to rounding."""
     m = model.mode_first[e] + modes[e]
     if model.mode_stick[m]:
