@@ -112,26 +112,16 @@ def units_along_wires(
 
 @dataclass(frozen=True, eq=False)
 class _Claim:
-    """What is said of the unit of a signal: that of another one times `unit`.
-
-    Attributes
-    ----------
-    port, other : tuple of str
-    unit : mapping of str to int
-    refused : callable
-        The refusal, of what else is known and of the unit that the field should have.
-    source : tuple of str
-        The field of the file that says it, or the parameters which that is computed from; empty for what is drawn.
-    of_field : callable
-        The unit of the field, of what that makes of the signals.
-    """
+    """What is said of the unit of a signal: that of another one times `unit`."""
 
     port: Port
     other: Port
     unit: Unit
+    #: The refusal, of what else is known and of the unit that the field should have.
     refused: Callable[[_Signals, Unit], CaseError]
+    #: The field of the file that says it, or the parameters which that is computed from; empty for what is drawn.
     source: tuple[str, ...] = ()
-    of_field: Callable[[Unit], Unit] = dict
+    of_field: Callable[[Unit], Unit] = dict  # the unit of the field, of what that makes of the signals
 
 
 def _joined(claims: Iterable[_Claim]) -> tuple[_Signals, list[_Claim]]:

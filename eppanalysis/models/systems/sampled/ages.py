@@ -35,27 +35,13 @@ def turn_of(times: Sequence[float]) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class StraightReading:
-    """What one controller reads straight of what another one holds, or of what an element makes of that alone.
+    """What one controller reads straight of what another one holds, or of what an element makes of that alone."""
 
-    Attributes
-    ----------
-    reads : int array
-        What the reader reads, among the inputs of all elements of the loop.
-    column : int
-        What is read, among their outputs.
-    gains : array
-        From one to the others.
-    giver : SampledController
-        Whose hold it comes from.
-    ages : array
-        Time since the giver's sample at the reader's samples of one turn, one after the other [s].
-    """
-
-    reads: NDArray[np.intp]
-    column: int
-    gains: Array
-    giver: SampledController
-    ages: Array
+    reads: NDArray[np.intp]  # what the reader reads, among the inputs of all elements of the loop
+    column: int  # what is read, among their outputs
+    gains: Array  # from one to the others
+    giver: SampledController  # whose hold it comes from
+    ages: Array  # time since the giver's sample at the reader's samples of one turn, one after the other [s]
 
     def correction(self, omega: NDArray[Any]) -> tuple[ComplexArray, ComplexArray]:
         """What is added to its way, which has the hold as it is at all times, and the derivative by the frequency."""

@@ -19,28 +19,17 @@ from eppanalysis.models.systems.sampled.strobe import clock_in
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Where controllers and other elements stand in a loop.
-
-    Attributes
-    ----------
-    controllers : tuple of SampledController
-    plant : int array
-        States but the clock.
-    z, w : int arrays
-        Inputs and outputs of the other elements.
-    read, held : int arrays
-        What the controllers read (not the clock), and their outputs.
-    system : LureSystem
-        The loop.
-    """
+    """Where controllers and other elements stand in a loop."""
 
     controllers: tuple[SampledController, ...]
-    plant: NDArray[np.intp]
+    plant: NDArray[np.intp]  # states but the clock
+    #: z, w: inputs and outputs of the other elements.
     z: NDArray[np.intp]
     w: NDArray[np.intp]
+    #: read, held: what the controllers read (not the clock), and their outputs.
     read: NDArray[np.intp]
     held: NDArray[np.intp]
-    system: LureSystem
+    system: LureSystem  # the loop
 
     @cached_property
     def straight(self) -> tuple[StraightReading, ...]:

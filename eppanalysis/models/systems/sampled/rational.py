@@ -18,24 +18,17 @@ from eppanalysis.models.systems.sampled.places import Places, at
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """A controller in continuous time: bilinear transform, and behind it a dead time for each output.
+    """A controller in continuous time: bilinear transform, and behind it a dead time for each output."""
 
-    Attributes
-    ----------
-    A, B, C, D : array
-        From what it reads to its outputs, late.
-    B_out, D_out : array
-        From what is added to its outputs before they are late.
-    C_now, D_now : array
-        From its state and from what it reads to its outputs before they are late.
-    """
-
+    #: A, B, C, D: from what it reads to its outputs, late.
     A: Array
     B: Array
     C: Array
     D: Array
+    #: B_out, D_out: from what is added to its outputs before they are late.
     B_out: Array
     D_out: Array
+    #: C_now, D_now: from its state and from what it reads to its outputs before they are late.
     C_now: Array
     D_now: Array
 
@@ -81,20 +74,11 @@ class Form:
 
 @dataclass(frozen=True, eq=False)
 class Forms:
-    """The rational forms of all controllers of a loop, side by side.
+    """The rational forms of all controllers of a loop, side by side."""
 
-    Attributes
-    ----------
-    each : tuple of Form
-        Of each its outputs as they are held, then those that are read straight at another age.
-    readings : tuple of StraightReading
-        Which those are, in this order.
-    held, aged : int arrays
-        Rows of the outputs.
-    """
-
-    each: tuple[Form, ...]
-    readings: tuple[StraightReading, ...]
+    each: tuple[Form, ...]  # of each its outputs as they are held, then those that are read straight at another age
+    readings: tuple[StraightReading, ...]  # which those are, in this order
+    #: held, aged: rows of the outputs.
     held: NDArray[np.intp]
     aged: NDArray[np.intp]
 
@@ -126,21 +110,11 @@ class Forms:
 
 @dataclass(frozen=True, eq=False)
 class Reads:
-    """What the controllers read, where some of it comes from one another's holds at ages of their own.
+    """What the controllers read, where some of it comes from one another's holds at ages of their own."""
 
-    Attributes
-    ----------
-    rows : array
-        On plant states, controllers, outputs of the others, external inputs and one.
-    solved : array
-        What stands for 1, as what is read at once takes part in what is read.
-    gains : array
-        From what is held, each at its age.
-    """
-
-    rows: Array
-    solved: Array
-    gains: Array
+    rows: Array  # on plant states, controllers, outputs of the others, external inputs and one
+    solved: Array  # what stands for 1, as what is read at once takes part in what is read
+    gains: Array  # from what is held, each at its age
 
     @classmethod
     def of(cls, p: Places, forms: Forms) -> Reads:
