@@ -23,6 +23,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Balance, unit_at_input
 from eppanalysis.methods.describing.error import BalancedOscillation, Estimate
 from eppanalysis.methods.describing.quality import Point
+from eppanalysis.methods.describing.rest import no_rest, out_of_reach
 from eppanalysis.methods.describing.search import (
     Found,
     amplitude_nodes,
@@ -37,10 +38,8 @@ from eppanalysis.methods.describing.search import (
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.models.elements.base import Nonlinearity
-from eppanalysis.models.systems.linear import poles, zeros
-from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.measured.loop import DataSystem
-from eppanalysis.models.systems.sampled.averaged import AveragedSystem
 from eppanalysis.readable import listed, quantity, readable
 
 #: Distance of the loop gain from one, up to which harmonics may make up for it, and how many places are tried.
@@ -50,8 +49,6 @@ _BESIDE = 0.1
 #: Orders of the balances that are tried, the share by which the last may differ from the one before, and the one by
 #: which a cycle differs from a predicted one.
 _ORDERS, _SETTLED, _OTHER = (3, 9, 15), 0.03, 0.2
-#: Share of the terms of a static balance below which they balance.
-_BALANCED = 1e-9
 #: Share of a pole's size below which its real part is rounding.
 _UNDAMPED = 1e-9
 
@@ -67,12 +64,14 @@ def blind_spots(
         Whether any predicted cycle is: then the loop need not be asked whether it has a state of rest.
     """
     of_any_size = [*_conservative(balance)]
-    without_rest = [] if stable or of_any_size else _no_rest(balance)
+    beyond = [*out_of_reach(balance)]
+    without_rest = [] if stable or of_any_size or beyond else no_rest(balance)
     return tuple(
         [
             *made_by_harmonics(balance, points, estimates, found),
             *_undamped(balance),
             *of_any_size,
+            *beyond,
             *_stick_slip(balance),
             *_drift(balance),
             *without_rest,
@@ -292,168 +291,3 @@ def _response(balance: Balance, element: int, omega: float) -> complex:
     selector = (balance.owner[:, None] == np.arange(balance.m)) * np.where(mine, 0.0, gain)[:, None]
     closed = np.linalg.solve(np.eye(balance.m) - L @ selector, L[:, mine].sum(1))
     return complex(closed[element])
-
-
-def _no_rest(balance: Balance) -> Iterator[str]:
-    """Elements that jump over the only output with which the loop could stand still, or leave it wherever it could."""
-    system = balance.system
-    for i, e in enumerate(system.elements):
-        of_input, of_output = _units_of(system, i)
-        if not np.any(e.jumps):
-            if any(_leaves_every_mode(e, *balanced) for balanced in _balances_of_one(balance, i)):
-                yield (
-                    f"The loop has no state of rest: {system.element_names[i]} leaves each of its modes before the "
-                    "loop would stand still; it keeps moving, in a motion that is not predicted here."
-                )
-            continue
-        for on_bias, on_mean, prescribed in _balances_of_one(balance, i):
-            left, right = _excess(e, on_bias, on_mean, prescribed)
-            only = _rests_on_an_edge(e, on_bias, on_mean, left, right)
-            if only is not None and not _slides(balance, i, float(e.jumps[only])):
-                yield (
-                    f"The loop can rest only on an edge of {system.element_names[i]}, which jumps where its input "
-                    f"passes {quantity(float(e.breakpoints[only]), of_input)}: it may hunt across it, in a motion that "
-                    "is not predicted here."
-                )
-                break
-            jump = _jumped_over(e, on_bias, on_mean, left, right)
-            if jump is None or _slides(balance, i, float(e.jumps[jump])):
-                continue
-            edge = float(e.breakpoints[jump])
-            if _dies_out(balance, i, float(e.jumps[jump])):
-                yield (
-                    f"The loop can rest only on an edge of {system.element_names[i]}, which jumps where its input "
-                    f"passes {quantity(edge, of_input)}: it comes to rest there in ever faster switching, and what "
-                    "delay the model leaves out makes it hunt."
-                )
-                break
-            levels = (float(e.slopes[k] * edge + e.intercepts[k]) for k in (jump, jump + 1))
-            below, above = (quantity(level, of_output) for level in levels)
-            needed = quantity(
-                (prescribed - on_bias * edge) / on_mean + 0.0, of_output
-            )  # which takes the sign off a zero
-            yield (
-                f"The loop has no state of rest: {system.element_names[i]} would have to give {needed} but jumps "
-                f"from {below} to {above} where its input passes {quantity(edge, of_input)}; the loop hunts across it, "
-                "in a motion that is not predicted here."
-            )
-            break
-
-
-def _units_of(system: LureSystem, element: int) -> tuple[str, str]:
-    """Units of the first input and output of an element, where signals tell them."""
-    z, w = system.input_slices[element].start, system.output_slices[element].start
-    read = {"x": system.C[z], "w": system.D[z], "v": system.D_input[z], "one": float(system.constant_input[z])}
-    return system.signals.unit_of(**read), system.signals.unit_of(w=np.eye(system.D.shape[1])[w])
-
-
-def _balances_of_one(balance: Balance, element: int) -> Iterator[tuple[float, float, float]]:
-    """Static balances that are left of one element alone, ``on_bias b + on_mean mean = prescribed``."""
-    mine = balance.owner == element
-    others = np.arange(balance.m) != element
-    rest = np.hstack([balance.on_bias[:, others], balance.on_mean[:, ~mine]])
-    rest = rest[:, np.any(rest, 0)] / np.abs(rest).max(0)[np.any(rest, 0)]
-    u, s, _ = np.linalg.svd(rest)
-    rank = int(np.sum(s > _BALANCED * s.max(initial=0.0)))
-    for k in u[:, rank:].T:
-        on_bias, on_mean = float(k @ balance.on_bias[:, element]), float(k @ balance.on_mean[:, mine].sum(1))
-        if on_mean:
-            yield on_bias, on_mean, float(k @ balance.prescribed)
-
-
-def _excess(e: Nonlinearity, on_bias: float, on_mean: float, prescribed: float) -> tuple[Array, Array]:
-    """Sign of what a static balance has too much on either side of each edge of an element, shape (k,) both."""
-    edges = e.breakpoints
-    excess = [
-        on_bias * edges + on_mean * (slope * edges + offset) - prescribed
-        for slope, offset in ((e.slopes[:-1], e.intercepts[:-1]), (e.slopes[1:], e.intercepts[1:]))
-    ]
-    size = np.abs(on_bias * edges) + abs(prescribed) + np.abs(on_mean) * np.abs(e.output(edges)[0])
-    left, right = (np.where(np.abs(x) <= _BALANCED * size, 0.0, np.sign(x)) for x in excess)
-    return left, right
-
-
-def _ends(e: Nonlinearity, on_bias: float, on_mean: float, left: Array, right: Array) -> tuple[Array, Array]:
-    """Signs of the excess at both ends of every piece: from minus infinity, between edges, and from the last one on."""
-    turns = on_bias + on_mean * e.slopes
-    first = -np.sign(turns[:1]) if turns[0] else left[:1]
-    return np.concatenate([first, right]), np.append(left, np.sign(turns[-1]) if turns[-1] else right[-1])
-
-
-def _jumped_over(e: Nonlinearity, on_bias: float, on_mean: float, left: Array, right: Array) -> int | None:
-    """Number of the jump across which a static balance changes sign, if it holds on no piece of the element."""
-    begins, stops = _ends(e, on_bias, on_mean, left, right)
-    if np.any(begins * stops <= 0):
-        return None
-    across = np.flatnonzero(left * right < 0)
-    return int(across[0]) if across.size else None
-
-
-def _rests_on_an_edge(e: Nonlinearity, on_bias: float, on_mean: float, left: Array, right: Array) -> int | None:
-    """Number of the jump on one side of which alone a static balance holds, if it holds nowhere else."""
-    begins, stops = _ends(e, on_bias, on_mean, left, right)
-    within = (begins * stops < 0) | ((begins == 0) & (stops == 0))
-    on_edge = (left == 0) | (right == 0)
-    one_sided = on_edge & (left != right) & (e.jumps != 0)
-    if np.any(within) or np.any(on_edge & ~one_sided):
-        return None
-    found = np.flatnonzero(one_sided)
-    return int(found[0]) if found.size else None
-
-
-def _leaves_every_mode(e: Nonlinearity, on_bias: float, on_mean: float, prescribed: float) -> bool:
-    """Whether an element without memory values switches, in each of its modes, where the static balance would hold."""
-    a = e.automaton()
-    modes, guards = a.mode_columns, a.guard_columns
-    if (a.n_inputs, a.n_outputs, a.n_memory) != (1, 1, 0) or a.smooth or np.any(modes["sticking"]) or not a.guards:
-        return False
-    slope, offset = modes["from_input"][:, 0, 0], modes["constant"][:, 0]
-    turn, left = on_bias + on_mean * slope, prescribed - on_mean * offset
-    if np.any((turn == 0.0) & (np.abs(left) <= _BALANCED * (abs(prescribed) + np.abs(on_mean * offset)))):
-        return False  # at rest wherever it is
-    with np.errstate(divide="ignore", invalid="ignore"):
-        bias = np.where(turn == 0.0, np.inf, left / turn)[guards["mode"]]
-        output = np.where(turn == 0.0, 0.0, slope * left / turn)[guards["mode"]] + offset[guards["mode"]]
-        terms = guards["on_input"][:, 0] * bias, guards["on_output"][:, 0] * output, guards["constant"]
-    # Without a state of rest in a mode there is none to be left; on the threshold it is not left for certain.
-    leaves = ~np.isfinite(bias) | (sum(terms) > _BALANCED * sum(map(np.abs, terms)))
-    return set(guards["mode"][leaves].tolist()) == set(range(len(a.modes)))
-
-
-def _slides(balance: Balance, element: int, jump: float) -> bool:
-    """Whether the loop pulls an element back at once on either side of a jump, so that it rests there."""
-    system = balance.system
-    out = system.output_slices[element]
-    if system.time_step or np.any(system.delays[out]):
-        return False
-    return _pull(balance, element, jump, 1)[0] < 0.0
-
-
-def _pull(balance: Balance, element: int, jump: float, count: int) -> Array:
-    """What a jump of one element does to the first derivatives of its own input; what is rounding is zero."""
-    system, out = balance.system, balance.system.output_slices[element]
-    A, b, c = system.A, system.B[:, out], system.C[balance.rows[element]]
-    forward, size, terms, sizes = b.sum(1), np.abs(b).sum(1), [], []
-    for _ in range(count):
-        terms.append(float(c @ forward) * jump)
-        sizes.append(float(np.abs(c) @ size) * abs(jump))
-        forward, size = A @ forward, np.abs(A) @ size
-    return np.where(np.abs(terms) <= _BALANCED * np.array(sizes), 0.0, terms)
-
-
-def _dies_out(balance: Balance, element: int, jump: float) -> bool:
-    """Whether an element that is alone is pulled back across a jump by the second derivative of its input, and damped.
-
-    It then switches ever faster, each swing smaller than the one before. Fast swings feel the response ``m2/s**2 +
-    m3/s**3 + ...`` alone: the first odd term that is there damps them or not. What is slow beside them must die out by
-    itself: the zeros.
-    """
-    system = balance.system
-    if len(system.elements) > 1 or system.time_step or np.any(system.delays) or isinstance(system, AveragedSystem):
-        return False
-    m = _pull(balance, element, jump, 2 * len(system.A))
-    m[4::4] *= -1.0  # of the odd powers every other one turns the other way
-    odd = m[2::2][m[2::2] != 0.0]
-    if np.any(system.D) or m[0] or m.size < 2 or m[1] >= 0.0 or not odd.size or odd[0] <= 0.0:
-        return False
-    return bool(np.all(zeros(system.A, system.B, system.C[:1], system.D[:1]).real < 0.0))

@@ -43,6 +43,7 @@ _MANY_STEPS = (
 #: Amplitudes against which biases are held where they may be many; of an element each of whose answers is a quadrature,
 #: against half as many biases.
 _AMPLITUDES, _FEW_AMPLITUDES = 250, 60
+_UNBALANCED = "At no amplitude is there a bias with which the static balance holds."
 _FEW_PLACES = (
     " The means of its element are quadratures: a branch of the bias was sought at a tenth of the places, and "
     "cycles on a small one, or between two jumps of the describing function near each other, may be missing."
@@ -171,7 +172,7 @@ def amplitude_scales(balance: Balance, gains: Array, sizes: Array, single: Singl
     meets = [a[np.flatnonzero((N[:-1] * g - 1 > 0) != (N[1:] * g - 1 > 0))] for g in gains if 0 < g < np.inf]
     met = np.unique(np.concatenate([reference, *meets]))
     # A gain that no frequency asks for changes all the same: that of a sine, behind a small gain of the loop.
-    return met if met.size else a[np.flatnonzero(N / N[0] < 0.5)[:1]]
+    return met if met.size or not a.size else a[np.flatnonzero(N / N[0] < 0.5)[:1]]
 
 
 def amplitude_nodes(scales: Array, thresholds: Array, per_decade: int) -> Array:
@@ -198,7 +199,8 @@ def search_one(balance: Balance) -> Found:
     sizes = thresholds if _breakpoints(balance) else np.append(thresholds, np.abs(balance.operating_bias))
     scales = amplitude_scales(balance, crossing_gains(system), sizes, single)
     if not scales.size:
-        return Found(np.zeros((0, 4)), (), "The element has one gain at all amplitudes: the loop is linear.")
+        never = single is not None and not np.any(np.isfinite(single.at(np.ones(1))))
+        return Found(np.zeros((0, 4)), (), _UNBALANCED if never else "The element has one gain: the loop is linear.")
     amplitude = amplitude_nodes(scales, thresholds, 24)
     if single is not None:
         return _search_single(single, amplitude)
@@ -224,6 +226,8 @@ def _search_single(single: SingleBias, amplitude: Array) -> Found:
     amplitude = single.with_turns(amplitude)
     bias = single.at(amplitude)
     amplitude, bias = amplitude[np.isfinite(bias)], bias[np.isfinite(bias)]
+    if not amplitude.size:
+        return Found(np.zeros((0, 4)), (), _UNBALANCED)
     gains = balance.evaluate(amplitude[:, None], bias[:, None], np.ones(len(amplitude)))[1][:, 0]
     omega = frequency_nodes(balance.system, 40, _lowest_gain(gains))
     L = balance.linear(omega)[:, 0, 0]

@@ -51,8 +51,8 @@ _GROWN = 1e-3
 #: Least growth in three times the time: a ramp grows threefold, a cycle not at all.
 _GROWS = 1.5
 #: A run that seems to settle is made this many times longer, for friction may creep towards its next slip far more
-#: slowly than the linear part moves; a state that drifts is followed this far at most.
-_LATE, _LATEST = 100.0, 1e6
+#: slowly than the linear part moves; a state that drifts is followed this far at most, in time, and in sizes of cycles.
+_LATE, _LATEST, _ALL_GONE = 100.0, 1e6, 100.0
 #: As long is one followed that swings farther than before, over so many switches.
 _GROWING, _MANY = 27.0 * _LATE, 16
 #: Share of its first size above which the motion at the end of so long a run has not decayed; steps see sizes to 1 %.
@@ -282,10 +282,7 @@ class Ends:
         """
         smooth = self.hybrid.model.smooth_kind
         if smooth.size:  # without long steps that would take minutes
-            # What drifts evenly all the time, as a phase that slips for ever does, has not decayed.
-            way = np.maximum(self._sizes(), np.abs(run.x_end - start.x0))
-            stands = np.abs(run.rate_end)[start.compared] * t <= DRIFT * way[start.compared]
-            return End.REST if np.all(stands) or np.all(smooth == DELAY_LINE) else End.UNDECIDED
+            return End.REST if np.all(smooth == DELAY_LINE) or not self._drifts_evenly(start, run, t) else End.UNDECIDED
         # What decays is at rest soon. An even drift reaches its next slip in the time `way`, not too long for a run.
         late, reached = _LATE * t, 0.0
         while late > reached:
@@ -303,10 +300,22 @@ class Ends:
             if late <= reached:
                 swings = self._swings(start, run, t)
                 grows = run.count >= _MANY and self._swings(start, run, reached / 10.0, 1.0 / _AS_LARGE)
-                known = self._quiet_cycle(run, t) if swings else End.UNDECIDED if grows else self._rested(start, run)
+                if swings:
+                    known = self._quiet_cycle(run, t)
+                elif grows:
+                    known = End.UNDECIDED
+                else:  # far from all thresholds no switch is on its way
+                    gone = self._drifts_evenly(start, run, reached, _ALL_GONE)
+                    known = End.DIVERGENCE if gone else self._rested(start, run)
                 # What grows out of a gap from almost nothing does so for long.
                 late = 3.0 * reached if grows and known is End.UNDECIDED and reached < _GROWING * t else 0.0
         return known
+
+    def _drifts_evenly(self, start: HybridSystem, run: Run, t: float, beyond: float = 0.0) -> bool:
+        """Whether a state goes on as fast at the end of a run as all along, `beyond` so many sizes of the cycles."""
+        moved, sizes = np.abs(run.x_end - start.x0), self._sizes()
+        evenly = np.abs(run.rate_end) * t > DRIFT * np.maximum(sizes, moved)
+        return bool(np.any((evenly & (moved >= beyond * sizes))[start.compared]))
 
     def _swings(self, start: HybridSystem, run: Run, t: float, share: float = _AS_LARGE) -> bool:
         """Whether states swing a share as far after a long run as in its first t seconds: without damping no rest."""

@@ -34,6 +34,8 @@ _ROUNDS = 14
 _RESOLVED, _ROUNDING = 1e-12, 1e-9
 #: Share of a signal that it may go on by in as long a run again, and rests.
 _STANDS = 1e-6
+#: A motion leaves its start where it is so many times as far from it in each third of a run as in the one before.
+_FURTHER, _GOING = 1.2, "The motion had neither settled nor repeated itself by the end."
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +112,16 @@ def resting(signals: Mapping[str, Array], more: Array) -> dict[str, float]:
     """Where signals rest, but for those that go on: the angle of a motor that keeps its speed."""
     still = [m <= _STANDS * np.abs(v).max() for v, m in zip(signals.values(), np.abs(more), strict=True)]
     return {name: float(v[-1]) for (name, v), rests in zip(signals.items(), still, strict=True) if rests}
+
+
+def goes_further(hybrid: HybridSystem, signals: Mapping[str, Array]) -> str:
+    """A sentence where a signal is farther from its start in each third of a run than before; nothing elsewhere."""
+    apart = np.any(hybrid.model.Yx[:, : hybrid.n_plant][:, ~hybrid.compared[: hybrid.n_plant]], axis=1)
+    for name, v in (pair for pair, goes_on in zip(signals.items(), apart, strict=True) if not goes_on):
+        far = [np.abs(part - v[0]).max(initial=0.0) for part in np.array_split(v, 3)]
+        if far[1] > _FURTHER * far[0] and far[2] > _FURTHER * far[1]:
+            return f"{_GOING[:-1]}, and {words(name)} went further and further: to a larger motion, or without end."
+    return ""
 
 
 def _whole(sample: Callable[[Array], Array], times: Array) -> Array:

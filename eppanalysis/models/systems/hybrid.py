@@ -85,7 +85,8 @@ class HybridSystem:
         """Sentence on elements whose sliding a run cannot follow; empty where there are none."""
         names = [words(self.element_names[e]) for e in not_held(self)]
         slides = "slides" if len(names) == 1 else "slide"
-        told = f"Where {listed(names)} {slides} a run switches without end, as another element acts straight on it."
+        told = f"Where {listed(names)} {slides} a run switches without end, as another element acts straight on it; "
+        told += "a fast lag between the two (of a rate limiter, a bandwidth) lets it follow."
         return told if names else ""
 
     @property

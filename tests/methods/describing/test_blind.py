@@ -290,3 +290,69 @@ def test_a_loop_without_damping_is_not_said_to_swing_where_an_element_delays_or_
         LureSystem.from_tf(([1.0], [1.0, 0.0, 0.0]), epp.Saturation(), feedback=1),
     ):
         assert not any("Nothing damps" in w for w in predict_limit_cycles(loop).warnings)
+
+
+def under_load(element: epp.Nonlinearity, load: float) -> LureSystem:
+    """A drive in proportional control of its position, against a constant load."""
+    return epp.Diagram(
+        parts={
+            "drive": element,
+            "gain": epp.blocks.Gain(gain=3.0),
+            "load": epp.blocks.Constant(value=load),
+            "plant": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0, 0.0], start=[0.0, 0.5]),
+        },
+        connect=["-plant -> gain", "gain -> drive", "drive - load -> plant"],
+    ).to_system()
+
+
+@pytest.mark.parametrize(
+    "element",
+    [epp.Saturation(), epp.Tanh(1.0), epp.Relay(), epp.RelayDeadZone(0.1), epp.Quantiser(0.1, 10),
+     epp.HysteresisRelay(-0.1, 0.1), epp.DeadZoneSaturation(0.1, 1.0, 1.0)],
+    ids=lambda e: e.kind,
+)  # fmt: skip
+def test_a_drive_that_is_weaker_than_its_load_drifts_away(element):
+    """It gives 1 at most. With less to hold it is said to rest or to swing, and with more neither."""
+    told = predict_limit_cycles(under_load(element, 1.5))
+    (warning,) = told.warnings
+    assert len(told) == 0 and warning.endswith("would have to give 1.5, and gives -1 to 1; the loop drifts away.")
+    assert "margin" not in str(told)
+    run = epp.simulate(under_load(element, 1.5), t_end=100.0)
+    speed = np.diff(run.signals["plant"][-2:])[0] / np.diff(run.t[-2:])[0]
+    assert speed == pytest.approx(-0.5, rel=1e-2) and "went further and further" in str(run)
+    assert not any("drifts away" in w for w in predict_limit_cycles(under_load(element, 0.55)).warnings)
+
+
+@pytest.mark.parametrize("element", [epp.Saturation(), epp.RelayDeadZone(0.1), epp.DeadZoneSaturation(0.1, 1.0, 1.0)])
+def test_a_search_does_not_take_an_even_drift_for_rest(element):
+    found = find_limit_cycles(under_load(element, 1.5))
+    assert len(found) == 0 and "grow without bound" in str(found) and "rest" not in str(found)
+
+
+@pytest.mark.parametrize(
+    ("between", "setpoint", "rests"),
+    [(epp.Quantiser(0.1, 1000), 20.0, False), (epp.Saturation(-100.0, 100.0), 20.0, False),
+     (epp.Saturation(-100.0, 19.8), 20.0, True), (epp.Quantiser(0.1, 1000), 45.0, True)],
+    ids=["coarse thermometer", "thermometer", "thermometer that ends before the threshold", "weak heater"],
+)  # fmt: skip
+def test_a_thermostat_behind_another_element_is_said_to_have_no_state_of_rest(between, setpoint, rests):
+    """Its heater of 0 or 40 degrees would leave it at rest on or off only where a threshold is beyond reach."""
+    parts = {"thermostat": epp.HysteresisRelay(-0.5, 0.5, 0.0, 40.0), "thermometer": between}
+    room = {"room": epp.blocks.TransferFunction(num=[1.0], den=[50.0, 1.0])}
+    loop = epp.Diagram(
+        parts=parts | room,
+        connect=["setpoint - thermometer -> thermostat", "thermostat -> room", "room -> thermometer"],
+        inputs={"setpoint": setpoint},
+    ).to_system()
+    told = predict_limit_cycles(loop)
+    assert any("thermostat leaves each of its modes" in w for w in told.warnings) is not rests
+    assert epp.simulate(loop, t_end=2000.0).status is (Status.SETTLED if rests else Status.LIMIT_CYCLE)
+
+
+def test_friction_that_holds_more_at_rest_than_in_motion_is_not_said_to_be_too_weak():
+    """1.5 is more than it gives while it slips, and less than it holds."""
+    held = LureSystem.build([[-1.0]], [[-1.0]], [[1.0]], [Friction(1.0, 2.0)], constant_state=[1.5])
+    free = LureSystem.build([[0.0]], [[-1.0]], [[1.0]], [Friction(1.0, 2.0)], constant_state=[1.5], x0=[0.0])
+    for loop in (held, free):
+        assert not any("drifts away" in w for w in predict_limit_cycles(loop).warnings)
+    assert epp.simulate(free, t_end=10.0).status is Status.SETTLED
