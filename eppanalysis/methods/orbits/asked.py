@@ -14,6 +14,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.mirrored import is_mirrored, mirror
 from eppanalysis.methods.orbits.orbit import Orbit
+from eppanalysis.methods.simulation.period import free_of
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.readable import number
@@ -74,7 +75,8 @@ class Asked:
         # Beside a pair of mirror images there may be a symmetric cycle of nearly the same frequency and size.
         if self.other_image is not None and not orbit.one_of_many and is_mirrored(orbit, self.other_image):
             return f"is its own mirror image ({number(1.0 / orbit.period)} Hz)"
-        return self.shape_difference(to_limit_cycle(self.system, orbit), orbit.one_of_many)
+        floats = orbit.one_of_many or bool(np.any(free_of(orbit.hybrid)))
+        return self.shape_difference(to_limit_cycle(self.system, orbit), floats)
 
     def shape_difference(self, found: LimitCycle, floats: bool = False) -> str:
         """The same for frequency, sizes and (unless the motion `floats`) means of a cycle."""

@@ -7,7 +7,7 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle, sample_arcs
 from eppanalysis.methods.orbits.shooting import restarted
-from eppanalysis.methods.simulation.period import PeriodShape, advance, advances, analyse_period
+from eppanalysis.methods.simulation.period import PeriodShape, advance, advances, analyse_period, free_of
 from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
 from eppanalysis.methods.simulation.stability import describe, is_stable
 from eppanalysis.models.systems.lure import LureSystem
@@ -28,7 +28,9 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
     shape = orbit_shape(system, orbit)
     values = orbit.multipliers
     n = orbit.hybrid.n_plant
-    y = orbit.y
+    y, aside = orbit.y.copy(), _about_zero(orbit, shape)
+    y[:n] += aside
+    shape = shape.moved(orbit.hybrid.model.Yx[:, :n] @ aside)
     settings = {"system": system.name, "inputs": y[n : orbit.hybrid.x0.size].tolist()}
     return LimitCycle(
         method=EXACT_ORBIT,
@@ -51,7 +53,7 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
             orbit.hybrid, y[: orbit.hybrid.x0.size], y[orbit.arcs.memory], orbit.arcs.event_sequence.modes[0]
         ),
         units=system.signals.units_by_name(),
-        event_states=orbit.starts[:-1, :n].copy(),
+        event_states=orbit.starts[:-1, :n] + aside,
         provenance=Provenance(EXACT_ORBIT, settings, {"residual": CONVERGED}),
     )
 
@@ -90,6 +92,20 @@ def orbit_shape(system: LureSystem, orbit: Orbit) -> PeriodShape:
     else:
         sample = by_arcs if delayed else by_engine
     return analyse_period(marks, np.zeros(0), orbit.hybrid.time_scale, system.signals.names, sample)
+
+
+def _about_zero(orbit: Orbit, shape: PeriodShape) -> Array:
+    """By how much integrals that nothing reads are moved, so that the signals that follow them swing about zero.
+
+    Where such an integral lies is left to where an orbit began, and its orbits are one cycle.
+    """
+    Y = free_of(orbit.hybrid)
+    moved, rows, means = np.zeros(Y.shape[1]), np.zeros((0, Y.shape[1])), np.array(list(shape.mean.values()))
+    chosen: list[int] = []
+    for k, row in enumerate(Y):
+        if np.linalg.matrix_rank(np.vstack([rows, row])) > len(rows):
+            rows, chosen = np.vstack([rows, row]), [*chosen, k]
+    return moved - np.linalg.pinv(rows) @ means[chosen] if chosen else moved
 
 
 def _gained(orbit: Orbit) -> Array:

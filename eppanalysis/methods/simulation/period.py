@@ -7,7 +7,7 @@ so that integrals are spectrally exact and the interpolating polynomial gives ex
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -50,6 +50,15 @@ class PeriodShape:
     #: Root of the mean square about the mean, by quadrature on the pieces.
     rms: dict[str, float]
 
+    def moved(self, by: Array) -> PeriodShape:
+        """The same with each signal moved."""
+        if not np.any(by):
+            return self
+        waveform = {k: v + move for (k, v), move in zip(self.waveform.items(), by, strict=True)}
+        mean = {k: v + float(move) for (k, v), move in zip(self.mean.items(), by, strict=True)}
+        harmonics = {k: np.append(mean[k], c[1:]) if c.size else c for k, c in self.harmonics.items()}
+        return replace(self, mean=mean, harmonics=harmonics, waveform=waveform)
+
 
 def analyse_period(
     marks: Array, delays: Array, time_scale: float, names: Sequence[str], sample: Callable[[Array], Array]
@@ -91,10 +100,15 @@ def analyse_period(
     return pieces.analyse(names, values)
 
 
+def free_of(hybrid: HybridSystem) -> Array:
+    """What signals (rows) follow of the states that need not repeat, shape (signals, n)."""
+    n = hybrid.n_plant
+    return np.where(hybrid.compared[:n], 0.0, hybrid.model.Yx[:, :n])
+
+
 def advance(hybrid: HybridSystem, change: Array) -> Array:
     """What the signals gain where the state changes so (n,), by those of its places that need not repeat."""
-    apart = np.flatnonzero(~hybrid.compared[: hybrid.n_plant])
-    return np.asarray(hybrid.model.Yx[:, apart] @ change[apart], float)
+    return np.asarray(free_of(hybrid) @ change[: hybrid.n_plant], float)
 
 
 def advances(system: LureSystem, gained: Array, shape: PeriodShape) -> list[str]:

@@ -7,6 +7,7 @@ states, and no unknown of a cycle. One without a reader (an angle under control 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy.linalg
@@ -43,6 +44,7 @@ class OtherStates:
         return OtherStates(self.system, self.inverse, self.T, np.zeros(len(self.inverse))).told(cycle)
 
 
+@lru_cache(maxsize=16)  # a loop is run again and again
 def unread_apart(system: LureSystem) -> OtherStates | None:
     """The loop with integrals that nothing reads as states of their own; None where they are, or there are none.
 

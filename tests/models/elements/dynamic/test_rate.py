@@ -253,6 +253,10 @@ def test_the_limited_aircraft() -> None:
     ideal = epp.exact_orbit(duda(epp.RateLimiter(limit)), predicted)
     off = abs(predicted.peak_to_peak["y"] / ideal.peak_to_peak["y"] - 1)
     assert 0.1 < off < predicted.error_estimate < 0.3
+    # An integral that nothing but signals reads lies anywhere: its orbits are told about zero, found or asked for.
+    (found,) = epp.find_limit_cycles(duda(epp.RateLimiter(limit)))
+    for cycle in (ideal, found):
+        assert max(abs(mean) for mean in cycle.mean.values()) < 1e-9 * cycle.peak_to_peak["y"]
     fast = duda(epp.RateLimiter(4 * limit))
     larger = epp.exact_orbit(fast, next(iter(epp.predict_limit_cycles(fast))))
     assert larger.peak_to_peak["y"] == pytest.approx(4 * ideal.peak_to_peak["y"], rel=1e-9)
