@@ -205,6 +205,7 @@ def lag_one(residual: Array) -> float:
 
     Examples
     --------
+    >>> import numpy as np
     >>> lag_one(np.array([1.0, -1.0, 1.0, -1.0]))
     -0.75
     """
