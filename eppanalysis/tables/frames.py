@@ -25,7 +25,8 @@ from eppanalysis.tables import console, designs
 if TYPE_CHECKING:
     from rich.table import Table
 
-_SHORT = 28
+#: Fewer characters stay on one line; more than the second are a sentence.
+_SHORT, _LONG = 28, 60
 _LIKED = (
     "a case, a result, provenance, the margins of a prediction, limit cycles, disturbances, or cases with their ladders"
 )
@@ -64,10 +65,12 @@ class ShownTable:
 
 
 def _cell(kind: str, text: str, justify: str) -> str:
-    """A cell: short texts stay on one line, and spaces that indent stay."""
+    """A cell: short texts stay on one line, sentences have room beside them, and spaces that indent stay."""
     style = f"text-align: {'right' if justify == 'right' else 'left'}; padding-right: 1em"
     if len(text) < _SHORT:
         style += "; white-space: nowrap"
+    elif len(text) > _LONG:
+        style += "; min-width: min(20em, 50vw)"
     indent = "&emsp;" * ((len(text) - len(text.lstrip(" "))) // 2)
     return f'<{kind} style="{style}">{indent}{html.escape(text.strip())}</{kind}>'
 
