@@ -135,7 +135,6 @@ def _quietly(job: Callable[..., Facts], args: tuple[Any, ...]) -> Facts:
 
 def _begin() -> None:
     """A worker leaves the processor to the page."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with suppress(AttributeError, OSError):
         os.nice(5)
 

@@ -95,9 +95,8 @@ def no_rest(balance: Balance) -> Iterator[str]:
                 break
             levels = (float(e.slopes[k] * edge + e.intercepts[k]) for k in (jump, jump + 1))
             below, above = (quantity(level, of_output) for level in levels)
-            needed = quantity(
-                (prescribed - on_bias * edge) / on_mean + 0.0, of_output
-            )  # which takes the sign off a zero
+            # A zero is added, which takes the sign off one.
+            needed = quantity((prescribed - on_bias * edge) / on_mean + 0.0, of_output)
             yield (
                 f"The loop has no state of rest: {system.element_names[i]} would have to give {needed} but jumps "
                 f"from {below} to {above} where its input passes {quantity(edge, of_input)}; the loop hunts across it, "

@@ -70,24 +70,19 @@ def with_straight_gains(system: LureSystem, gains: Array) -> LureSystem:
     through = through[np.any(gains[through], axis=1)]
     if not np.any(system.D[np.ix_(p.read, through)]):
         return system
-    K, places = gains[through], system.places
-    made = np.linalg.inv(np.eye(through.size) - K @ system.D[:, through]) @ K
-
-    def straight(D: Array, on: Array, sent: Array) -> Array:
-        """Rows on what is sent: what comes by way of these elements added to it."""
-        return np.asarray(on + D[:, through] @ made @ sent, float)
-
-    rest = system.D * ~np.isin(np.arange(system.D.shape[1]), through)
-    D, E = system.D.copy(), places.E.copy()
-    D[p.read], E[p.read] = straight(D[p.read], rest[p.read], rest), straight(D[p.read], E[p.read], E)
+    K, places, D, E = gains[through], system.places, system.D.copy(), system.places.E.copy()
+    made = np.linalg.inv(np.eye(through.size) - K @ D[:, through]) @ K
+    others = ~np.isin(np.arange(D.shape[1]), through)
+    rest, by_way = D * others, D[np.ix_(p.read, through)] @ made
+    D[p.read], E[p.read] = rest[p.read] + by_way @ rest, E[p.read] + by_way @ E
     # Places that are what a controller reads come back as that does.
     seen = [
         i for i, row in enumerate(places.D) if np.any(row[through]) and np.any(np.all(row == system.D[p.read], axis=1))
     ]
     D_y, F = places.D.copy(), places.F.copy()
-    rows = places.D[seen]
-    F[seen] += np.einsum("ij,ji->i", rows[:, through] @ made, places.E[:, seen])
-    D_y[seen] = straight(rows, rows * ~np.isin(np.arange(rows.shape[1]), through), rest)
+    by_way = D_y[seen][:, through] @ made
+    F[seen] += np.einsum("ij,ji->i", by_way, places.E[:, seen])
+    D_y[seen] = D_y[seen] * others + by_way @ rest
     return replace(system, D=D, cuts=replace(places, E=E, D=D_y, F=F))
 
 

@@ -70,7 +70,7 @@ def error_estimate(orbit: Orbit) -> float:
 def orbit_shape(system: LureSystem, orbit: Orbit) -> PeriodShape:
     """Mean, extrema, harmonics and waveform over one period."""
     marks = np.concatenate([[0.0], np.cumsum(orbit.tau)])
-    delayed = orbit.arcs.n_timers > 0
+    delayed, goes_on = orbit.arcs.n_timers > 0, _gained(orbit) / orbit.period
 
     def by_engine(times: Array) -> Array:
         # From the middle of the first arc, where no guard is near, once round.
@@ -78,13 +78,12 @@ def orbit_shape(system: LureSystem, orbit: Orbit) -> PeriodShape:
         start = restarted(orbit.hybrid, orbit.arcs, middle(orbit, 0), orbit.arcs.event_sequence.modes[0])
         first = int(np.searchsorted(times, half))
         turned = np.concatenate([times[first:] - half, times[:first] + (orbit.period - half)])
-        goes_on = np.outer(turned, _gained(orbit) / orbit.period)
         base = 2.0 * orbit.hybrid.time_scale
         samples = run_hybrid(start, orbit.period, turned, base, 10 * marks.size + 100, 1).samples
-        return np.roll(samples - goes_on[: len(samples)], first, axis=0)
+        return np.roll(samples - np.outer(turned[: len(samples)], goes_on), first, axis=0)
 
     def by_arcs(times: Array) -> Array:
-        return sample_arcs(orbit, times) - np.outer(times, _gained(orbit) / orbit.period)
+        return sample_arcs(orbit, times) - np.outer(times, goes_on)
 
     if orbit.motion is not None:
         # Its pieces end where a signal has a corner.
@@ -100,12 +99,14 @@ def _about_zero(orbit: Orbit, shape: PeriodShape) -> Array:
     Where such an integral lies is left to where an orbit began, and its orbits are one cycle.
     """
     Y = free_of(orbit.hybrid)
-    moved, rows, means = np.zeros(Y.shape[1]), np.zeros((0, Y.shape[1])), np.array(list(shape.mean.values()))
+    if not np.any(Y):
+        return np.zeros(Y.shape[1])
+    rows, means = np.zeros((0, Y.shape[1])), np.array(list(shape.mean.values()))
     chosen: list[int] = []
     for k, row in enumerate(Y):
         if np.linalg.matrix_rank(np.vstack([rows, row])) > len(rows):
             rows, chosen = np.vstack([rows, row]), [*chosen, k]
-    return moved - np.linalg.pinv(rows) @ means[chosen] if chosen else moved
+    return np.asarray(-np.linalg.pinv(rows) @ means[chosen], float)
 
 
 def _gained(orbit: Orbit) -> Array:

@@ -322,9 +322,8 @@ class Ends:
         swing = []
         for at in (start, run.end(start)):
             part = self._run(replace(start, x0=at.x0, H0=at.H0), t)
-            swing.append(
-                part.high - part.low - np.abs(part.x_end - at.x0)
-            )  # what drifts evenly goes as far as it moves
+            # What drifts evenly goes as far as it moves.
+            swing.append(part.high - part.low - np.abs(part.x_end - at.x0))
         least = np.maximum(share * swing[0], _ASIDE * np.maximum(self._sizes(), np.abs(start.x0)))
         return bool(np.any((swing[1] > least)[start.compared]))
 

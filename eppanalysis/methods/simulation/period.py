@@ -130,7 +130,7 @@ def resting(signals: Mapping[str, Array], more: Array) -> dict[str, float]:
 
 def goes_further(hybrid: HybridSystem, signals: Mapping[str, Array]) -> str:
     """A sentence where a signal is farther from its start in each third of a run than before; nothing elsewhere."""
-    apart = np.any(hybrid.model.Yx[:, : hybrid.n_plant][:, ~hybrid.compared[: hybrid.n_plant]], axis=1)
+    apart = np.any(free_of(hybrid), axis=1)
     for name, v in (pair for pair, goes_on in zip(signals.items(), apart, strict=True) if not goes_on):
         far = [np.abs(part - v[0]).max(initial=0.0) for part in np.array_split(v, 3)]
         if far[1] > _FURTHER * far[0] and far[2] > _FURTHER * far[1]:

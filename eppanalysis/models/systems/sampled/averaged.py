@@ -100,7 +100,7 @@ class AveragedSystem(LureSystem):
         p, n = self.layout, len(self.layout.plant)
         x = np.zeros(len(self.origin.A))
         x[p.plant] = state[:n]
-        rest, forms, first, out = iter(memory), iter(Forms.of(self.origin, p).each), n, []
+        rest, forms, first, out = iter(memory), iter(Forms.of(p).each), n, []
         for e in self.origin.elements:
             if not isinstance(e, SampledController):
                 out.append(next(rest, None))
@@ -130,17 +130,16 @@ def averaged(system: LureSystem) -> LureSystem:
             f"{system.name}: a sampled controller reads the output of an element with dead time; expected a linear "
             "block between, for predictions."
         )
-    forms = Forms.of(system, p)
-    A_k, B_k, C_k = (forms.all(name) for name in "ABC")
-    C_k = C_k[forms.held]
-    n, k, read = len(p.plant), len(A_k), Reads.of(p, forms)
+    forms = Forms.of(p)
+    read, C_k = Reads.of(p, forms), forms.whole.C[forms.held]
+    n, k = len(p.plant), C_k.shape[1]
     # Rows on plant states, controllers, outputs of the others, external inputs and one.
     plant = np.hstack([
         at(system.A, p.plant, p.plant), at(system.B, p.plant, p.held) @ C_k, at(system.B, p.plant, p.w),
         system.B_input[p.plant], system.constant_state[p.plant, None],
     ])  # fmt: skip
-    own = B_k @ read.rows
-    own[:, n : n + k] += A_k
+    own = forms.whole.B @ read.rows
+    own[:, n : n + k] += forms.whole.A
     rate, nw, nv = np.vstack([plant, own]), len(p.w), len(system.v0)
     s = system.signals
     others = [i for i, e in enumerate(system.elements) if not isinstance(e, SampledController)]
@@ -171,7 +170,7 @@ def _cuts(p: Places, forms: Forms, read: Reads) -> Cuts:
     Cut at a controller's output it is cut before that is held, and cut where a controller reads, at its samples: what
     is late there is late by hold or age wherever it goes to.
     """
-    places, C_k = p.system.places, forms.all("C")[forms.held]
+    places, whole, C_k = p.system.places, forms.whole, forms.whole.C[forms.held]
     n = len(p.plant) + C_k.shape[1]
     sent, taken = _sent(p), _taken(p)
     out, E = np.zeros((p.held.size, len(places.names))), places.E.copy()
@@ -179,17 +178,17 @@ def _cuts(p: Places, forms: Forms, read: Reads) -> Cuts:
         out[j, i] = share
         E[:, i] -= share * p.system.D[:, p.held[j]]
     kept = ~np.any(out, axis=0)
-    into = read.solved @ (E[p.read] + read.gains @ forms.all("D_out")[forms.aged] @ out)
+    into = read.solved @ (E[p.read] + read.gains @ whole.D_out[forms.aged] @ out)
     rows, F = np.hstack([places.C[:, p.plant], places.D[:, p.held] @ C_k, places.D[:, p.w]]), places.F.copy()
-    on_read, C_now, D_now = read.rows[:, : rows.shape[1]], forms.all("C_now"), forms.all("D_now")
+    on_read = read.rows[:, : rows.shape[1]]
     for i, (j, _) in sent.items():
-        rows[i], F[i] = D_now[j] @ on_read, D_now[j] @ into[:, i]
-        rows[i, len(p.plant) : n] += C_now[j]
+        rows[i], F[i] = whole.D_now[j] @ on_read, whole.D_now[j] @ into[:, i]
+        rows[i, len(p.plant) : n] += whole.C_now[j]
     for i, j in taken.items():
         rows[i], F[i] = on_read[j], into[j, i] - 1.0
     return Cuts(
         places.names,
-        B=np.vstack([places.B[p.plant] * kept, forms.all("B") @ into + forms.all("B_out") @ out]),
+        B=np.vstack([places.B[p.plant] * kept, whole.B @ into + whole.B_out @ out]),
         E=E[p.z],
         C=rows[:, :n],
         D=rows[:, n:],

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 import scipy.linalg
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.dynamic.sampled import SampledController
-from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.ages import StraightReading
 from eppanalysis.models.systems.sampled.places import Places, at
 
@@ -71,19 +71,25 @@ class Form:
             now[:, n:],
         )
 
+    @classmethod
+    def side_by_side(cls, forms: Sequence[Form]) -> Form:
+        """Several controllers as one, matrix by matrix."""
+        return cls(*(scipy.linalg.block_diag(*(getattr(form, f.name) for form in forms)) for f in fields(cls)))
+
 
 @dataclass(frozen=True, eq=False)
 class Forms:
     """The rational forms of all controllers of a loop, side by side."""
 
     each: tuple[Form, ...]  # of each its outputs as they are held, then those that are read straight at another age
+    whole: Form  # all of them side by side
     readings: tuple[StraightReading, ...]  # which those are, in this order
     #: held, aged: rows of the outputs.
     held: NDArray[np.intp]
     aged: NDArray[np.intp]
 
     @classmethod
-    def of(cls, system: LureSystem, p: Places) -> Forms:
+    def of(cls, p: Places) -> Forms:
         """Those of a loop."""
         each: list[Form] = []
         readings: list[StraightReading] = []
@@ -92,7 +98,7 @@ class Forms:
         first = row = 0
         for c in p.controllers:
             columns = p.held[first : first + c.n_outputs]
-            late = 0.5 * c.sample_time + c.delay + system.delays[columns]
+            late = 0.5 * c.sample_time + c.delay + p.system.delays[columns]
             own = [r for r in p.straight if r.column in columns]
             ages = [r.ages.mean() for r in own]
             outputs = np.array([*range(c.n_outputs), *(int(np.searchsorted(columns, r.column)) for r in own)], np.intp)
@@ -101,11 +107,9 @@ class Forms:
             held += range(row, row + c.n_outputs)
             aged += range(row + c.n_outputs, row + len(outputs))
             first, row = first + c.n_outputs, row + len(outputs)
-        return cls(tuple(each), tuple(readings), np.array(held, np.intp), np.array(aged, np.intp))
-
-    def all(self, name: str) -> Array:
-        """A matrix of all, block by block."""
-        return np.asarray(scipy.linalg.block_diag(*(getattr(form, name) for form in self.each)))
+        return cls(
+            tuple(each), Form.side_by_side(each), tuple(readings), np.array(held, np.intp), np.array(aged, np.intp)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +123,7 @@ class Reads:
     @classmethod
     def of(cls, p: Places, forms: Forms) -> Reads:
         """That of a loop."""
-        system, C, D = p.system, forms.all("C"), forms.all("D")
+        system, C, D = p.system, forms.whole.C, forms.whole.D
         held, gains = at(system.D, p.read, p.held).copy(), np.zeros((p.read.size, forms.aged.size))
         for i, reading in enumerate(forms.readings):
             rows = np.searchsorted(p.read, reading.reads)
