@@ -11,7 +11,6 @@ import eppanalysis as epp
 from tests.coordinates import UNITS, rescaled, rotated
 from tests.methods.continuation.test_coordinates import BRANCHES, TURNED_ONLY, branch_alike, in_units, turned
 from tests.test_coordinates import (
-    CASES,
     LOOPS,
     TEXTBOOK,
     predict_alike,
@@ -19,6 +18,7 @@ from tests.test_coordinates import (
     simulate_alike,
 )
 
+CASES = epp.shipped_cases()
 TURNS = range(20)
 #: Unstable cycles without end: which of them bisection meets is left to rounding.
 CHAOTIC = "two_mass_deadzone"
