@@ -175,6 +175,17 @@ def test_a_cycle_that_meets_a_switch_by_rounding_is_listed_once():
     search_alike(cycles_of("backlash_servo"), rotated(system, 10))
 
 
+def test_a_search_starts_no_farther_out_in_turned_states():
+    """The angle of a contact drives nothing: by rounding it did, and a start a million gaps away seemed to settle."""
+    search_alike(cycles_of("two_mass_damped_shaft"), rotated(epp.case("two_mass_damped_shaft").to_system(), 13))
+
+
+def test_the_input_of_an_element_has_a_unit_in_all_states_where_it_is_a_difference_of_two_signals():
+    system = epp.case("rate_limited_aircraft").to_system()
+    for loop in (system, rotated(system, 0)):
+        assert "amplitudes of actuator from 0.00025 to 0.75 deg" in epp.predict_limit_cycles(loop).search
+
+
 def test_a_gap_that_is_left_alone_has_no_cycles_of_rounding():
     """Play of 2 on 5/(s^2 + s), turned: both of its cycles, and frequencies from the pole, not from rounding, on."""
     loop = LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(2.0))

@@ -1,6 +1,6 @@
 """Every shipped case with its state turned by twenty random orthogonal matrices, and in other units: the same answers.
 
-Not collected by default: ``pytest tests/stress/check_coordinates.py``, about an hour on one core.
+Not collected by default: ``pytest tests/stress/check_coordinates.py``, about six minutes on one core.
 """
 
 from __future__ import annotations

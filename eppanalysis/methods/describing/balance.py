@@ -391,9 +391,10 @@ def unit_at_input(system: LureSystem, element: int) -> str:
     wanted = np.hstack([system.C[z], system.D[z], system.D_input[z]])
     rows = np.hstack([signals.C, signals.D, signals.D_input])
     for unit in () if system.elements[element].input_unit else filter(None, dict.fromkeys(signals.units)):
-        alike = np.unique(rows[[unit == other for other in signals.units]], axis=0)
-        share = np.rint(np.linalg.lstsq(alike.T, wanted)[0])
-        if np.abs(share).max() == 1.0 and np.allclose(share @ alike, wanted):
+        alike = rows[[unit == other for other in signals.units]]
+        terms = np.concatenate([np.zeros_like(alike[:1]), alike, -alike])
+        sums = terms[:, None] + alike
+        if any(np.isclose(sums, w, atol=1e-8 * np.abs(w).max()).all(-1).any() for w in (wanted, -wanted)):
             return unit
     return system.elements[element].input_unit
 
