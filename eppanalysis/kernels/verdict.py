@@ -35,9 +35,31 @@ def verdict_of_run(model, ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, x
     """UNDECIDED, SETTLED, CYCLE or GROWS for a run of a model; the arguments are those of `verdict` and `grows`."""
     late = np.any(model.smooth_kind == DELAY_LINE)
     code = verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compared, late, found)
+    if code == SETTLED:
+        # Beside a start a million times farther out a cycle seems to be rest: switches that go on are held against what
+        # moves while they do.
+        low_late, high_late = _late_range(ev_t, ev_x, count, t_end)
+        again = verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low_late, high_late, rate_end, compared, late, found)
+        goes_on = again == CYCLE and t_end - ev_t[(count - 1) % len(ev_t)] <= found[1]
+        return CYCLE if goes_on else SETTLED
     if code == UNDECIDED and grows(model, ev_t, ev_guard, ev_x, ev_v, count, t_end, x_end, rate_end, compared):
         return GROWS
     return code
+
+
+@njit(**PART)
+def _late_range(ev_t, ev_x, count, t_end):
+    """Least and greatest values of the state at the kept events of the second half of a run; zeros where it has none."""
+    keep, n = ev_x.shape
+    low, high = np.zeros(n), np.zeros(n)
+    for k in range(min(count, keep)):
+        at = (count - 1 - k) % keep
+        if ev_t[at] < 0.5 * t_end:
+            break
+        for i in range(n):
+            low[i] = ev_x[at, i] if k == 0 else min(low[i], ev_x[at, i])
+            high[i] = ev_x[at, i] if k == 0 else max(high[i], ev_x[at, i])
+    return low, high
 
 
 @njit(**PART)

@@ -122,6 +122,18 @@ def test_a_clock_does_not_count_when_the_steady_part_is_looked_for() -> None:
     assert timed.settled_since == pytest.approx(plain.settled_since, abs=1e-9)
 
 
+@pytest.mark.parametrize("farther", [1e4, 1e6, 1e8])
+@pytest.mark.parametrize("name", ["relay_hyst_goncalves6", "pid_hunting"])
+def test_a_run_from_far_out_comes_to_the_same_cycle(name: str, farther: float) -> None:
+    """Beside its start the motion is nothing, and seemed to be at rest."""
+    case = epp.case(name)
+    system = case.to_system()
+    far = replace(system, x0=farther * np.linspace(1.0, 0.2, system.x0.size))
+    near, from_afar = (epp.simulate(loop, case.input, case.t_end).limit_cycle for loop in (system, far))
+    assert from_afar.period == pytest.approx(near.period, rel=1e-6)
+    assert from_afar.peak_to_peak["x"] == pytest.approx(near.peak_to_peak["x"], rel=1e-6)
+
+
 def test_hunting_rests_between_its_jumps() -> None:
     """Integral action winds up while the mass sticks: five of six seconds at a velocity of exactly zero."""
     run = run_case("pid_hunting")
