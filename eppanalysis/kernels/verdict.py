@@ -49,7 +49,7 @@ def verdict_of_run(model, ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, x
 
 @njit(**PART)
 def _late_range(ev_t, ev_x, count, t_end):
-    """Least and greatest values of the state at the kept events of the second half of a run; zeros where it has none."""
+    """Least and greatest values of the state at the kept events of the second half of a run, or zeros."""
     keep, n = ev_x.shape
     low, high = np.zeros(n), np.zeros(n)
     for k in range(min(count, keep)):
