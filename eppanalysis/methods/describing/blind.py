@@ -23,7 +23,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Balance, unit_at_input
 from eppanalysis.methods.describing.error import BalancedOscillation, Estimate
 from eppanalysis.methods.describing.quality import Point
-from eppanalysis.methods.describing.rest import no_rest, out_of_reach
+from eppanalysis.methods.describing.rest import no_rest
 from eppanalysis.methods.describing.search import (
     Found,
     amplitude_nodes,
@@ -37,6 +37,7 @@ from eppanalysis.methods.describing.search import (
 )
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Loop
+from eppanalysis.methods.margins.reach import out_of_reach
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.measured.loop import DataSystem
@@ -64,7 +65,7 @@ def blind_spots(
         Whether any predicted cycle is: then the loop need not be asked whether it has a state of rest.
     """
     of_any_size = [*_conservative(balance)]
-    beyond = [*out_of_reach(balance)]
+    beyond = [*out_of_reach(balance.system, balance.static)]
     without_rest = [] if stable or of_any_size or beyond else no_rest(balance)
     return tuple(
         [

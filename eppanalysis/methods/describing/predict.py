@@ -24,7 +24,6 @@ from eppanalysis.methods.describing.error import Estimate
 from eppanalysis.methods.describing.multi import choose_pivot, search_several
 from eppanalysis.methods.describing.nyquist import loop_gain_curves, nyquist_curves
 from eppanalysis.methods.describing.quality import Point, point, stability
-from eppanalysis.methods.describing.rest import out_of_reach
 from eppanalysis.methods.describing.search import Found, is_one_loop, search_one
 from eppanalysis.methods.harmonic.averaged import left_out, of_samples
 from eppanalysis.methods.harmonic.loop import role_of_input
@@ -95,7 +94,7 @@ def predict_limit_cycles(
             curves = Deferred(partial(loop_gain_curves, balance, found, points, cycles))
 
     def of_small_signals() -> dict[str, Any]:
-        return margins(own).summary()
+        return margins(replace(own, v0=at.vector(own))).summary()
 
     return Prediction(
         cycles=cycles,
@@ -104,7 +103,7 @@ def predict_limit_cycles(
         on_grid=found.on_grid,
         unseen=partial(_unseen, *asked, cycles),
         curves=curves,
-        margins={} if isinstance(own, DataSystem) or any(out_of_reach(balance)) else Deferred(of_small_signals),
+        margins={} if isinstance(own, DataSystem) else Deferred(of_small_signals),
         provenance=_made_by(own, at),
         operating_point=at,
     )

@@ -1,7 +1,7 @@
 """Whether a loop can stand still, by its static balance: what its elements would have to give, and whether they can.
 
 An element may jump over the only output with which the loop could rest (an encoder between two levels under integral
-action), leave each of its modes before the loop would (a thermostat), or be too weak for what is asked of it.
+action), or leave each of its modes before the loop would (a thermostat).
 """
 
 from __future__ import annotations
@@ -12,59 +12,19 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.methods.describing.balance import Balance
+from eppanalysis.methods.margins.reach import BALANCED, balances_of_one, units_of
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.systems.linear import zeros
-from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.averaged import AveragedSystem
 from eppanalysis.readable import quantity
-
-#: Share of the terms of a static balance below which they balance.
-_BALANCED = 1e-9
-#: Share of its range by which an element may miss what is asked of it, and the most modes of one that is asked.
-_JUST, _MOST_PIECES = 0.02, 100
-
-
-def out_of_reach(balance: Balance) -> Iterator[str]:
-    """Elements that cannot give, at rest or in the mean of a cycle, what an integrator about them asks for."""
-    system = balance.system
-    for i, e in enumerate(system.elements):
-        if (reach := _reach(e)) is None:
-            continue
-        low, high = reach
-        for on_bias, on_mean, prescribed in _balances_of_one(balance, i):
-            needed = prescribed / on_mean + 0.0
-            if on_bias == 0.0 and not low - _JUST * (high - low) <= needed <= high + _JUST * (high - low):
-                asked, least, most = (quantity(v, _units_of(system, i)[1]) for v in (needed, low, high))
-                yield (
-                    f"The loop has neither a state of rest nor a limit cycle: in the mean {system.element_names[i]} "
-                    f"would have to give {asked}, and gives {least} to {most}; the loop drifts away."
-                )
-                break
-
-
-def _reach(e: Nonlinearity) -> tuple[float, float] | None:
-    """Least and greatest output of an element without memory; None for another, and where there is no bound.
-
-    One that sticks gives more at rest than its output for a motion, and of rules of one's own not all need be met.
-    """
-    if (e.n_inputs, e.n_outputs) != (1, 1) or isinstance(e, AutomatonElement) or e.sticks_and_slips:
-        return None
-    if e.automaton().n_memory or len(e.automaton().modes) > _MOST_PIECES:
-        return None
-    edges = np.append(np.abs(np.asarray(e.thresholds(), float)), np.abs(e.breakpoints))
-    span = edges[(edges > 0) & np.isfinite(edges)].max(initial=0.0) or 1.0
-    near = np.concatenate([e.breakpoints, span * np.linspace(-30.0, 30.0, 6001)])
-    y, far = e.output(near)[0], e.output(span * np.array([-1e9, 1e9]))[0]
-    inside = np.all(np.isfinite(far)) and np.all(np.abs(far) <= (1.0 + _JUST) * np.abs(y).max())
-    return (float(min(y.min(), far.min())), float(max(y.max(), far.max()))) if inside else None
 
 
 def no_rest(balance: Balance) -> Iterator[str]:
     """Elements that jump over the only output with which the loop could stand still, or leave it wherever it could."""
     system = balance.system
     for i, e in enumerate(system.elements):
-        of_input, of_output = _units_of(system, i)
+        of_input, of_output = units_of(system, i)
         if not np.any(e.jumps):
             if _never_stays(balance, i):
                 yield (
@@ -72,7 +32,7 @@ def no_rest(balance: Balance) -> Iterator[str]:
                     "loop would stand still; it keeps moving, in a motion that is not predicted here."
                 )
             continue
-        for on_bias, on_mean, prescribed in _balances_of_one(balance, i):
+        for on_bias, on_mean, prescribed in balances_of_one(system, balance.static, i):
             left, right = _excess(e, on_bias, on_mean, prescribed)
             only = _rests_on_an_edge(e, on_bias, on_mean, left, right)
             if only is not None and not _slides(balance, i, float(e.jumps[only])):
@@ -105,27 +65,6 @@ def no_rest(balance: Balance) -> Iterator[str]:
             break
 
 
-def _units_of(system: LureSystem, element: int) -> tuple[str, str]:
-    """Units of the first input and output of an element, where signals tell them."""
-    z, w = system.input_slices[element].start, system.output_slices[element].start
-    read = {"x": system.C[z], "w": system.D[z], "v": system.D_input[z], "one": float(system.constant_input[z])}
-    return system.signals.unit_of(**read), system.signals.unit_of(w=np.eye(system.D.shape[1])[w])
-
-
-def _balances_of_one(balance: Balance, element: int) -> Iterator[tuple[float, float, float]]:
-    """Static balances that are left of one element alone, ``on_bias b + on_mean mean = prescribed``."""
-    mine = balance.owner == element
-    others = np.arange(balance.m) != element
-    rest = np.hstack([balance.on_bias[:, others], balance.on_mean[:, ~mine]])
-    rest = rest[:, np.any(rest, 0)] / np.abs(rest).max(0)[np.any(rest, 0)]
-    u, s, _ = np.linalg.svd(rest)
-    rank = int(np.sum(s > _BALANCED * s.max(initial=0.0)))
-    for k in u[:, rank:].T:
-        on_bias, on_mean = float(k @ balance.on_bias[:, element]), float(k @ balance.on_mean[:, mine].sum(1))
-        if on_mean:
-            yield on_bias, on_mean, float(k @ balance.prescribed)
-
-
 def _excess(e: Nonlinearity, on_bias: float, on_mean: float, prescribed: float) -> tuple[Array, Array]:
     """Sign of what a static balance has too much on either side of each edge of an element, shape (k,) both."""
     edges = e.breakpoints
@@ -134,7 +73,7 @@ def _excess(e: Nonlinearity, on_bias: float, on_mean: float, prescribed: float) 
         for slope, offset in ((e.slopes[:-1], e.intercepts[:-1]), (e.slopes[1:], e.intercepts[1:]))
     ]
     size = np.abs(on_bias * edges) + abs(prescribed) + np.abs(on_mean) * np.abs(e.output(edges)[0])
-    left, right = (np.where(np.abs(x) <= _BALANCED * size, 0.0, np.sign(x)) for x in excess)
+    left, right = (np.where(np.abs(x) <= BALANCED * size, 0.0, np.sign(x)) for x in excess)
     return left, right
 
 
@@ -169,7 +108,7 @@ def _rests_on_an_edge(e: Nonlinearity, on_bias: float, on_mean: float, left: Arr
 def _never_stays(balance: Balance, element: int) -> bool:
     """Whether an element leaves each of its modes where the loop would stand still."""
     e = balance.system.elements[element]
-    if any(_leaves_every_mode(e, *balanced) for balanced in _balances_of_one(balance, element)):
+    if any(_leaves_every_mode(e, *balanced) for balanced in balances_of_one(balance.system, balance.static, element)):
         return True
     return balance.m > 1 and _leaves_where_others_follow(balance, element)
 
@@ -189,7 +128,7 @@ def _leaves_where_others_follow(balance: Balance, element: int) -> bool:
             return False
         own = guards["mode"] == k
         terms = guards["on_input"][own, 0] * bias, guards["on_output"][own, 0] * level, guards["constant"][own]
-        if not np.any(sum(terms) > _BALANCED * sum(map(np.abs, terms))):
+        if not np.any(sum(terms) > BALANCED * sum(map(np.abs, terms))):
             return False
         left.add(k)
     return len(left) == len(a.modes)
@@ -220,14 +159,14 @@ def _leaves_every_mode(e: Nonlinearity, on_bias: float, on_mean: float, prescrib
         return False
     slope, offset = modes["from_input"][:, 0, 0], modes["constant"][:, 0]
     turn, left = on_bias + on_mean * slope, prescribed - on_mean * offset
-    if np.any((turn == 0.0) & (np.abs(left) <= _BALANCED * (abs(prescribed) + np.abs(on_mean * offset)))):
+    if np.any((turn == 0.0) & (np.abs(left) <= BALANCED * (abs(prescribed) + np.abs(on_mean * offset)))):
         return False  # at rest wherever it is
     with np.errstate(divide="ignore", invalid="ignore"):
         bias = np.where(turn == 0.0, np.inf, left / turn)[guards["mode"]]
         output = np.where(turn == 0.0, 0.0, slope * left / turn)[guards["mode"]] + offset[guards["mode"]]
         terms = guards["on_input"][:, 0] * bias, guards["on_output"][:, 0] * output, guards["constant"]
     # Without a state of rest in a mode there is none to be left; on the threshold it is not left for certain.
-    leaves = ~np.isfinite(bias) | (sum(terms) > _BALANCED * sum(map(np.abs, terms)))
+    leaves = ~np.isfinite(bias) | (sum(terms) > BALANCED * sum(map(np.abs, terms)))
     return set(guards["mode"][leaves].tolist()) == set(range(len(a.modes)))
 
 
@@ -249,7 +188,7 @@ def _pull(balance: Balance, element: int, jump: float, count: int) -> Array:
         terms.append(float(c @ forward) * jump)
         sizes.append(float(np.abs(c) @ size) * abs(jump))
         forward, size = A @ forward, np.abs(A) @ size
-    return np.where(np.abs(terms) <= _BALANCED * np.array(sizes), 0.0, terms)
+    return np.where(np.abs(terms) <= BALANCED * np.array(sizes), 0.0, terms)
 
 
 def _dies_out(balance: Balance, element: int, jump: float) -> bool:

@@ -11,11 +11,14 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.margins.crossovers import Response
 from eppanalysis.methods.margins.linearised import Linearised, small_signal
+from eppanalysis.methods.margins.reach import out_of_reach
 from eppanalysis.methods.margins.result import Margins
 from eppanalysis.methods.margins.stability import is_stable
 from eppanalysis.models.systems.cuts import port_names, require_places
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.subject import CaseLike, facts_of, system_of
+from eppanalysis.models.systems.means import static_balance
+from eppanalysis.models.systems.sampled.averaged import averaged
+from eppanalysis.models.systems.subject import CaseLike, facts_of, standing, system_of
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
 
@@ -76,8 +79,9 @@ def margins(
         names = [at] if isinstance(at, str) else list(at)
     names = [_place(system, name) for name in names]
     made_by = Provenance("margins", {"system": system.name}, case=facts_of(loop))
+    nowhere = _drifts(loop)
     with np.errstate(all="ignore"):
-        found = tuple(_margins(Linearised.of(system, name), name, made_by) for name in names)
+        found = tuple(_margins(Linearised.of(system, name), name, nowhere, made_by) for name in names)
     return found[0] if at is None or isinstance(at, str) else found
 
 
@@ -119,10 +123,22 @@ def places_of(loop: LureSystem | CaseLike) -> tuple[str, ...]:
     return (outputs[int(acting[0]) if acting.size else 0],)
 
 
-def _margins(linearised: Linearised, at: str, made_by: Provenance) -> Margins:
-    """The margins at one place."""
+def _drifts(loop: LureSystem | CaseLike) -> str:
+    """Why a loop has no point at rest about which it could be linearised; nothing where none is known."""
+    try:
+        given, at = standing(loop, None, "margins")
+        system = averaged(given).with_integrators_apart[0]
+        return next(out_of_reach(system, static_balance(system, at.vector(system))), "")
+    except EppError:  # an input that moves, or means that the loop leaves open
+        return ""
+
+
+def _margins(linearised: Linearised, at: str, nowhere: str, made_by: Provenance) -> Margins:
+    """The margins at one place, unless the loop is nowhere at rest."""
     system = linearised.system
     rule = linearised.rule()
+    if nowhere:
+        return Margins(at, Status.INCOMPLETE, rule, nowhere, provenance=made_by)
     in_the_way = linearised.in_the_way(at)
     if in_the_way:
         names = " and ".join(system.element_names[i] for i in in_the_way)

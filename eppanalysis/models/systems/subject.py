@@ -74,6 +74,7 @@ _KNOW_SAMPLES = (
     "trigger",
     "basin",
     "forced_response",
+    "margins",
 )
 #: Analyses that need no states, so that a measured frequency response is enough.
 _KNOW_DATA = ("predict_limit_cycles", "harmonic_balance")

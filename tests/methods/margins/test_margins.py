@@ -392,3 +392,39 @@ def test_margins_of_a_drawn_servo_are_python_controls_at_every_port_in_any_order
     found = epp.margins(drawn_servo(np.random.default_rng(seed)), place)
     assert found.at == place
     agree(found, opened_by_control(place))
+
+
+def driven(load: float, **drives: epp.Nonlinearity) -> epp.LureSystem:
+    """A mass with drag whose position some drives control together, against a constant load."""
+    mass = epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0, 0.0])
+    parts = {"load": epp.blocks.Constant(value=load), "mass": mass}
+    connect = [f"-mass -> {name}" for name in drives]
+    return epp.Diagram(drives | parts, [*connect, f"{' + '.join(drives)} - load -> mass"]).to_system()
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_loop_that_stands_nowhere_has_no_margins(turned):
+    """Drives of 1 and 0.5 hold up to 1.5 together; what a ramp takes along without end nothing holds."""
+    main, helper = epp.Saturation(-1.0, 1.0), epp.Saturation(-0.5, 0.5)
+    ramp = epp.LureSystem.build([[0, 0], [0, -1.0]], [[0], [-1.0]], [[1.0, 1.0]], [main], constant_state=[1.0, 0.0])
+    for loop, why in (
+        (driven(1.2, main=main), "main would have to give 1.2, and gives -1 to 1"),
+        (driven(1.7, main=main, helper=helper), "main and helper cannot give together"),
+        (ramp, "nothing holds what drives it"),
+    ):
+        loop = in_coordinates(loop, orthogonal(len(loop.A), 3)) if turned else loop
+        found = epp.margins(loop)
+        assert not found.exist and found.stable is None and found.status is epp.Status.INCOMPLETE
+        assert str(found).startswith("No margins at ") and why in str(found)
+        assert why in str(epp.predict_limit_cycles(loop)) and "margin" not in str(epp.predict_limit_cycles(loop))
+    for loop in (driven(0.9, main=main), driven(1.4, main=main, helper=helper)):
+        assert epp.margins(loop).exist and epp.predict_limit_cycles(loop).warnings == ()
+
+
+def test_margins_are_those_of_the_inputs_that_a_prediction_holds():
+    """Held where the drive gives enough there are margins, and above that none."""
+    parts = {"drive": epp.Saturation(), "mass": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0, 0.0])}
+    loop = epp.Diagram(parts, ["-mass -> drive", "drive - load -> mass"], inputs={"load": 2.0}).to_system()
+    assert "margin" not in str(epp.predict_limit_cycles(loop)) and not epp.margins(loop).exist
+    held = epp.predict_limit_cycles(loop, {"load": 0.5})
+    assert held.margins["stable"] and "gain margin of the linearised loop is infinite" in str(held)
