@@ -8,6 +8,9 @@ stand still (an encoder between two levels under integral action) keeps it movin
 switching dies out there. Where nothing turns the phase of a sine (a relay on two integrators) it swings at any size.
 Where nothing damps a drift through a dead zone (a satellite between the thresholds of its thrusters), pulses turn it
 about.
+In discrete time the samples of a sine fall on either side of a jump as their phase wants: a whole region of gains
+belongs to an amplitude, and cycles of whole numbers of samples lock where it reaches the balance (Kuo, Analysis and
+Synthesis of Sampled-Data Control Systems, 1963, chapter 8).
 And where the linear part swings undamped by itself its response has no number: of a cycle there first order says where
 the gain of the element passes zero, and no more (x'' + x with what van der Pol adds as the element).
 """
@@ -52,6 +55,10 @@ _BESIDE = 0.1
 _ORDERS, _SETTLED, _OTHER = (3, 9, 15), 0.03, 0.2
 #: Share of a pole's size below which its real part is rounding.
 _UNDAMPED = 1e-9
+#: Samples a turn of cycles that may lock to them, phases of the samples and amplitudes, in thresholds, that are tried,
+#: and the distance of the loop gain from one, in logarithms, up to which harmonics may make up for it.
+_TURNS, _PHASES, _LOCKS = range(2, 61), 16, 0.15
+_SIZES = np.array([1.0001, 1.01, 1.03, 1.08, 1.2, 1.5, 2.0, 3.0, 5.0])
 
 
 def blind_spots(
@@ -75,6 +82,7 @@ def blind_spots(
             *beyond,
             *_stick_slip(balance),
             *_drift(balance),
+            *_locked(balance, points),
             *without_rest,
         ]
     )
@@ -272,6 +280,54 @@ def _is_off_between(e: Nonlinearity) -> bool:
     follows = any(np.any(modes[name]) for name in ("from_input", "from_memory", "from_smooth"))
     on_off = not follows and sorted(level) == [-1.0, 0.0, 1.0]
     return on_off and not np.any(e.describing_function(0.5 * edges.min()))
+
+
+def jumps(e: Nonlinearity) -> bool:
+    """Whether the output of an element jumps with its input."""
+    return not np.all(np.isfinite(e.slope_bounds()))
+
+
+def _locked(balance: Balance, points: Sequence[Point]) -> Iterator[str]:
+    """In discrete time elements that jump: numbers of samples to which cycles may lock beside those predicted."""
+    system = balance.system
+    if not system.time_step:
+        return
+    gains = [np.where(np.isfinite(gain), gain, 0.0) for gain in (e.linear_gain() for e in system.elements)]
+    slopes = np.zeros((balance.owner.size, balance.m))
+    for i, gain in enumerate(gains):
+        slopes[balance.owner == i, i] = gain[:, 0]
+    bias = np.linalg.lstsq(balance.on_bias + balance.on_mean @ slopes, balance.prescribed)[0]
+    known = np.array([2.0 * np.pi / (p.omega * system.time_step) for p in points])
+    for i, e in enumerate(system.elements):
+        if (e.n_inputs, e.n_outputs) != (1, 1) or not jumps(e):
+            continue
+        turns = [n for n in _TURNS if _misses_between_samples(balance, i, float(bias[i]), n) < _LOCKS]
+        turns = [n for n in turns if np.all(np.abs(known - n) > 1.0)]
+        if turns:
+            which = f"{turns[0]}" if len(turns) == 1 else f"{turns[0]} to {turns[-1]}"
+            yield (
+                f"First order does not see where the samples fall beside the jumps of {system.element_names[i]}: "
+                f"cycles of about {which} samples a turn, or of several such turns, may lock to them that are not "
+                "predicted here."
+            )
+
+
+def _misses_between_samples(balance: Balance, element: int, bias: float, n: int) -> float:
+    """How far the loop gain is from one, in logarithms, for sines of n samples a turn at their best phase and size."""
+    system = balance.system
+    e, L = system.elements[element], _response(balance, element, 2.0 * np.pi / (n * float(system.time_step or 1.0)))
+    sizes = e.thresholds(bias)
+    sizes = sizes[np.isfinite(sizes)][:6, None] * _SIZES
+    if not sizes.size:
+        sizes = abs(L) * np.abs(e.output(bias + np.array([-1.0, 1.0]))[0]).max() * _SIZES
+    turn = np.exp(-2j * np.pi * np.arange(n) / n)
+    phase = 2.0 * np.pi * (np.arange(2 * n) + (np.arange(_PHASES)[:, None] + 0.5) / _PHASES) / n
+    z = bias + sizes.reshape(-1, 1, 1) * np.sin(phase)
+    memory, w = None, np.empty_like(z)
+    for k in range(2 * n):  # what an element remembers is its own in the second turn
+        w[..., k], memory = e.output(z[..., k], memory)
+    gain = (w[..., n:] @ turn) / (z[..., n:] @ turn)
+    return float(np.abs(np.log(np.where(gain * L == 0.0, 1e-300, gain * L))).min())
 
 
 def _slow_slope(balance: Balance, element: int) -> float:

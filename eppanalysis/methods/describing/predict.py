@@ -17,7 +17,7 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Balance
-from eppanalysis.methods.describing.blind import blind_spots, made_by_harmonics
+from eppanalysis.methods.describing.blind import blind_spots, jumps, made_by_harmonics
 from eppanalysis.methods.describing.data.cycles import above_the_data, cautions, of_data
 from eppanalysis.methods.describing.data.stability import stability_of_data
 from eppanalysis.methods.describing.error import Estimate
@@ -25,7 +25,7 @@ from eppanalysis.methods.describing.multi import choose_pivot, search_several
 from eppanalysis.methods.describing.nyquist import loop_gain_curves, nyquist_curves
 from eppanalysis.methods.describing.quality import Point, point, stability
 from eppanalysis.methods.describing.search import Found, is_one_loop, search_one
-from eppanalysis.methods.harmonic.averaged import left_out, of_samples
+from eppanalysis.methods.harmonic.averaged import left_out, locking, of_samples
 from eppanalysis.methods.harmonic.loop import role_of_input
 from eppanalysis.methods.margins.margins import margins
 from eppanalysis.methods.simulation.states import without_held_states
@@ -138,6 +138,8 @@ def _balanced(
         cycles = tuple(_cycle(balance, p, at, e, coordinates) for p, e in zip(points, estimates, strict=True))
         if isinstance(loop, AveragedSystem):
             cycles = tuple(of_samples(loop, c) for c in cycles)
+        elif loop.time_step and any(map(jumps, loop.elements)):
+            cycles = tuple(locking(c, loop.time_step) for c in cycles)
     return balance, found, points, estimates, cycles
 
 

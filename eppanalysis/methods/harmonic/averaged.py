@@ -18,21 +18,26 @@ LEFT_OUT = (
 
 
 def of_samples(system: AveragedSystem | DataSystem, cycle: LimitCycle) -> LimitCycle:
-    """A predicted or balanced cycle with the state of the loop whose controllers are sampled, if it has states.
+    """A predicted or balanced cycle with the state of the loop whose controllers are sampled, if it has states."""
+    if not system.slowest:
+        return cycle
+    cycle = locking(cycle, system.slowest)
+    if isinstance(system, DataSystem):
+        return cycle
+    state, memory = system.started(cycle.state, cycle.memory)
+    return replace(cycle, state=state, memory=memory, mean_state=system.started(cycle.mean_state, ())[0])
+
+
+def locking(cycle: LimitCycle, time_step: float) -> LimitCycle:
+    """A predicted or balanced cycle with what samples [s] may change in its error.
 
     It may lock to the samples a whole one to either side, which no mean over their phases tells: two samples in its
     period are added to its error. An error that is not known stays so. Of fewer than two samples in its period all that
     counts is what they fold back: the cycle may not exist.
     """
-    if not system.slowest:
-        return cycle
-    samples = cycle.period / system.slowest
+    samples = cycle.period / time_step
     error = 2.0 / samples if samples >= 2.0 else float("inf")
-    cycle = replace(cycle, error_estimate=cycle.error_estimate + error)
-    if isinstance(system, DataSystem):
-        return cycle
-    state, memory = system.started(cycle.state, cycle.memory)
-    return replace(cycle, state=state, memory=memory, mean_state=system.started(cycle.mean_state, ())[0])
+    return replace(cycle, error_estimate=cycle.error_estimate + error)
 
 
 def left_out(system: LureSystem, cycles: Sequence[LimitCycle]) -> tuple[str, ...]:

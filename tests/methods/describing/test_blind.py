@@ -356,3 +356,45 @@ def test_friction_that_holds_more_at_rest_than_in_motion_is_not_said_to_be_too_w
     for loop in (held, free):
         assert not any("drifts away" in w for w in predict_limit_cycles(loop).warnings)
     assert epp.simulate(free, t_end=10.0).status is Status.SETTLED
+
+
+def sampled_servo(element: epp.Nonlinearity, lag: float, gain: float) -> LureSystem:
+    """A motor with a lag, in samples, under proportional control of its position, executed once a sample."""
+    A, B = np.array([[0.0, 1.0], [0.0, -1.0 / lag]]), np.array([[0.0], [gain / lag]])
+    A, B = signal.cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), 1.0)[:2]
+    return LureSystem.build(A, B, [[-1.0, 0.0]], [element], time_step=1.0, x0=[0.3, 0.0])
+
+
+def turns_of_iteration(loop: LureSystem) -> set[int]:
+    """Samples after which iterations from a hundred starts repeat themselves, those that rest left out."""
+    x = np.random.default_rng(1).normal(size=(100, 2)) * np.geomspace(0.3, 30.0, 100)[:, None]
+    path = []
+    for _ in range(3000):
+        x = x @ loop.A.T + np.asarray(loop.elements[0].output((x @ loop.C.T)[:, 0])[0])[:, None] * loop.B.T
+        path.append(x)
+    tail = np.array(path[-400:])
+    moving = tail[:, np.ptp(tail, axis=0).max(1) > 1e-9]
+    same = [np.abs(moving[n:] - moving[:-n]).max((0, 2), initial=0.0) < 1e-9 for n in range(1, 60)]
+    return {int(np.argmax([s[k] for s in same])) + 1 for k in range(moving.shape[1])} - {1}
+
+
+@pytest.mark.parametrize("element", [Quantiser(1.0, 20), epp.RelayDeadZone(0.5)], ids=["quantiser", "relay"])
+@pytest.mark.parametrize(("lag", "gain"), [(1.6, 1.0), (2.3, 0.9), (4.0, 0.95), (6.0, 1.0), (8.0, 0.2), (3.0, 0.2)])
+def test_cycles_that_lock_to_samples_are_warned_of(element, lag, gain):
+    """First order has none there; where an iteration has some their numbers of samples are said, elsewhere nothing."""
+    loop = sampled_servo(element, lag, gain)
+    prediction, turns = predict_limit_cycles(loop), turns_of_iteration(loop)
+    told = [re.search(r"of about (\d+)(?: to (\d+))? samples a turn", w) for w in prediction.warnings]
+    known = {round(c.period) for c in prediction}
+    if turns:
+        said = {n for m in told if m for n in range(int(m[1]), int(m[2] or m[1]) + 1)}
+        assert min(turns) in {n + k for n in said | known for k in (-1, 0, 1)}
+    else:
+        assert not any(told) and not known
+
+
+def test_a_relay_that_locks_to_samples_has_that_in_its_error():
+    loop = sampled_servo(epp.Relay(), 5.0, 0.2)
+    (cycle,) = predict_limit_cycles(loop)
+    turns = turns_of_iteration(loop)
+    assert len(turns) > 2 and cycle.error_estimate > 2.0 / cycle.period
