@@ -198,7 +198,7 @@ def _with_columns(columns: tuple[str, ...], table: dict[str, Any], field: str, r
 
 
 def _list(value: Any, field: str, raw: RawCase) -> list[Parameter]:
-    if not isinstance(value, list) or not value:
+    if not isinstance(value, list):
         raise raw.refused(field, "a list of numbers")
     return [read_scalar(v, f"{field}.{i}", raw) for i, v in enumerate(value)]
 
@@ -206,6 +206,8 @@ def _list(value: Any, field: str, raw: RawCase) -> list[Parameter]:
 def _coefficients(value: Any, field: str, raw: RawCase) -> list[float]:
     """Coefficients of a transfer function; units differ from power to power, and are the user's own affair."""
     found = _list(value, field, raw)
+    if not found:
+        raise raw.refused(field, "a list of numbers")
     for i, parameter in enumerate(found):
         if parameter.unit or parameter.friendly:
             raise raw.refused(f"{field}.{i}", "a plain number, in SI units: a coefficient takes no unit")

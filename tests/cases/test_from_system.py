@@ -61,7 +61,9 @@ def loops(draw: st.DrawFn) -> epp.LureSystem:
         return np.array(draw(st.lists(number, min_size=count, max_size=count)), float).reshape(shape)
 
     positive = st.floats(1e-6, 1e3)
-    elements = [epp.Play(gap=draw(positive)), epp.Friction(draw(positive)), epp.Quantiser(draw(positive), 7)]
+    gain = epp.PiecewiseLinear([], [draw(number)], [draw(number)])
+    third = draw(st.sampled_from([epp.Quantiser(draw(positive), 7), gain]))
+    elements = [epp.Play(gap=draw(positive)), epp.Friction(draw(positive)), third]
     elements.append(epp.JumpAndFollow(2.0, 1.0, draw(positive)))
     memory = [draw(st.none() | number), None, None, draw(st.none() | st.builds(Slip, number, st.just(1), number))]
     n, nv, ns = draw(st.integers(0, 3)), draw(st.integers(0, 2)), 2

@@ -156,8 +156,8 @@ def continue_branch(
         if orbit.motion is not None:
             raise EppError(
                 "continue_branch: cycles are not followed where what comes out of a dead time moves between switches; "
-                "expected a dead time right behind an element that switches, with nothing added to it on the way. "
-                "find_limit_cycles finds them at one value."
+                "expected a dead time behind an element that switches, with at most blocks between them that feed "
+                "nothing else and that no signal names. find_limit_cycles finds them at one value."
             )
         branch = walk.run((value, orbit))
     else:

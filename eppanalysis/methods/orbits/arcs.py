@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eppanalysis.arrays import Array, IntArray
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.simulation.workspaces import of_thread
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.engine.tables import Model
     from eppanalysis.kernels.orbits.flow import Channels
 
 #: Mark of an event that is caused by the one after it at the same instant.
@@ -159,7 +158,7 @@ class Arcs:
         free = np.zeros(0, np.int64) if like is None else like.free
         arcs = cls(event_sequence, F, S, g, gs, J, smooth, Y, Ys, W, channels, n, 0, free, shift)
         if n_s and np.any(model.smooth_kind == DELAY_LINE):
-            arcs = arcs._with_delays(model)
+            arcs = arcs._with_delays(hybrid)
         return replace(arcs, free=arcs._free(hybrid)) if like is None else arcs
 
     def halved(self, hybrid: HybridSystem, image: Array) -> Arcs:
@@ -190,13 +189,14 @@ class Arcs:
         renewed = np.any(self.J[:, self.n_state :] != own, axis=(0, 2))
         return np.concatenate([np.flatnonzero(hybrid.compared), self.n_state + np.flatnonzero(renewed)])
 
-    def _with_delays(self, model: Model) -> Arcs:
+    def _with_delays(self, hybrid: HybridSystem) -> Arcs:
         """The same arcs with timers and delayed values in y."""
         # A delayed output that is constant between switches needs no past but the times of its switches: each has a
         # timer that falls from the dead time to zero, where its echo is an event of its own
         # (docs/theory/exact_orbits.md, Closing an orbit).
+        model = hybrid.model
         lines = np.flatnonzero(model.smooth_kind == DELAY_LINE)
-        value = _constant_outputs(self.W, model.smooth_w[lines])
+        value = _constant_outputs(self.W[:, model.smooth_w[lines]], _moving_places(hybrid, self))
         source = self.event_sequence.source
         echoes = np.flatnonzero(self.event_sequence.guards < 0)
         first = np.cumsum([0, *(source[echoes, 2] + 1)])
@@ -216,19 +216,21 @@ class Arcs:
         one = n + n_t + N - n - 1
         J = np.broadcast_to(np.eye(size), (p, size, size)).copy()
         J[np.ix_(np.arange(p), place, place)] = self.J
-        g, Y = widen(self.g), widen(self.Y)
+        g, Y, value = widen(self.g), widen(self.Y), widen(value)
+        switching = np.isin(lines, source[echoes, 1])
         for i, j in enumerate(lines):
-            F[:, :n, N + n_t + i] = self.S[:, :, j]
-            g[:, N + n_t + i] = self.gs[:, j]
-            Y[:, :, N + n_t + i] = self.Ys[:, :, j]
+            # What never switches is the same later.
+            fed = np.eye(size)[N + n_t + i] if switching[i] else value[0, i]
+            F[:, :n] += self.S[:, :, j, None] * fed
+            g += self.gs[:, j, None] * fed
+            Y += self.Ys[:, :, j, None] * fed
         for e, k in enumerate(echoes):
             origin, line = source[k, :2]
             row = N + n_t + int(np.flatnonzero(lines == line)[0])
             last = n + int(first[e + 1]) - 1
             g[k] = 0.0
             g[k, last] = -1.0
-            J[k, row] = 0.0
-            J[k, row, one] = value[(origin + 1) % p, row - N - n_t]
+            J[k, row] = value[(origin + 1) % p, row - N - n_t]
             # The switch itself shifts the register of its timers.
             for register in range(last, n + int(first[e]), -1):
                 J[origin, register] = np.eye(size)[register - 1]
@@ -256,20 +258,29 @@ def _refuse_another_structure(hybrid: HybridSystem, event_sequence: EventSequenc
         raise ModelError("orbit: the loop changes its structure: it does not have the modes and events of the orbit.")
 
 
-def _constant_outputs(W: Array, outputs: IntArray) -> Array:
-    """Value of each delayed output on each arc, shape (p, lines).
+def _moving_places(hybrid: HybridSystem, arcs: Arcs) -> BoolArray:
+    """Which places of y may move: all but a 1 and inputs that are held, shape (N,)."""
+    moves = np.arange(arcs.size) < arcs.size - 1
+    if not hybrid.model.breakpoint_time.size:
+        inputs, n = slice(hybrid.n_plant, arcs.n_state), arcs.n_state
+        of_state = np.any(np.dstack([arcs.F[..., :n], arcs.S])[:, inputs], axis=(0, 2))
+        moves[inputs] = of_state | np.any(arcs.F[:, inputs, n:] @ hybrid.H0, axis=0)
+    return moves
+
+
+def _constant_outputs(W: Array, moves: BoolArray) -> Array:
+    """Rows of delayed outputs on each arc, shape (p, lines, N), which are of held inputs and a 1 alone.
 
     Raises
     ------
     ModelError
         If an output is not constant on some arc.
     """
-    rows = W[:, outputs]
-    if np.any(rows[:, :, :-1] != 0.0):
+    if np.any(W[:, :, moves]):
         raise ModelError(
             "orbit: the exact orbit of a loop with dead time needs delayed outputs that are constant between switches."
         )
-    return rows[:, :, -1]
+    return W
 
 
 @of_model

@@ -190,8 +190,8 @@ def _delayed_guess(hybrid: HybridSystem, it: EventSequence, y: Array, tau: Array
     # An output that jumps at an event does so again one dead time later, perhaps turns later: that is an event of its
     # own (docs/theory/exact_orbits.md, Closing an orbit).
     for line in np.flatnonzero(model.smooth_kind == DELAY_LINE):
-        value = plain.W[:, model.smooth_w[line], -1]
-        for k in np.flatnonzero(value != np.roll(value, -1)):
+        value = plain.W[:, model.smooth_w[line]]
+        for k in np.flatnonzero(np.any(value != np.roll(value, -1, axis=0), axis=1)):
             late = float(t[k] + model.smooth_delay[line])
             rows.append((late % T, int(k), int(line), int(model.smooth_delay[line] // T)))
     rows.sort()
@@ -233,7 +233,7 @@ def with_history(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Arra
         if of_line:
             last = of_line[-1]
             column = arcs.memory.stop + i
-            y[column] = arcs.J[last, column, arcs.memory.stop - 1]
+            y[column] = arcs.J[last, column] @ y
     return y
 
 

@@ -1,8 +1,9 @@
 """The parts of a diagram sorted into linear blocks and elements, with dead times as delayed outputs of elements.
 
 A loop knows dead time at the outputs of its elements only. A block with states and nothing that goes straight through
-is the same behind a delay as in front of it, so the delay is put at its inputs; else at its outputs. Where no element
-stands there, one that hands its input on is put in.
+is the same behind a delay as in front of it, so the delay is put at its inputs; else at its outputs. So are blocks
+that elements drive and that feed nothing else: an element that switches is as late as they are, and its output stands
+still between switches. Where no element stands there, one that hands its input on is put in.
 
 All blocks that are executed together become one sampled controller: within one sample they act on one another at once.
 Where nothing linear is left beside them, the loop is one of discrete time instead.
@@ -10,7 +11,8 @@ Where nothing linear is left beside them, the loop is one of discrete time inste
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -205,10 +207,8 @@ class Network:
     def _delay(self, name: str, delay: float) -> None:
         """Put the dead time of a block where a loop can have it: in front of states alone, else behind the block."""
         block = self.linear[name]
-        if len(block.system.A) and not np.any(block.system.D):
-            for port in block.input_ports:
-                made = self._fresh(f"{name}_{port[1]}_delay")
-                self.wires[port] = [(1.0, self._late(made, self.wires[port], delay))]
+        if _is_strict(block):
+            self._delay_inputs(block.input_ports, delay)
             return
         for port in block.output_ports:
             self.unseen.add(port)
@@ -220,26 +220,81 @@ class Network:
     def _delay_alone(self, name: str, delay: float) -> None:
         """Put a dead time that stands alone where a loop can have it: before what stands in front of it, or behind."""
         entry, out = (name, "in"), (name, "out")
-        before, terms, behind = self._only_feeds(name), self.wires[entry], self._consumers(out)
-        del self.linear[name]
-        if before is not None:
-            # A block that feeds nothing but the dead time is as late as what comes out behind it, and not to be seen.
-            place = terms[0][1]
-            self._delay(before, delay)
-            self.unseen |= {place, *(port for port, there in self.moved.items() if there == place)}
-            self._rewire(behind, out, place)
+        terms, behind, before = self.wires[entry], self._consumers(out), self._handing_on([entry])
+        blocks = {source[0] for _, source in terms if source not in self.constants}
+        carried = bool(blocks) and blocks <= before
+        place = out
+        if carried and all(_is_strict(self.linear[b]) for b in blocks):
+            self._delay_inputs([entry], delay, blocks)
         elif self._late_behind_element(out, delay):
             place = behind[0]
             sign = self.wires[place][0][0]
             self.wires[place] = [(sign * s, source) for s, source in terms]
-            self.unseen.add(out)
+        elif carried and self._made_by_elements([entry], before):
+            self._delay_inputs([entry], delay)
         else:
+            del self.linear[name]
             place = self._late(name, terms, delay)
             self._rewire(behind, out, place)
             self.unseen.add(out)
         if place != out:
+            self.unseen.add(out)
+            self.linear.pop(name, None)
             del self.wires[entry]
             self.moved |= {entry: place, out: place}
+
+    def _delay_inputs(self, ports: Iterable[Port], delay: float, least: Set[str] = frozenset()) -> None:
+        """Let what drives inputs be late: before all blocks that hand it on, where elements drive these, or `least`.
+
+        Blocks that feed nothing but what is late do the same later to what comes later, and are not to be seen.
+        """
+        ports = tuple(ports)
+        handing_on = self._handing_on(ports)
+        before = handing_on if self._made_by_elements(ports, handing_on) else least
+        places = {port for b in before for port in self.linear[b].output_ports}
+        self.unseen |= places | {port for port, there in self.moved.items() if there in places}
+        entering = self._entering(ports, before)
+        uses = Counter(source for terms in self.wires.values() for _, source in terms)
+        uses.subtract(source for terms in entering.values() for _, source in terms)
+        own = {p for terms in entering.values() for _, p in terms if p[0] in self.elements and not uses[p]}
+        own = {source for source in own if passes_outputs(self.elements[source[0]])}
+        for source in own:
+            self.late[source] = self.late.get(source, 0.0) + delay
+        for port, terms in entering.items():
+            others = [term for term in terms if term[1] not in own]
+            if others:
+                made = self._late(self._fresh(f"{port[0]}_{port[1]}_delay"), others, delay)
+                self.wires[port] = [*(t for t in self.wires[port] if t not in others), (1.0, made)]
+
+    def _handing_on(self, ports: Iterable[Port]) -> set[str]:
+        """Linear blocks whose outputs lead to these inputs and to nothing else, not even a named signal."""
+        found, ahead = set[str](), list(ports)
+        while ahead:
+            new = {p[0] for _, p in self.wires[ahead.pop()] if p[0] in self.linear} - found
+            found |= new
+            ahead += [port for name in new for port in self.linear[name].input_ports]
+        while True:
+            ends = {*ports, *(port for name in found for port in self.linear[name].input_ports)}
+            kept = {name for name in found if all(self._leads_to(p, ends) for p in self.linear[name].output_ports)}
+            if kept == found:
+                return found
+            found = kept
+
+    def _leads_to(self, port: Port, ends: Set[Port]) -> bool:
+        """Whether an output drives some of these inputs and nothing else."""
+        consumers = self._consumers(port)
+        return bool(consumers) and port not in self.shown and all(target in ends for target in consumers)
+
+    def _entering(self, ports: Iterable[Port], before: Set[str]) -> dict[Port, Terms]:
+        """What drives inputs, or those of the blocks before them, from outside of these; constants are never late."""
+        inner = {*self.constants, *(port for b in before for port in self.linear[b].output_ports)}
+        entries = (*ports, *(port for b in before for port in self.linear[b].input_ports))
+        return {port: [term for term in self.wires[port] if term[1] not in inner] for port in entries}
+
+    def _made_by_elements(self, ports: Iterable[Port], before: Set[str]) -> bool:
+        """Whether no linear block drives inputs, or those of the blocks before them, from outside of these."""
+        terms = [term for sums in self._entering(ports, before).values() for term in sums]
+        return all(source[0] not in self.linear for _, source in terms)
 
     def _late_behind_element(self, port: Port, delay: float) -> bool:
         """Whether what is late there drives nothing but one element: then its outputs are late in its place.
@@ -272,17 +327,6 @@ class Network:
         """A name for an element that no part has."""
         return free_name(name, {*self.elements, *(part for part, _ in self.original)})
 
-    def _only_feeds(self, name: str) -> str | None:
-        """The block with states and one output that feeds a dead time and nothing else, not even a named signal."""
-        terms = self.wires[name, "in"]
-        if len(terms) != 1 or terms[0][0] != 1.0 or terms[0][1][0] not in self.linear or terms[0][1] in self.shown:
-            return None
-        source = terms[0][1]
-        block = self.linear[source[0]]
-        strict = len(block.system.A) and not np.any(block.system.D)
-        alone = block.output_ports == (source,) and self._consumers(source) == [(name, "in")]
-        return source[0] if strict and alone else None
-
     def _late(self, name: str, terms: Terms, delay: float) -> Port:
         """The output of an element that hands a sum on, late; one whose output goes nowhere else serves itself."""
         source = terms[0][1] if len(terms) == 1 and terms[0][0] == 1.0 else ("", "")
@@ -295,6 +339,11 @@ class Network:
         self.wires[name, "in"] = terms
         self.late[name, "out"] = delay
         return name, "out"
+
+
+def _is_strict(block: Linear) -> bool:
+    """Whether a block has states and nothing that goes straight through."""
+    return bool(len(block.system.A)) and not np.any(block.system.D)
 
 
 def _time_step_of_all(parts: Iterable[Block | Nonlinearity]) -> float | None:

@@ -340,7 +340,7 @@ def test_elements_and_signals_that_are_made_up_have_names_of_their_own():
         "plant_in_delay": saturation,
     }
     connect = ["-plant -> a", "a -> b", "b -> a_b", "a_b -> plant_in_delay", "plant_in_delay -> gain", "gain -> plant"]
-    loop = epp.Diagram(parts=parts, connect=connect).to_system()
+    loop = epp.Diagram(parts=parts, connect=connect, signals={"force": "gain"}).to_system()
     assert set(loop.element_names) == {"a_b", "plant_in_delay", "a_b_2", "plant_in_delay_2"}
     two = StateSpaceBlock(A=[[-1.0]], B=[[1.0]], C=[[1.0], [2.0]], output_names=["force", "way"])
     parts = {"a": two, "a_force": saturation}
