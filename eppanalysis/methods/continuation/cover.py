@@ -48,21 +48,30 @@ def gaps(limits: tuple[float, float], branches: Sequence[tuple[Array, tuple[str,
         The values of the parameter along each, and how each ends at its first and at its last value.
     """
     least = _ROUNDING * (limits[1] - limits[0])
-    covered = _joined((float(v.min()), float(v.max())) for v, _ in branches if v.size)
-    edges = [limits[0], *(edge for pair in covered for edge in pair), limits[1]]
+    parts = covered([v for v, _ in branches])
+    edges = [limits[0], *(edge for pair in parts for edge in pair), limits[1]]
     out = []
     for k, (low, high) in enumerate(zip(edges[::2], edges[1::2], strict=True)):
         if high - low > least:
-            beside = [_end(branches, edge) for edge in (low,) * (k > 0) + (high,) * (k < len(covered))]
+            beside = [_end(branches, edge) for edge in (low,) * (k > 0) + (high,) * (k < len(parts))]
             why = "; ".join(dict.fromkeys(text for text, _ in beside))
             out.append(Gap(low, high, why, all(turns for _, turns in beside)))
     return tuple(out)
 
 
-def _joined(parts: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+def covered(values: Iterable[Array]) -> list[tuple[float, float]]:
+    """The parts of a range that branches with these values of the parameter cover, lowest first.
+
+    Examples
+    --------
+    >>> covered([np.array([3.0, 2.0]), np.array([0.0, 1.0]), np.array([0.5, 1.5])])
+    [(0.0, 1.5), (2.0, 3.0)]
+    """
+    ends = sorted((float(v.min()), float(v.max())) for v in values if v.size)
+    least = _ROUNDING * (max(high for _, high in ends) - ends[0][0]) if ends else 0.0
     out: list[tuple[float, float]] = []
-    for low, high in sorted(parts):
-        if out and low <= out[-1][1]:
+    for low, high in ends:
+        if out and low <= out[-1][1] + least:
             out[-1] = out[-1][0], max(high, out[-1][1])
         else:
             out.append((low, high))

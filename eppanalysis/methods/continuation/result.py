@@ -9,7 +9,7 @@ import numpy as np
 
 from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array
-from eppanalysis.methods.continuation.cover import Gap
+from eppanalysis.methods.continuation.cover import Gap, covered
 from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.steps import Point
 from eppanalysis.readable import count, listed, number, readable, span, words
@@ -112,8 +112,10 @@ class Branch(Result):
 
     def __str__(self) -> str:
         """Over which part of the range there are cycles, where they fold, and what the branches leave."""
-        folds = [fold.value for one in (self, *self.others) for fold in one.folds]
-        values = np.concatenate([folds, *(one.points["value"] for one in (self, *self.others))])
+        branches = (self, *self.others)
+        folds = [fold.value for one in branches for fold in one.folds]
+        # A fold lies a little beyond the points beside it.
+        parts = covered([np.append(one.points["value"], [fold.value for fold in one.folds]) for one in branches])
         unit, factor = self.shown_in
 
         def listed_at(found: list[float]) -> str:
@@ -132,7 +134,7 @@ class Branch(Result):
         left = f" {self.message}" if self.missing or not self.status.ok else ""
         if self.not_covered:
             known, left = "", f"{left} {self.not_covered}"
-        where = span(values, self.unit, self.shown_in)
+        where = listed([span(part, self.unit, self.shown_in) for part in parts])
         return f"Limit cycles exist for {words(self.parameter)} {where}{known}.{left}"
 
     def to_frame(self) -> pandas.DataFrame:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
@@ -443,3 +444,17 @@ def test_cycles_that_no_branch_can_follow_are_not_said_to_be_missing() -> None:
     case = epp.Case.from_system(bearing(26000.0).to_system(), t_end=0.5, name="bearing")
     with pytest.raises(epp.EppError, match="limit cycles were found at the ends of the range of loop.gain, but none"):
         epp.continue_branch(case, "loop.gain", 0.99, 1.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "over"),
+    [("relay_biased_fopdt", ("hysteresis_relay.high", 1.3, 0.7)), ("thruster_dz_hyst", ("thruster.off", 0.08, 0.02))],
+)
+def test_the_sentence_of_a_branch_names_no_value_that_it_leaves_out(name: str, over: tuple) -> None:
+    """Of branches that stop at a number of points it named the values from the first to the last of all of them."""
+    branch = epp.continue_branch(epp.case(name), *over, n_points=5)
+    _, factor = branch.shown_in
+    parts = [tuple(map(float, p)) for p in re.findall(r"from (\S+?) to ([\d.]+)", str(branch).split(";")[0])]
+    assert branch.missing and len(parts) == len(branch.missing) + 1
+    for gap in branch.missing:
+        assert not any(low < factor * 0.5 * (gap.low + gap.high) < high for low, high in parts)
