@@ -73,10 +73,15 @@ class Between:
         straight = all(D.shape == (n := len(D), n) and bool(np.all(np.eye(n) == D)) for D in parts)
         return straight and not (len(self.states["A"]) or self.controllers)
 
+    @cached_property
+    def _direct(self) -> Array:
+        """Matrix from (x, w) to (z, y) of what has no state."""
+        return _joined(self.states, "D")
+
     def at(self, omega: Array) -> tuple[dict[str, ComplexArray], dict[str, ComplexArray]]:
         """Responses "zx", "zw", "yx" and "yw" at frequencies [rad/s], and their derivatives by them."""
         s, own = 1j * omega[..., None, None], self.states
-        P = _joined(own, "D") + s * self.rates
+        P = self._direct + s * self.rates
         dP = np.broadcast_to(1j * self.rates, P.shape).copy()
         if len(own["A"]):
             C, B = np.vstack([own["C_z"], own["C_y"]]), np.hstack([own["B_x"], own["B_w"]])

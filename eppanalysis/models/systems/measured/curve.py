@@ -8,6 +8,8 @@ linear in the data, so that its own standard deviation is known.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -49,15 +51,12 @@ class Curve:
 
     def at(self, omega: Array) -> tuple[ComplexArray, ComplexArray]:
         """Response and its derivative by omega, at frequencies [rad/s] within the data."""
-        x = np.log(omega)
-        value = self.spline(x)
-        slope = self._derivative(x)
-        G = np.asarray(np.exp(value[..., 0] + 1j * value[..., 1]), complex)
-        return G, np.asarray(G * (slope[..., 0] + 1j * slope[..., 1]) / omega, complex)
+        G, dG = self._cubics.at(omega)
+        return G[..., 0], dG[..., 0]
 
     @cached_property
-    def _derivative(self) -> BSpline:
-        return self.spline.derivative()
+    def _cubics(self) -> Cubics:
+        return Cubics.of([self])
 
     @cached_property
     def scatter(self) -> float:
@@ -152,6 +151,34 @@ class Curve:
             off -= self.points[left]
             out[left] = off[:, 0] + 1j * off[:, 1]
         return out
+
+
+@dataclass(frozen=True, eq=False)
+class Cubics:
+    """Several curves as powers of the distance from knots that all have: they are evaluated at once."""
+
+    knots: Array  # (n + 1,): those of all curves, ascending
+    ends: Array  # (2, p): between which each curve is known
+    powers: Array  # (p, n, 4, 2): its coefficients above each knot, from the constant on, of log magnitude and phase
+
+    @classmethod
+    def of(cls, curves: Sequence[Curve]) -> Cubics:
+        """Those of curves."""
+        knots = np.unique(np.concatenate([c.spline.t for c in curves]))
+        powers = [[c.spline(knots[:-1], nu) / math.factorial(nu) for nu in range(4)] for c in curves]
+        ends = np.transpose([c.log_omega[[0, -1]] for c in curves])
+        return cls(knots, ends, np.moveaxis(np.asarray(powers), 1, 2))
+
+    def at(self, omega: Array) -> tuple[ComplexArray, ComplexArray]:
+        """Responses and their derivatives by omega, shape (..., p); outside a curve those at its end."""
+        omega = np.clip(omega[..., None], *np.exp(self.ends))
+        x = np.log(omega)
+        span = np.clip(np.searchsorted(self.knots, x, side="right") - 1, 0, len(self.knots) - 2)
+        h = (x - self.knots[span])[..., None]
+        a, b, c, d = np.moveaxis(self.powers[np.arange(len(self.powers)), span], -2, 0)
+        value, slope = a + h * (b + h * (c + h * d)), b + h * (2.0 * c + h * 3.0 * d)
+        G = np.exp(value[..., 0] + 1j * value[..., 1])
+        return G, G * (slope[..., 0] + 1j * slope[..., 1]) / omega
 
 
 def _through(x: Array, y: Array) -> BSpline:

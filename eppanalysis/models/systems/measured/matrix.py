@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eppanalysis.arguments import checked, checked_class
+from eppanalysis.arguments import checked, checked_class, floats
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
+from eppanalysis.models.systems.measured.curve import Cubics
 from eppanalysis.models.systems.measured.response import MeasuredResponse, reach
 from eppanalysis.readable import count
 from eppanalysis.shown import Shown, frame_of
@@ -115,7 +117,7 @@ class MeasuredMatrix(Shown):
         """Numbers of outputs and inputs."""
         return len(self.paths), len(self.paths[0])
 
-    @property
+    @cached_property
     def known(self) -> tuple[tuple[int, int, MeasuredResponse], ...]:
         """Each path that there is, with its output and its input."""
         return tuple((i, j, r) for i, row in enumerate(self.paths) for j, r in enumerate(row) if r is not None)
@@ -140,10 +142,18 @@ class MeasuredMatrix(Shown):
 
     def with_slope(self, omega: Any) -> tuple[ComplexArray, ComplexArray]:
         """Responses at frequencies [rad/s], shape (..., p, q), and their derivatives by them."""
-        G, dG = np.zeros((2, *np.shape(omega), *self.shape), complex)
-        for i, j, r in self.known:
-            G[..., i, j], dG[..., i, j] = r.with_slope(omega)
+        omega = floats(omega, "MeasuredMatrix: omega")
+        G, dG = np.zeros((2, *omega.shape, *self.shape), complex)
+        i, j, paths = zip(*self.known, strict=True)
+        inside = np.stack([r.knows(omega) for r in paths], -1)
+        for out, of in zip((G, dG), self._cubics.at(omega), strict=True):
+            out[..., i, j] = np.where(inside, of, np.nan)
         return G, dG
+
+    @cached_property
+    def _cubics(self) -> Cubics:
+        """The curves of all paths."""
+        return Cubics.of([r.curve for _, _, r in self.known])
 
     def __str__(self) -> str:
         """How many paths were measured, and where all of them are known."""

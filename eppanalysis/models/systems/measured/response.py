@@ -202,10 +202,13 @@ class MeasuredResponse(Shown):
     def with_slope(self, omega: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
         """Response at frequencies [rad/s], and its derivative by them; not a number outside the data."""
         omega = floats(omega, "MeasuredResponse: omega")
-        low, high = self.band
-        inside = (omega >= low * (1.0 - 1e-12)) & (omega <= high * (1.0 + 1e-12))
-        G, dG = self.curve.at(np.clip(omega, low, high))
+        inside, (G, dG) = self.knows(omega), self.curve.at(omega)
         return np.where(inside, G, np.nan), np.where(inside, dG, np.nan)
+
+    def knows(self, omega: Array) -> BoolArray:
+        """Whether frequencies [rad/s] lie within the data."""
+        low, high = self.band
+        return (omega >= low * (1.0 - 1e-12)) & (omega <= high * (1.0 + 1e-12))
 
     def __str__(self) -> str:
         """How much was measured, and how well."""

@@ -146,3 +146,24 @@ def test_the_phase_of_a_pole_without_damping_turns_back(seed):
         epp.MeasuredResponse(omega[omega != 1.0], 1.0 / value)
     with pytest.raises(epp.ModelError, match="rad of phase apart"):
         epp.MeasuredResponse(omega[omega != 1.0], value, unstable_poles=2)
+
+
+def test_paths_evaluated_at_once_are_the_splines_of_each():
+    """Points through which a curve passes and such that it is fitted to, each path in a band of its own."""
+    noise = np.random.default_rng(3).standard_normal((2, OMEGA.size))
+    noisy = plant(OMEGA) * (1.0 + 0.02 * (noise[0] + 1j * noise[1]))
+    part = OMEGA[40:-30]
+    paths = [epp.MeasuredResponse(OMEGA, noisy, deviation=0.02), epp.MeasuredResponse(part, plant(part))]
+    matrix = epp.MeasuredMatrix([[None, paths[0]], [paths[1], None]])
+    omega = np.concatenate([OMEGA, np.sqrt(OMEGA[1:] * OMEGA[:-1]), [0.0, 0.09, 101.0]])
+    G, dG = matrix.with_slope(omega)
+    assert not G[:, [0, 1], [0, 1]].any() and np.isnan(G[-3:, 0, 1]).all()
+    for path, value, slope in ((paths[0], G[:, 0, 1], dG[:, 0, 1]), (paths[1], G[:, 1, 0], dG[:, 1, 0])):
+        low, high = path.band
+        known = (omega >= low) & (omega <= high)
+        np.testing.assert_array_equal(np.isnan(value), ~known)
+        x, w = np.log(omega[known]), omega[known]
+        ln, by = (path.curve.spline(x, nu) @ [1.0, 1j] for nu in (0, 1))
+        np.testing.assert_allclose(value[known], np.exp(ln), rtol=1e-13)
+        np.testing.assert_allclose(slope[known], np.exp(ln) * by / w, rtol=1e-11, atol=1e-13)
+        np.testing.assert_allclose(path.with_slope(omega), [value, slope], rtol=1e-11)
