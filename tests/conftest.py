@@ -78,6 +78,11 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.enable()
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Commands of pages first: some take most of a minute, for which the other worker would be idle at the end."""
+    items.sort(key=lambda item: item.path.name != "test_documentation.py")
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_node_collection_finished(node: object) -> None:
     """No test begins before what it needs is compiled."""
