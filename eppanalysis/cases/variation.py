@@ -50,6 +50,10 @@ class Varied(Protocol):
     def with_values(self, values: Mapping[str, Any]) -> Any:
         """The case with other values."""
 
+    @property
+    def t_end(self) -> float:
+        """Length of its run [s]."""
+
 
 @dataclass(frozen=True)
 class Variation(ABC):
@@ -127,6 +131,8 @@ class LoopVariation(Variation):
         return f"{0.25 * shown:.12g}:{2.0 * shown:.12g}:9" + (f":{unit}" if unit else "")
 
 
+#: Runs of a map are so many times as long as the case's own.
+_LONGER = 4.0
 #: The two sides of what need not be symmetric; alone, one of them makes an element that nobody builds.
 _SIDES = {"upper": "lower", "lower": "upper", "high": "low", "low": "high"}
 
@@ -135,6 +141,14 @@ def _other_side(name: str) -> str:
     """The field that holds the other side of what a field holds one of; empty where it holds all."""
     element, _, last = name.rpartition(".")
     return f"{element}.{_SIDES[last]}" if last in _SIDES else ""
+
+
+def time_of_maps(case: Varied) -> float:
+    """Length of the runs of a map around a case [s]: what settles in other designs may take longer than in the case's.
+
+    A run ends where it has settled or repeats itself: only those that take longer cost more.
+    """
+    return _LONGER * case.t_end
 
 
 def takes(case: Varied, name: str, value: float) -> bool:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from eppanalysis.cases import Case, variation_of
+from eppanalysis.cases.variation import time_of_maps
 from eppanalysis.methods.bounds.searched import in_samples
 from eppanalysis.plotting import main_signals
 
@@ -163,7 +164,7 @@ else:
 _MAP = """\
 try:
     axes = {axes}
-    cells = epp.sweep(case, axes, progress=False)
+    cells = epp.sweep(case.with_values({{"run.t_end": {t_end}}}), axes, progress=False)
     if not cells["outcome"].any():
         print("No map: none of", cells["outcome"].size, "runs around this design settles or repeats itself by its end;")
         print("longer ones may (run.t_end).")
@@ -255,7 +256,7 @@ def _map(case: Case) -> str:
     factors = [case.readable(name)[1] for name in axes]
     x, y = (f'case.value("{name}") * {factor!r}' for name, factor in zip(axes, factors, strict=True))
     mark = f'figure.axes[0].plot({x}, {y}, "k*", markersize=12)'
-    return _MAP.format(axes=repr(axes), mark=mark)
+    return _MAP.format(axes=repr(axes), mark=mark, t_end=repr(time_of_maps(case)))
 
 
 def _full_guideline(case: Case) -> str:
@@ -311,7 +312,8 @@ SECTIONS: tuple[Section, ...] = (
     ),
     Section(
         "Case",
-        "Every value, with where it comes from: the paper, derived from its numbers, assumed, or measured.",
+        "Every value, with where it comes from: taken from a paper, derived from other numbers, measured, assumed, or "
+        "tunable, which is free to choose.",
         _always(_START),
     ),
     Section("Provenance", "What made these numbers.", _always(_PROVENANCE)),
