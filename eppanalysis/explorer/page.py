@@ -496,4 +496,4 @@ def _in_words(facts: slow.Facts, unit: str, factor: float) -> str:
         if math.isfinite(size)
     ]
     settles = " It can also rest." if facts["settles"] and cycles else ""
-    return f"Exact limit cycles: {'; '.join(cycles) or 'none'}.{settles}"
+    return f"Exact limit cycles: {'; '.join(cycles) or 'none'}.{settles} {facts['doubts']}".rstrip()

@@ -59,6 +59,7 @@ def all_cycles(given: Given) -> Facts:
         "frequency": [c.frequency for c in found],
         "stable": [bool(c.stable) for c in found],
         "settles": found.settles,
+        "doubts": " ".join(found.doubts()),
     }
 
 
@@ -102,13 +103,16 @@ def design_map(given: Given, x: str, y: str, xs: tuple[float, float], ys: tuple[
     """Outcome over a grid of two parameters [SI]: codes as a sweep has them."""
     import numpy as np
 
+    from eppanalysis.cases.variation import time_of_maps
     from eppanalysis.sweep import sweep
 
     axes = {
         name: [float(v) for v in np.linspace(*ends, n)]
         for name, ends, n in zip((x, y), (xs, ys), _MAP_CELLS, strict=True)
     }
-    cells = sweep(given.case(), axes, workers=1, progress=False)
+    case = given.case()
+    longer = case.with_values({"run.t_end": time_of_maps(case)})
+    cells = sweep(longer, axes, workers=1, progress=False)
     return {"outcome": cells["outcome"].transpose(y, x).values.tolist(), "x": axes[x], "y": axes[y]}
 
 

@@ -205,7 +205,7 @@ class Ladder(Result):
         if self.search is None or self.run.limit_cycle is not None:
             return [run, *self._exact_sentence()]
         if any(found.stable for found in self.search):
-            return [f"Can oscillate: {counted(self.search.cycles, self.signal)}.", run]
+            return [f"Can oscillate: {counted(self.search.cycles, self.signal)}.", run, *self.search.doubts()]
         undecided = self.run.status is Status.UNDECIDED
         return [f"{self.search.headline()}.", run] if undecided else [run, *self._exact_sentence()]
 
@@ -216,7 +216,7 @@ class Ladder(Result):
         run, found = self.run.limit_cycle, self.search.cycles
         alone = run is not None and len(found) == 1 and found[0].size_of(self.signal) == run.size_of(self.signal)
         told = "this limit cycle and no other" if alone else counted(found, self.signal)
-        return [f"The exact search finds {told}."]
+        return [f"The exact search finds {told}.", *self.search.doubts()]
 
     def to_frame(self) -> pandas.DataFrame:
         """The methods, one a row: the cycle of each, how far it is off, and how long it took [s]."""

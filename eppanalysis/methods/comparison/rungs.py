@@ -192,7 +192,7 @@ def _sentence(search: CycleSearch | None, why_not: str) -> str:
     sentences = [f"Exact limit cycles: {' and '.join(sorted(parts))}."] if exact else []
     if len(search) > len(exact):
         sentences.append(f"Limit cycles known from runs alone: {len(search) - len(exact)} stable.")
-    return " ".join(sentences)
+    return " ".join([*sentences, *search.doubts()])
 
 
 def _first_order(prediction: Prediction | None, seconds: float, signal: str) -> tuple[Rung, ...]:

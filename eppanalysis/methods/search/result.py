@@ -93,6 +93,10 @@ class CycleSearch(Listing[LimitCycle]):
         what = "the cycle" if len(cycles) == 1 else "the cycles"
         return f"no orbit was closed for {what} predicted at {listed(by_name(cycles))}" + f" ({note})" * bool(note)
 
+    def doubts(self) -> list[str]:
+        """What other sentences on the cycles found have to say besides: that the search leaves something open."""
+        return [] if self.status.ok else [self.message]
+
     @property
     def stable(self) -> tuple[LimitCycle, ...]:
         """The stable cycles: what the device can do for ever."""

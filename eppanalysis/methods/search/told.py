@@ -135,11 +135,12 @@ class Told(Ends):
         if self.n_ended or not self.work.left:
             return (
                 f" The search ended after {self.work.most:.0e} steps of the engine; "
-                f"{self.n_ended} starts and {self.n_left} basin boundaries were left."
+                f"{count(self.n_ended, 'start')} and {count(self.n_left, 'basin boundary')} were left."
             )
         if not self.n_left:
             return ""
-        return f" {self.n_left} more basin boundaries were left: the starts of different outcomes are interwoven."
+        left = f"{count(self.n_left, 'more basin boundary')} {'was' if self.n_left == 1 else 'were'} left"
+        return f" {left}: the starts of different outcomes are interwoven."
 
     def _continua(self) -> str:
         """Sentence on cycles that stand for a continuum of cycles."""

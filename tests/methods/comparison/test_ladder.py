@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 
 import eppanalysis as epp
 from eppanalysis.methods.comparison.ladder import Agreement, largest_harmonic
+from eppanalysis.methods.comparison.rungs import _sentence
 from eppanalysis.results import Status
 from tests.reference.elbow_reference import DEG, nominal, simulate_reference
 from tests.reference.lure_reference import simulate_lure
@@ -349,3 +350,12 @@ def test_a_search_confirms_no_unstable_cycle_that_is_far_off(plant, element, agr
     assert result.outcome == "undecided" and result.agreement is agreement
     unstable = [row for row in result.rows if row.method.startswith("describing function, unstable")]
     assert all(max(map(abs, row.errors.values())) > 0.1 for row in unstable)
+
+
+def test_what_the_search_leaves_open_is_said_beside_what_it_finds() -> None:
+    """That it finds "this cycle and no other" is no news where runs of it were left undecided."""
+    found = epp.ladder(epp.case("relay_ideal_khalil79"))
+    assert "this limit cycle and no other" in str(found) and "open" not in str(found)
+    left = replace(found.search, status=Status.UNDECIDED, left_open=("2 runs neither settled nor repeated themselves",))
+    for told in (str(replace(found, search=left)), _sentence(left, "")):
+        assert "The search leaves something open: 2 runs neither settled nor repeated themselves." in told
