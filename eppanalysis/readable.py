@@ -47,6 +47,8 @@ def written(unit: str) -> str:
 
 #: Significant digits of numbers in sentences, tables and pictures.
 DIGITS = 4
+#: Smaller numbers are written without powers of ten.
+_PLAIN = 1e5
 #: What rounding leaves of zero: of a signal at rest in SI units, of a peak-to-peak relative to its mean.
 ROUNDING = 1e-12
 
@@ -78,10 +80,15 @@ def number(value: float, digits: int = DIGITS) -> str:
     --------
     >>> number(0.0499871), number(12), number(float("inf"))
     ('0.04999', '12', 'infinite')
+    >>> number(12345.6), number(1650.0, 3), number(1.65e7)
+    ('12350', '1650', '1.65e+07')
     """
     if isinstance(value, int):
         return str(value)
-    return ("-" if value < 0 else "") + "infinite" if math.isinf(value) else f"{value:.{digits}g}"
+    if math.isinf(value):
+        return ("-" if value < 0 else "") + "infinite"
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < _PLAIN else text
 
 
 def quantity(value: float, unit: str, digits: int = DIGITS, shown: tuple[str, float] | None = None) -> str:

@@ -21,7 +21,7 @@ def said_above(figure: Figure) -> tuple[str, str]:
 def touching(figure: Figure) -> Iterator[str]:
     """Numbers of an axis that run into each other."""
     for axis in (axis for ax in figure.axes if ax.axison for axis in (ax.xaxis, ax.yaxis)):
-        texts = [label for label in axis.get_ticklabels() if label.get_text() and label.get_visible()]
+        texts = [label for label in axis.get_ticklabels(which="both") if label.get_text() and label.get_visible()]
         boxes = [text.get_window_extent() for text in texts]
         places = sorted(range(len(boxes)), key=lambda i: (boxes[i].x0, boxes[i].y0))
         yield from (

@@ -236,11 +236,12 @@ def _draw_loop_gain(ax: Axes, prediction: Prediction) -> None:
     _mark_cycles(ax, points, prediction.cycles)
     ax.set_xlabel(with_unit(f"amplitude at the input of {element}", unit))
     ax.set_ylabel("loop gain (one at a cycle)")
-    low, high = ax.get_ylim()
-    if high < _NARROW * low:  # powers of ten alone would leave its axis without numbers
-        ax.yaxis.set_major_formatter(lambda value, _: number(value))
-        ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 3.0, 5.0)))
-        ax.yaxis.set_minor_formatter(lambda value, _: number(value))
+    for axis, between in ((ax.xaxis, (2.0, 5.0)), (ax.yaxis, (2.0, 3.0, 5.0))):  # numbers side by side need more room
+        low, high = axis.get_view_interval()
+        if high < _NARROW * low:  # powers of ten alone would leave the axis without numbers
+            axis.set_major_formatter(lambda value, _: number(value))
+            axis.set_minor_locator(LogLocator(subs=between))
+            axis.set_minor_formatter(lambda value, _: number(value))
 
 
 def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycle]) -> None:

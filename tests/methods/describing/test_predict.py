@@ -14,6 +14,7 @@ from scipy.optimize import minimize_scalar
 
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
+from eppanalysis.methods.describing.balance import unit_at_input
 from eppanalysis.methods.describing.predict import predict_limit_cycles
 from eppanalysis.models.devices.elbow.loop import ElbowParameters, elbow
 from eppanalysis.models.devices.elbow.parameters import Parking
@@ -39,7 +40,7 @@ from eppanalysis.models.systems.linear import StateSpace
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.results import Status
 from tests.random_loops import random_loop
-from tests.shared import of_unknown_response
+from tests.shared import of_unknown_response, shipped, touching
 
 from_tf, from_blocks = LureSystem.from_tf, LureSystem.from_blocks
 LBF, DEG = 4.4482216152605, np.pi / 180
@@ -664,3 +665,21 @@ def test_a_slow_cycle_that_grows_faster_than_it_turns_is_unstable() -> None:
     for share, end in ((0.7, epp.Status.LIMIT_CYCLE), (1.1, epp.Status.DIVERGED)):
         x0 = [share * slowest.amplitude("x") / loop.C[0, 0]]
         assert epp.simulate(replace(loop, x0=np.array(x0)), t_end=60.0).status is end
+
+
+def test_the_input_of_an_element_has_the_unit_of_the_signal_that_it_is() -> None:
+    """Where other signals are its negative or its multiples, too."""
+    for case in shipped().values():
+        system = case.to_system()
+        units = system.signals.units_by_name()
+        for i, name in enumerate(system.element_names):
+            told = units.get(f"{name}_in", units.get(f"{name}_input"))
+            assert told is None or unit_at_input(system, i) == told, (case.name, name)
+
+
+@pytest.mark.parametrize("name", ["buck_converter", "sat_plus_backlash", "fig8a_original"])
+def test_numbers_on_the_axes_of_a_loop_gain_stand_apart(name) -> None:
+    """Below a decade or two there are numbers between the powers of ten, which ran into each other."""
+    figure = epp.predict_limit_cycles(epp.case(name)).plot().figure
+    figure.draw_without_rendering()
+    assert not list(touching(figure))
