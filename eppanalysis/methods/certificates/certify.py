@@ -94,7 +94,7 @@ def certify(
     ['1.485175', '1.490930']
     >>> limited = epp.LureSystem.from_tf(([5.99], [1.0, 3.0, 2.0, 0.0]), epp.Saturation(), name="limited")
     >>> print(epp.certify(limited, "absence"))
-    Proved: limited has no periodic motion but rest (sector 0 to 1; Popov's, multiplier 3/2).
+    Proved: limited has no periodic motion but rest (sector 0 to 1; Popov's criterion with a multiplier of 1.5 s).
     >>> slack = epp.LureSystem.from_tf(([2.0], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=0.1), name="slack")
     >>> print(epp.certify(slack, "absence"))
     Proved: slack has no periodic motion but rest, for any gap (a function that falls, quadratic in 8 sectors).

@@ -164,7 +164,9 @@ def sentence(document: Mapping[str, Any]) -> str:
     if document["statement"] == STATEMENTS[Asked.ABSENCE].text:
         low, high = claim["sector"]
         multiplier = (
-            "the circle criterion" if claim["multiplier"] == "0" else f"Popov's, multiplier {claim['multiplier']}"
+            "the circle criterion"
+            if claim["multiplier"] == "0"
+            else f"Popov's criterion with a multiplier of {float(Fraction(claim['multiplier'])):.4g} s"
         )
         edges = f"{low} to {'infinity' if high is None else high}"
         if document["loop"]["element"]["kind"] == "play":

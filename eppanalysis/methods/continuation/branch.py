@@ -432,7 +432,9 @@ class Walk:
                 )
                 return True
             if found is not None:
-                self._note(Change.FOLD, found, "a stable and an unstable cycle, or two unstable ones, meet", index)
+                stable = is_stable(old.multipliers) or is_stable(new.multipliers)
+                meet = "a stable and an unstable cycle meet" if stable else "two unstable cycles meet"
+                self._note(Change.FOLD, found, meet, index)
             return False
         if is_stable(old.multipliers) != is_stable(new.multipliers):
             kind, test = crossing(old, new)

@@ -22,7 +22,7 @@ from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import StaticBalance, static_balance, without_rounding
-from eppanalysis.readable import readable
+from eppanalysis.readable import number, readable
 
 _STEP = 1e-7  # relative step of the forward differences; it only slows Newton, it does not bias its answer
 _LARGEST_STEP = 0.7  # in one Newton step, of logarithms and phases
@@ -404,4 +404,4 @@ def ranges(system: LureSystem, element: int, amplitude: Array, omega: Array) -> 
     unit, factor = readable(unit_at_input(system, element))
     low, high = factor * amplitude[[0, -1]]
     slow, fast = omega[[0, -1]] / (2.0 * np.pi)
-    return f"{low:.3g} to {high:.3g} {unit}".rstrip(), f"{slow:.3g} to {fast:.3g} Hz"
+    return f"{number(low, 3)} to {number(high, 3)} {unit}".rstrip(), f"{number(slow, 3)} to {number(fast, 3)} Hz"

@@ -458,3 +458,15 @@ def test_the_sentence_of_a_branch_names_no_value_that_it_leaves_out(name: str, o
     assert branch.missing and len(parts) == len(branch.missing) + 1
     for gap in branch.missing:
         assert not any(low < factor * 0.5 * (gap.low + gap.high) < high for low, high in parts)
+
+
+@pytest.mark.parametrize(
+    "name, over, ends",
+    [("relay_deadzone", "relay_dead_zone.threshold", (1.6, 1.8)), ("wheelchair", "play.gap", ("9 mm", "5 mm"))],
+)
+def test_what_meets_at_a_fold_is_what_lies_on_both_of_its_sides(name, over, ends) -> None:
+    branch = epp.continue_branch(epp.case(name), over, *ends, n_others=0)
+    (fold,) = branch.folds
+    beside = branch.points["stable"][max(fold.index - 1, 0) : fold.index + 1]
+    assert beside.any() == fold.note.startswith("a stable and an unstable cycle meet")
+    assert not beside.all() and "or" not in fold.note.split()
