@@ -68,8 +68,8 @@ _HINTED = 0.92
 _WITH_NUMBER = re.compile(r"(?<=\d) (?=[A-Za-z%])|(?<=\b[A-Za-z]) (?=[-\d])")
 #: What the controller of an elbow reads.
 _READ = "sensor_force"
-#: What a system is called that was given no name.
-_UNNAMED = "loop"
+#: What systems are called that were given no name.
+_UNNAMED = ("loop", "diagram")
 
 
 def put_verdict(figure: Figure, verdict: str, details: str = "", subject: str = "") -> None:
@@ -78,7 +78,7 @@ def put_verdict(figure: Figure, verdict: str, details: str = "", subject: str = 
     Long details stand below the picture. The figure grows by the height of what is written, so that its panels keep
     theirs.
     """
-    name = "" if subject == _UNNAMED else subject  # a loop that nobody named has no name to show
+    name = "" if subject in _UNNAMED else subject  # a loop that nobody named has no name to show
     bold = lines_of(verdict, _BOLD_IN_AN_INCH * figure.get_figwidth())
     letters = _SMALL_IN_AN_INCH * figure.get_figwidth()
     small, below = lines_of(": ".join(filter(None, (name, details))), letters), []

@@ -60,7 +60,10 @@ class ShownTable:
         lines = "\n".join(f"<tr>{row}</tr>" for row in body)
         above = f"<thead><tr>{head}</tr></thead>\n" if any(str(column.header) for column in columns) else ""
         note = html.escape(str(self.content.caption)) if self.content.caption else ""
-        below = f'<caption style="caption-side: bottom; text-align: left">{note}</caption>\n' if note else ""
+        # The table may be wider than a phone and be pushed about under its window; its sentences stay in view.
+        kept = '<div style="position: sticky; left: 0; max-width: min(46em, 90vw)">'
+        under = '<caption style="caption-side: bottom; text-align: left; padding-top: 0.4em">'
+        below = f"{under}{kept}{note}</div></caption>\n" if note else ""
         return f'<table class="eppanalysis">\n{below}{above}<tbody>\n{lines}\n</tbody>\n</table>'
 
 

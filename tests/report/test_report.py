@@ -13,6 +13,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import nbformat
+import numpy as np
 import pytest
 
 import eppanalysis as epp
@@ -266,3 +267,15 @@ def test_command_line_and_interrupt(folder, after):
     assert running.returncode in (130, -signal.SIGINT), said
     assert "Traceback" not in said
     assert not list(folder.glob("*late*"))
+
+
+@pytest.mark.parametrize("name", ["robot_servo", "wheelchair"])
+def test_a_design_that_takes_longer_to_settle_than_the_case_is_no_unknown_one_on_the_map(name):
+    """At low gains and with little backlash a joint creeps to rest for longer than the case's own run goes on."""
+    case, drawn = epp.case(name), []
+    left: dict[str, object] = {"epp": epp, "case": case, "display": drawn.append}
+    exec(sections._map(case), left)
+    own = epp.sweep(case, left["axes"], progress=False)["outcome"].values
+    shown = left["cells"]["outcome"].values
+    assert len(drawn) == 1 and np.sum(shown == 0) < max(np.sum(own == 0), 1)
+    assert np.array_equal(shown[own != 0], own[own != 0])

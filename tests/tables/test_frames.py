@@ -121,3 +121,10 @@ def test_of_a_signal_that_stands_still_no_size_is_shown():
     row = list(shown.columns[0].cells).index("y peak to peak")
     spans = [list(column.cells)[row] for column in shown.columns[1:]]
     assert set(spans[:-1]) == {"0"} and spans[-1] == "-"
+
+
+def test_sentences_below_a_table_stay_in_view_where_it_is_pushed_about():
+    """On a phone a wide table has a window of its own: sentences as wide as it were cut off at the window's edge."""
+    shown = epp.table(epp.predict_limit_cycles(epp.case("backlash_servo")))._repr_html_()
+    caption = shown[shown.index("<caption") : shown.index("</caption>")]
+    assert "may not exist: " in caption and "position: sticky; left: 0; max-width: min(46em, 90vw)" in caption

@@ -101,7 +101,7 @@ def check_element(
     # integral of y dx is pi a^2 Im N, that of y x dt is T (a^2 Re N/2 + bias m).
     turn = 2.0 * np.pi / omega
     return ElementCheck(
-        name or element.kind or type(element).__name__.lower(),
+        name or element.called(),
         Status.INCOMPLETE if said else Status.CONVERGED,
         findings,
         sizes,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -229,6 +230,11 @@ class Nonlinearity(ABC):
             ELEMENTS[kind] = cls
         if "describing_function" in vars(cls):
             cls.describing_function = _named(cls.describing_function)  # type: ignore[method-assign]
+
+    @classmethod
+    def called(cls) -> str:
+        """What an element is called that was given no name: its kind, or that of its class in words."""
+        return cls.kind or re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
 
     def __call__(self, x: float) -> float:
         """Output of an element without memory for an input, as python-control calls a function.

@@ -60,7 +60,7 @@ def require(name: str, what: str, given: object, holds: bool, expected: str) -> 
 def labels_of(elements: Sequence[Nonlinearity], names: Sequence[str] | None) -> tuple[str, ...]:
     """What the elements are called: as given, else after their kinds."""
     given = tuple(names) if names is not None else ()
-    return given or tuple(_unique([e.kind or type(e).__name__.lower() for e in elements]))
+    return given or tuple(_unique([e.called() for e in elements]))
 
 
 def state_names_of(name: str, names: Sequence[str] | None, n: int) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
+from eppanalysis.models.elements.base import ELEMENTS
 
 OMEGA = np.array([0.05, 0.4, 1.0, 3.0, 40.0])
 
@@ -168,3 +169,11 @@ def test_the_response_at_a_pole_is_huge_and_that_next_to_it(omega: float) -> Non
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 0.0, 1.0, 0.0]), epp.Saturation())
     at, beside = (abs(loop.frequency_response(w)[0, 0]) for w in (omega, omega + 1e-6))
     assert at > 1e6 * beside and np.isfinite(at)
+
+
+def test_elements_without_a_name_are_called_in_words():
+    """Not after their class run together: pictures and tables show it."""
+    controller = epp.SampledController([[1.0]], [[0.05]], [[1.0]], [[4.0]], sample_time=0.001)
+    loop = epp.LureSystem.build([[0.0]], [[1.0]], [[-1.0]], [controller])
+    assert loop.element_names == ("sampled_controller",)
+    assert all(element.called() == kind for kind, element in ELEMENTS.items())
