@@ -365,8 +365,11 @@ class Prediction(Listing[LimitCycle]):
         doubt = [f"{doubtful} of {len(self)} may not exist."] if doubtful else []
         ended = [] if self.status.ok else [self.status.value]
         ended += ["Cycles between the points of its grid may be missed."] if self.on_grid else []
+        # That there is none is no verdict where it is known what first order does not see.
+        missed = ", and may miss one" if self.warnings and not self.cycles else ""
         margin = "" if self.cycles else _margin(self.margins)
-        return " ".join([f"First order predicts {counted(self.cycles)}{margin}.", *doubt, *ended, *self.warnings])
+        predicts = f"First order predicts {counted(self.cycles)}{missed}{margin}."
+        return " ".join([predicts, *doubt, *ended, *self.warnings])
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

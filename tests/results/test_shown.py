@@ -289,6 +289,14 @@ def test_no_cycle_is_said_with_the_margin_that_is_left():
     )
 
 
+@pytest.mark.parametrize("name", ["backlash_servo_unseen", "pid_hunting", "fig8b_reduced_backlash"])
+def test_the_verdict_that_there_is_no_cycle_says_where_first_order_may_miss_one(name):
+    """In large letters stood "no limit cycle", and in small ones below them that there is one."""
+    found = epp.predict_limit_cycles(epp.case(name))
+    assert not len(found) and found.headline().startswith("First order predicts no limit cycle")
+    assert found.headline().endswith("may miss one") == bool(found.warnings)
+
+
 @pytest.mark.parametrize(
     ("plant", "border"),
     [
