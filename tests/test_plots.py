@@ -332,3 +332,11 @@ def test_pictures_leave_the_global_state_alone():
     plot_nyquist(prediction())
     pyplot = sys.modules.get("matplotlib.pyplot")
     assert pyplot is None or not pyplot.get_fignums()
+
+
+@pytest.mark.parametrize("name", ["backlash_servo", "wheelchair"])
+def test_the_curve_of_margins_leaves_the_window_where_the_loop_gain_goes_on(name):
+    """Cut off within it, the curve of an integrator looked as if the gain ended there."""
+    ax = epp.margins(epp.case(name)).plot()
+    curve = ax.lines[0].get_xydata()
+    assert np.nanmax(np.abs(curve)) > ax.get_xlim()[1]

@@ -10,13 +10,14 @@ from eppanalysis.methods.margins.olop_result import BOUNDARY, OnsetPoint
 from eppanalysis.methods.margins.result import Margins
 from eppanalysis.plotting import BLUE, DARK, GREEN, VERMILLION, place_of, put_legend
 
-#: Loop gains up to this size are shown.
+#: Half the width of the window. Beyond twice of it nothing is drawn, so that a curve leaves the window where it goes on.
 _REACH = 2.5
+_DRAWN = 2.0 * np.sqrt(2.0) * _REACH
 
 
 def plot_margins(margins: Margins, ax: Axes | None = None) -> Figure:
     """L(j omega) about -1, the unit circle, and where the margins are taken."""
-    shown = np.abs(margins.response) < _REACH
+    shown = np.abs(margins.response) < _DRAWN
     figure, ax = place_of(ax, 4.2 if np.any(shown) else 0.6)
     if not np.any(shown):
         ax.set_axis_off()
