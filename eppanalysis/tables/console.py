@@ -4,12 +4,23 @@ from __future__ import annotations
 
 import cmath
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from eppanalysis.readable import ROUNDING, at_rest, in_print, percent, readable, signed_percent, with_unit, words
+from eppanalysis.readable import (
+    ROUNDING,
+    at_rest,
+    in_print,
+    number,
+    percent,
+    readable,
+    signed_percent,
+    with_unit,
+    words,
+)
 from eppanalysis.results import DESCRIBING_FUNCTION, EXACT_ORBIT, SIMULATION
 from eppanalysis.shown import Shown, for_people
 from eppanalysis.tables.cells import cell, table_of
@@ -31,8 +42,8 @@ _BEYOND = (
     "than they are; where they move it by more than its own size (> 100 %) the estimate cannot say how wrong it is. "
     "Compare with the exact cycles (validate, cycles)."
 )
-
-
+#: What a state is called that was given no name.
+_STATE = re.compile(r"^x\d+$")
 #: Unstable cycles without a counterpart, each of which has a row of its own.
 _MOST_LONE = 4
 
@@ -204,7 +215,8 @@ def triggers_table(triggers: Sequence[Trigger]) -> Table:
         unit, factor = readable(trigger.unit)
         none = math.isnan(trigger.size)
         size = "nothing tried starts one" if none else cell(trigger.size * factor)
-        table.add_row(with_unit(words(trigger.name), unit or "SI unit"), size, cell(trigger.tried * factor))
+        name = _STATE.sub(r"state \g<0>", words(trigger.name))
+        table.add_row(with_unit(name, unit or "SI unit"), size, cell(trigger.tried * factor))
     return table
 
 
@@ -217,7 +229,8 @@ def provenance_table(facts: Mapping[str, Any]) -> Table:
         if isinstance(value, Mapping):
             for key, inner in value.items():
                 if not isinstance(inner, Mapping | list | tuple):
-                    table.add_row(f"{name}: {key}".replace("_", " "), str(inner))
+                    text = number(inner) if isinstance(inner, float) else str(inner)
+                    table.add_row(f"{name}: {key}".replace("_", " "), text)
         else:
             table.add_row(name.replace("_", " "), str(value))
     return table

@@ -39,10 +39,12 @@ def test_triggers_are_in_units_that_people_read():
     triggers = [
         Trigger("theta", 0.01, 0.0, 0.01, 0.02, unit="rad"),
         Trigger("harness_position", float("nan"), 0.0, float("nan"), 0.03, unit="m"),
+        Trigger("x0", 0.2, 0.1, 0.2, 0.3),
     ]
     assert cells(epp.table(triggers))[3:] == [
         *("theta [deg]", "0.573", "1.146"),
         *("harness position [mm]", "nothing tried starts one", "30"),
+        *("state x0 [SI unit]", "0.2", "0.3"),
     ]
 
 

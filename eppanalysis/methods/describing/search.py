@@ -26,6 +26,7 @@ from eppanalysis.methods.describing.curves import (
 from eppanalysis.models.systems.linear import poles, zeros
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.measured.loop import DataSystem
+from eppanalysis.readable import count
 
 _MOST_NODES = 4000
 #: Places beside a frequency at which the linear part changes, relative to it.
@@ -476,8 +477,8 @@ def _sentence(system: LureSystem, real: bool, omega: Array, amplitude: Array, n_
     )
     sizes, frequencies = ranges(system, 0, amplitude, omega)
     text = (
-        f"Sought {how} ({n_branches} of the bias), with all local extrema located: frequencies from {frequencies}, "
-        f"amplitudes from {sizes}."
+        f"Sought {how} ({count(n_branches, 'branch')} of the bias), with all local extrema located: frequencies from "
+        f"{frequencies}, amplitudes from {sizes}."
     )
     if np.any(system.delays):
         text += (

@@ -10,7 +10,7 @@ from eppanalysis.methods.margins.olop_result import BOUNDARY, OnsetPoint
 from eppanalysis.methods.margins.result import Margins
 from eppanalysis.plotting import BLUE, DARK, GREEN, VERMILLION, place_of, put_legend
 
-#: Half the width of the window, and up to which loop gain a curve is drawn: beyond the corners, so that it goes to the edge.
+#: Half the width of the window; and loop gains that are drawn, beyond its corners, so that a curve goes to its edge.
 _REACH = 2.5
 _DRAWN = 2.0 * np.sqrt(2.0) * _REACH
 
