@@ -42,7 +42,8 @@ from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.methods.margins.reach import out_of_reach
 from eppanalysis.models.elements.base import Nonlinearity
-from eppanalysis.models.systems.linear import poles
+from eppanalysis.models.systems.linear import poles, zeros
+from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.readable import listed, quantity, readable
 
@@ -261,25 +262,33 @@ def _winds_up(balance: Balance, element: int) -> bool:
 def _drift(balance: Balance) -> Iterator[str]:
     """On-off elements with a dead zone through which the loop drifts undamped, at whatever speed it has."""
     system = balance.system
-    for i, e in enumerate(system.elements):
-        if _is_off_between(e) and not np.any(balance.prescribed) and _slow_slope(balance, i) < -1.5:
-            yield (
-                f"Nothing damps the loop between the thresholds of {system.element_names[i]}, where it drifts: it may "
-                "swing slowly from one to the other, in cycles that are not predicted here."
-            )
+    off = {i: levels for i, e in enumerate(system.elements) if (levels := _levels_beside_off(e))}
+    if not off or np.any(balance.prescribed) or not all(_slow_slope(balance, i, tuple(off)) < -1.5 for i in off):
+        return
+    # Levels of one side each turn a drift about together.
+    first = next(iter(off))
+    slow = balance.linear(np.array([1e-5 * _slowest(system, first)]))[0, first].real
+    ways = {float(np.sign(slow[balance.owner == i][0]) * level) for i, levels in off.items() for level in levels}
+    if {-1.0, 1.0} <= ways:
+        names = listed([system.element_names[i] for i in off])
+        yield (
+            f"Nothing damps the loop between the thresholds of {names}, where it drifts: it may "
+            "swing slowly from one to the other, in cycles that are not predicted here."
+        )
 
 
-def _is_off_between(e: Nonlinearity) -> bool:
-    """Whether an element is at one of two levels or off, and off in small oscillations about zero."""
+def _levels_beside_off(e: Nonlinearity) -> list[float]:
+    """Signs of the levels of an element that is off in small oscillations about zero; none of any other."""
     edges = np.abs(np.asarray(e.thresholds(), float))
     edges = edges[edges > 0]
     if not edges.size or (e.n_inputs, e.n_outputs) != (1, 1):
-        return False
+        return []
     modes = e.automaton().mode_columns
     level = np.sign(modes["constant"][~modes["sticking"], 0])  # beside those that slide along an edge
     follows = any(np.any(modes[name]) for name in ("from_input", "from_memory", "from_smooth"))
-    on_off = not follows and sorted(level) == [-1.0, 0.0, 1.0]
-    return on_off and not np.any(e.describing_function(0.5 * edges.min()))
+    on_off = not follows and sorted(level) in ([-1.0, 0.0, 1.0], [-1.0, 0.0], [0.0, 1.0])
+    idle = on_off and not np.any(e.describing_function(0.5 * edges.min()))
+    return [sign for sign in level.tolist() if sign] if idle else []
 
 
 def jumps(e: Nonlinearity) -> bool:
@@ -330,21 +339,34 @@ def _misses_between_samples(balance: Balance, element: int, bias: float, n: int)
     return float(np.abs(np.log(np.where(gain * L == 0.0, 1e-300, gain * L))).min())
 
 
-def _slow_slope(balance: Balance, element: int) -> float:
+def _slow_slope(balance: Balance, element: int, off: tuple[int, ...] = ()) -> float:
     """Power of s with which the response from an element's output to its input begins at ``s = 0``; zero if unknown."""
-    scales = frequency_scales(balance.system)
-    if not scales.size or balance.system.time_step:
+    if balance.system.time_step:
         return 0.0
-    size = np.array([abs(_response(balance, element, w)) for w in scales.min() * np.array([1e-5, 1e-4])])
+    slow = np.array([1e-5, 1e-4]) * _slowest(balance.system, element)
+    size = np.array([abs(_response(balance, element, w, off)) for w in slow])
     return float(np.log10(size[1] / size[0])) if np.all(size > 0) else 0.0
 
 
-def _response(balance: Balance, element: int, omega: float) -> complex:
-    """From an element's output to its input, the loop closed by gains of the others (which ones does not matter)."""
-    mine = balance.owner == element
+def _slowest(system: LureSystem, element: int) -> float:
+    """Frequency of the slowest pole, or where there is none zero of an element's own, off the origin; else any."""
+    scales = frequency_scales(system)
+    if not scales.size:
+        row, out = system.input_slices[element].start, system.output_slices[element].start
+        own = np.abs(zeros(system.A, system.B[:, [out]], system.C[[row]], system.D[[row]][:, [out]]))
+        scales = own[own > _UNDAMPED * own.max(initial=0.0)]
+    return float(scales.min()) if scales.size else 1.0
+
+
+def _response(balance: Balance, element: int, omega: float, off: tuple[int, ...] = ()) -> complex:
+    """From an element's output to its input, the loop closed by gains of the others (which ones does not matter).
+
+    Those that are `off` have none.
+    """
+    mine, silent = balance.owner == element, np.isin(balance.owner, [element, *off])
     L = balance.linear(np.array([omega]))[0]
     spans = [np.abs(np.asarray(e.thresholds(), float)).max(initial=0.0) or 1.0 for e in balance.system.elements]
     gain = np.nan_to_num(balance.evaluate(2.0 * np.array([spans]), np.zeros((1, balance.m)), np.ones(1))[1][0])
-    selector = (balance.owner[:, None] == np.arange(balance.m)) * np.where(mine, 0.0, gain)[:, None]
+    selector = (balance.owner[:, None] == np.arange(balance.m)) * np.where(silent, 0.0, gain)[:, None]
     closed = np.linalg.solve(np.eye(balance.m) - L @ selector, L[:, mine].sum(1))
     return complex(closed[element])

@@ -6,22 +6,91 @@ action), or leave each of its modes before the loop would (a thermostat).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import product
+from typing import Any
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from eppanalysis.arrays import Array
 from eppanalysis.methods.describing.balance import Balance
-from eppanalysis.methods.margins.reach import BALANCED, balances_of_one, units_of
+from eppanalysis.methods.margins.reach import BALANCED, balances_of_one, units_of, without
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.systems.linear import zeros
 from eppanalysis.models.systems.sampled.averaged import AveragedSystem
-from eppanalysis.readable import quantity
+from eppanalysis.readable import listed, quantity
+
+#: Combinations of levels that are asked for one at which a loop stands still.
+_MOST_TOGETHER = 1000
 
 
 def no_rest(balance: Balance) -> Iterator[str]:
     """Elements that jump over the only output with which the loop could stand still, or leave it wherever it could."""
+    alone = [*_no_rest_of_one(balance)]
+    yield from alone or _no_rest_together(balance)
+
+
+def _no_rest_together(balance: Balance) -> Iterator[str]:
+    """On-off elements that act together, at none of whose levels the loop could stand still."""
+    system, static = balance.system, balance.static
+    held = {i: levels for i in range(balance.m) if (levels := _held(balance, i))}
+    if len(held) < 2 or np.prod([len(levels) for levels in held.values()]) > _MOST_TOGETHER:
+        return
+    mine = [system.output_slices[i].start for i in held]
+    rows = without(np.hstack([np.delete(static.on_bias, [*held], 1), np.delete(static.on_mean, mine, 1)]))
+    on_bias, on_mean, asked = (
+        rows @ static.on_bias[:, [*held]],
+        rows @ static.on_mean[:, mine],
+        rows @ static.prescribed,
+    )
+    if not any(_stands(on_bias, on_mean, asked, levels) for levels in product(*held.values())):
+        names = listed([system.element_names[i] for i in held])
+        yield (
+            f"The loop has no state of rest: at none of their levels do {names} hold it still together; it keeps "
+            "moving, in a motion that is not predicted here."
+        )
+
+
+def _held(balance: Balance, element: int) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+    """Where an element between constant levels stays, ranges of its input and its output; nothing of any other."""
+    e = balance.system.elements[element]
+    a = e.automaton()
+    modes, guards = a.mode_columns, a.guard_columns
+    follows = any(np.any(modes[name]) for name in ("from_input", "from_memory", "from_smooth"))
+    if (a.n_inputs, a.n_outputs, a.n_memory) != (1, 1, 0) or follows or not a.guards:
+        return []
+    stays = []
+    for k in np.flatnonzero(~modes["sticking"]):
+        level, own = float(modes["constant"][k, 0]), guards["mode"] == k
+        turn, rest = guards["on_input"][own, 0], guards["constant"][own] + guards["on_output"][own, 0] * level
+        edges = -rest[turn != 0.0] / turn[turn != 0.0]
+        above = edges[turn[turn != 0.0] > 0].min(initial=np.inf)
+        stays.append(((float(edges[turn[turn != 0.0] < 0].max(initial=-np.inf)), float(above)), (level, level)))
+    # On an edge to which the loop pulls it back from either side it may slide, or switch ever faster, and give anything
+    # between.
+    for edge, jump, below in zip(e.breakpoints, e.jumps, e.intercepts, strict=False):
+        if jump and _pulled_back(balance, element, float(jump)):
+            stays.append(((float(edge),) * 2, (float(min(below, below + jump)), float(max(below, below + jump)))))
+    return stays
+
+
+def _stands(on_bias: Array, on_mean: Array, asked: Array, levels: Sequence[tuple[Any, Any]]) -> bool:
+    """Whether a static balance can be met with inputs and outputs within ranges."""
+    ranges = np.array([r for part in zip(*levels, strict=True) for r in part])
+    columns, (low, high) = np.hstack([on_bias, on_mean]), ranges.T
+    size = np.abs(columns) @ np.where(np.isfinite(ranges), np.abs(ranges), 0.0).max(1) + np.abs(asked)
+    fixed = low == high
+    rest = asked - columns[:, fixed] @ low[fixed]
+    if np.any(~fixed):
+        free = columns[:, ~fixed]
+        rest = rest - free @ lsq_linear(free, rest, (low[~fixed], high[~fixed])).x
+    return bool(np.all(np.abs(rest) <= BALANCED * size))
+
+
+def _no_rest_of_one(balance: Balance) -> Iterator[str]:
+    """The same of one element, whatever the others do."""
     system = balance.system
     for i, e in enumerate(system.elements):
         of_input, of_output = units_of(system, i)
@@ -172,11 +241,16 @@ def _leaves_every_mode(e: Nonlinearity, on_bias: float, on_mean: float, prescrib
 
 def _slides(balance: Balance, element: int, jump: float) -> bool:
     """Whether the loop pulls an element back at once on either side of a jump, so that it rests there."""
+    return _pulled_back(balance, element, jump, 1)
+
+
+def _pulled_back(balance: Balance, element: int, jump: float, derivatives: int = 2) -> bool:
+    """Whether the first derivative of its input at which a jump of an element acts pulls it back, if it is that low."""
     system = balance.system
-    out = system.output_slices[element]
-    if system.time_step or np.any(system.delays[out]):
+    if system.time_step or np.any(system.delays[system.output_slices[element]]):
         return False
-    return _pull(balance, element, jump, 1)[0] < 0.0
+    pull = _pull(balance, element, jump, derivatives)
+    return bool(np.any(pull) and pull[np.flatnonzero(pull)[0]] < 0.0)
 
 
 def _pull(balance: Balance, element: int, jump: float, count: int) -> Array:

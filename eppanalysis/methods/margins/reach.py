@@ -54,7 +54,7 @@ def _together(system: LureSystem, static: StaticBalance, reaches: dict[int, tupl
     """The same of all elements with a bound, in what the static balance asks of these alone."""
     weak = [system.output_slices[i].start for i in reaches]
     others = np.delete(static.on_mean, weak, axis=1)
-    rows = _without(np.hstack([static.on_bias, others]))
+    rows = without(np.hstack([static.on_bias, others]))
     size = np.abs(rows) @ (np.abs(static.prescribed) + np.abs(static.on_mean).sum(1))
     asked, given = rows @ static.prescribed, rows @ static.on_mean[:, weak]
     if not np.any(np.abs(asked) > BALANCED * size):
@@ -101,13 +101,13 @@ def balances_of_one(system: LureSystem, static: StaticBalance, element: int) -> 
     """Static balances that are left of one element alone, ``on_bias b + on_mean mean = prescribed``."""
     mine = system.output_slices[element]
     others = np.delete(static.on_bias, element, axis=1), np.delete(static.on_mean, mine, axis=1)
-    for k in _without(np.hstack(others)):
+    for k in without(np.hstack(others)):
         on_bias, on_mean = float(k @ static.on_bias[:, element]), float(k @ static.on_mean[:, mine].sum(1))
         if on_mean:
             yield on_bias, on_mean, float(k @ static.prescribed)
 
 
-def _without(columns: Array) -> Array:
+def without(columns: Array) -> Array:
     """Combinations of equations, as rows, in which some columns do not stand."""
     columns = columns[:, np.any(columns, 0)] / np.abs(columns).max(0)[np.any(columns, 0)]
     u, s, _ = np.linalg.svd(columns)

@@ -398,3 +398,50 @@ def test_a_relay_that_locks_to_samples_has_that_in_its_error():
     (cycle,) = predict_limit_cycles(loop)
     turns = turns_of_iteration(loop)
     assert len(turns) > 2 and cycle.error_estimate > 2.0 / cycle.period
+
+
+def tank(outflow: float, *thresholds: tuple[float, float]) -> LureSystem:
+    """A level that falls by an outflow, and pumps of 1 each that start and stop at levels of their own."""
+    n = len(thresholds)
+    pumps = [epp.HysteresisRelay(-stop, -start, 0.0, 1.0) for start, stop in thresholds]
+    return LureSystem.build([[0.0]], [[1.0] * n], [[-1.0]] * n, pumps, constant_state=[-outflow], x0=[0.5])
+
+
+@pytest.mark.parametrize("outflow", [0.3, 0.7, 1.0, 1.3, 1.9, 2.0, 2.5])
+def test_pumps_on_one_tank_have_no_state_of_rest_but_where_some_of_them_give_just_the_outflow(outflow):
+    loop = tank(outflow, (0.4, 0.6), (0.2, 0.3))
+    (warning,) = predict_limit_cycles(loop).warnings or ("",)
+    run = epp.simulate(loop, t_end=60.0)
+    assert ("no state of rest" in warning) is (run.status is Status.LIMIT_CYCLE)
+    assert ("drifts away" in warning) is (outflow > 2.0)
+
+
+def test_relays_to_whose_edge_the_loop_returns_are_not_said_to_keep_it_moving():
+    """Beside a relay with a dead zone, an ideal one on a lag slides, and on two it switches ever faster."""
+    for A in ([[-1.0, 1.0], [0.0, -0.5]], [[0.0, 1.0], [0.0, -1.0]]):
+        for row in ([-1.0, 0.0], [-1.0, -0.1]):
+            loop = LureSystem.build(
+                A, [[0, 0], [1, 0.5]], [row, row], [epp.Relay(), epp.RelayDeadZone(0.1)], x0=[0.3, 0]
+            )
+            assert not any("no state of rest" in w for w in predict_limit_cycles(loop).warnings)
+
+
+def thrusters(elements: list[epp.Nonlinearity], push: list[float], disturbance: float = 0.0) -> LureSystem:
+    """A satellite under a law of angle and rate that several on-off elements execute together."""
+    n = len(elements)
+    return LureSystem.build(
+        [[0.0, 1.0], [0.0, 0.0]], [[0.0] * n, push], [[-1.0, -0.5]] * n, elements, constant_state=[0.0, disturbance]
+    )
+
+
+def test_thrusters_between_whose_thresholds_nothing_damps_are_said_to_drift():
+    """Two sides as two elements, or a coarse and a fine pair, are as blind as one element of three levels."""
+    ahead, back = epp.PiecewiseLinear([0.1], [0, 0], [0, 1]), epp.PiecewiseLinear([-0.1], [0, 0], [-1, 0])
+    pairs = [epp.RelayDeadZone(0.5), epp.RelayDeadZone(0.1)]
+    for loop in (thrusters([ahead, back], [1.0, 1.0]), thrusters(pairs, [1.0, 0.2])):
+        assert any("it drifts" in w and " and " in w for w in predict_limit_cycles(loop).warnings)
+    for loop in (
+        thrusters([ahead, ahead], [1.0, 1.0]),
+        thrusters([*pairs, epp.Saturation(-9.0, 9.0)], [1.0, 0.2, 1.0]),
+    ):
+        assert not any("it drifts" in w for w in predict_limit_cycles(loop).warnings)
