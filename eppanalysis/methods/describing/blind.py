@@ -208,9 +208,10 @@ def _undamped(balance: Balance) -> Iterator[str]:
 
 def _conservative(balance: Balance) -> Iterator[str]:
     """One element that turns no phase, on a linear part that turns none either, but for its sign: nothing is damped."""
-    system, nodes = balance.system, frequency_nodes(balance.system, 1)
+    system = balance.system
     if not is_one_loop(system) or system.time_step or np.any(system.delays) or isinstance(system, DataSystem):
         return
+    nodes = frequency_nodes(system, 1)
     L = balance.linear(np.geomspace(nodes[0], nodes[-1], 96))[:, 0, 0]
     # Of most frequencies: at the ends the rounding of turned states has a phase of its own.
     if np.median(np.abs(L.imag) / np.abs(L)) <= _UNDAMPED and any(

@@ -142,7 +142,7 @@ def frequency_nodes(system: LureSystem, per_decade: int, lowest_gain: float = 0.
     else:
         low, top = (scales.min() / 1e3, scales.max() * 1e3) if scales.size else (1e-12, 1e12)
         nodes = [np.geomspace(low, top, int(per_decade * np.log10(top / low)) + 2)]
-    around = np.concatenate([scales, symmetry_candidates(system) if len(system.elements) == 1 else np.zeros(0)])
+    around = np.concatenate([scales, symmetry_candidates(system) if system.B.shape[1] == 1 else np.zeros(0)])
     nodes.append((around[:, None] * (1.0 + _BESIDE)).ravel())
     if np.any(system.delays):
         bounded = lowest_gain > 0

@@ -25,7 +25,7 @@ from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, repeats_undecided, run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
-from eppanalysis.models.systems.linear import slowest_pole
+from eppanalysis.models.systems.linear import slowest_pole, zeros
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.progress import Progress
@@ -260,8 +260,16 @@ class Ends:
         if status is Status.SETTLED:
             return self._rested(start, run)
         if status is Status.EVENT_LIMIT:
-            return self._rested(start, run) if died_out(start, run) else End.UNDECIDED
+            return self._rested(start, run) if died_out(start, run) and self._keeps_piled else End.UNDECIDED
         return End.DIVERGENCE if status is Status.DIVERGED else None
+
+    @cached_property
+    def _keeps_piled(self) -> bool:
+        """Whether a loop stays where its switches accumulate: what moves on there are the zeros, asked for of one
+        element. With a zero that grows it leaves again, after more switches than any run has.
+        """
+        s = self.system
+        return len(s.elements) > 1 or bool(np.all(zeros(s.A, s.B, s.C[:1], s.D[:1]).real <= 0.0))
 
     def _quiet_cycle(self, run: Run, t: float) -> End | int:
         """Number of the cycle that a run without switches is on at its end, of a linear part that does not damp it."""

@@ -134,6 +134,11 @@ def test_ordinary_loops_are_not_warned_of():
     assert [n for n in names if predict_limit_cycles(epp.case(n).to_system()).warnings] == []
 
 
+@pytest.mark.parametrize("name", ["two_mass_damped_shaft", "two_mass_damped_shaft_classical"])
+def test_an_element_of_two_inputs_and_outputs_is_asked_as_well(name):
+    assert str(predict_limit_cycles(epp.case(name))).startswith("First order predicts 1 stable limit cycle")
+
+
 def test_a_pair_of_cycles_between_the_levels_of_a_quantiser():
     """A random loop in which first order has none, by a tenth of a per cent of gain, and the exact search a pair."""
     loop = random_loop(24)

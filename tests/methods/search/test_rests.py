@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.methods.orbits.exact import steady_hybrid
+from eppanalysis.methods.search.ends import End, Ends
 from eppanalysis.models.systems.linear import transfer_function
 from eppanalysis.models.systems.lure import LureSystem
 from tests.stress.families import problem, turned
@@ -132,3 +134,15 @@ def test_a_decay_to_the_edge_of_a_gap_takes_no_more_than_its_time():
     first, second = transfer_function([2.0, 1.0], [1.0, 1.0, 0.0]), transfer_function([1.0], [0.2, 1.0])
     found = epp.find_limit_cycles(LureSystem.from_blocks([epp.Saturation(-1.0, 1.0), first, epp.Play(0.5), second]))
     assert found.status is epp.Status.CONVERGED and found.settles and not found
+
+
+@pytest.mark.parametrize("damping", [0.5, -0.5])
+def test_switches_that_accumulate_are_rest_only_where_zeros_decay(damping: float) -> None:
+    """A relay on two poles more than zeros switches ever faster, then slides as the zeros say: to rest or away."""
+    system = LureSystem.from_tf(([1.0, damping, 2.0], np.poly([-1.0, -2.0, -0.5, -1.5])), epp.Relay())
+    at = epp.OperatingPoint.of(system)
+    hybrid = steady_hybrid(system, at)
+    made = Ends(system, hybrid, tuple(epp.predict_limit_cycles(system)), at)
+    start = np.zeros(hybrid.x0.size)
+    start[:4] = 0.1 * np.random.default_rng(1).normal(size=4)
+    assert (made.outcome(start, hybrid.H0) is End.REST) is (damping > 0.0)
