@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.polynomial import legendre, polynomial
+from numpy.polynomial import legendre
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.errors import EppError
@@ -20,12 +20,12 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.readable import listed, quantity, words
 
 N_HARMONICS = 25
-_TRIED = 4
 #: Nodes on a piece, points of the grid on which its extrema are looked for, and each how many of these the waveform
 #: has; and the same for periods of so many pieces that each is short (a slow cycle between thousands of samples).
 _USUAL, _SHORT, _MANY = (16, 33, 4), (8, 9, 1), 1000
-#: Times at which harmonics are summed at once.
-_BLOCK = 16_000
+#: Products of numbers in one product of matrices, beneath which libraries leave it to one thread: the others would be
+#: waited for longer than it takes.
+_ALONE = 2**18
 #: Pieces of a period to begin with (so many that every harmonic varies moderately on each), most of them, and how many
 #: times as many as the events ask for.
 _FEWEST, _MOST, _MORE = 32, 6000, 1.5
@@ -90,13 +90,14 @@ def analyse_period(
             f"A period from {marks[0]:.17g} to {marks[-1]:.17g} s has no length; expected one beyond rounding."
         )
     pieces, before = _Pieces.cut(corners, max(time_scale, 1e-5 * period), period / _FEWEST), None
-    values, most = _whole(sample, pieces.times), max(_MOST, _MORE * pieces.size.size)
+    values, most = pieces.sampled(sample), max(_MOST, _MORE * pieces.size.size)
     for _ in range(_ROUNDS):
         coarse, before = pieces.unresolved(values, before)
         if not np.any(coarse) or pieces.size.size + np.sum(coarse) > most:
             break
-        pieces, before = pieces.halved(coarse, before)
-        values = _whole(sample, pieces.times)
+        pieces, before, halves = pieces.halved(coarse, before)
+        kept, values = values[:, ~coarse], np.empty((len(names), *pieces.times.shape))
+        values[:, ~halves], values[:, halves] = kept, pieces.sampled(sample, halves)
     return pieces.analyse(names, values)
 
 
@@ -138,26 +139,12 @@ def goes_further(hybrid: HybridSystem, signals: Mapping[str, Array]) -> str:
     return ""
 
 
-def _whole(sample: Callable[[Array], Array], times: Array) -> Array:
-    """Signals at all times, shape (signals, nt).
-
-    A run that is made once more may end before the one that was on the cycle did.
-    """
-    values = sample(times)
-    if len(values) < times.size:
-        raise EppError(
-            f"The motion of a period of {times[-1] - times[0]:.6g} s could not be computed once more: "
-            f"{len(values)} of {times.size} samples."
-        )
-    return np.ascontiguousarray(values.T)
-
-
 def _corners(marks: Array, delays: Array) -> Array:
     """Times between which all signals are smooth: the events, and their echoes behind each dead time."""
     begin, period = marks[0], marks[-1] - marks[0]
     echoes = [begin + (marks - begin + delay) % period for delay in delays if delay > 0]
     # Of two events at one instant the later may come first by rounding.
-    corners = np.unique(np.clip(np.concatenate([marks, *echoes]), begin, marks[-1]))
+    corners = np.sort(np.clip(np.concatenate([marks, *echoes]), begin, marks[-1]))
     near = np.diff(corners) > 1e-12 * period
     return np.append(corners[:-1][near], marks[-1])
 
@@ -187,19 +174,27 @@ class _Pieces:
 
     @property
     def times(self) -> Array:
-        """Sample times [s], increasing, shape (pieces * nodes,)."""
+        """Sample times [s], increasing, shape (pieces, nodes)."""
         nodes = _rule(self.rule[0])[0]
-        return (self.start[:, None] + self.size[:, None] * (nodes + 1) / 2).ravel()
+        return self.start[:, None] + self.size[:, None] * (nodes + 1) / 2
+
+    def sampled(self, sample: Callable[[Array], Array], which: BoolArray | None = None) -> Array:
+        """Signals at the nodes of all pieces, or of some, shape (signals, pieces, nodes).
+
+        A run that is made once more may end before the one that was on the cycle did.
+        """
+        times = self.times if which is None else self.times[which]
+        values = sample(times.ravel())
+        if len(values) < times.size:
+            raise EppError(
+                f"The motion of a period of {self.size.sum():.6g} s could not be computed once more: "
+                f"{len(values)} of {times.size} samples."
+            )
+        return np.ascontiguousarray(values.T).reshape(-1, *times.shape)
 
     def coefficients(self, values: Array, first: int = 0) -> Array:
-        """Legendre coefficients from degree `first` on of signals (s, pieces * nodes), shape (s, pieces, degrees)."""
-        n = self.rule[0]
-        return self.product(values.reshape(len(values), -1, n), _rule(n)[2][first:])
-
-    def product(self, c: Array, matrix: Array) -> Array:
-        """The last axis of c, shape (s, pieces, j), through a matrix, shape (k, j)."""
-        # Not BLAS where it is small: threads cost far more than these products then.
-        return np.einsum("spj,kj->spk", c, matrix) if self.rule is _USUAL else np.asarray(c @ matrix.T)
+        """Legendre coefficients from degree `first` on of signals (s, pieces, nodes), shape (s, pieces, degrees)."""
+        return np.asarray(values @ _rule(self.rule[0])[2][first:].T)
 
     def unresolved(self, values: Array, before: Array | None) -> tuple[BoolArray, Array]:
         """Pieces on which some signal's last coefficients are neither near rounding of its range nor rounding.
@@ -207,8 +202,9 @@ class _Pieces:
         `before` are the largest tails of the pieces from which these come: where halving no longer shrinks a small
         tail, it is rounding. Returns the tails of these pieces too.
         """
-        tails = np.abs(self.coefficients(values, self.rule[0] - 2)).max(axis=2)
-        low, high = values.min(axis=1), values.max(axis=1)
+        last = np.abs(self.coefficients(values, self.rule[0] - 2))
+        tails, flat = np.maximum(last[..., 0], last[..., 1]), values.reshape(len(values), -1)
+        low, high = flat.min(axis=1), flat.max(axis=1)
         size = np.maximum(high - low, 1e-6 * np.maximum(high, -low))[:, None]
         tail = np.max(tails / np.where(size > 0, size, 1.0), axis=0)
         coarse = ~(tail <= _RESOLVED)
@@ -216,48 +212,57 @@ class _Pieces:
             coarse &= ~((tail < _ROUNDING) & (tail > 0.3 * before))
         return coarse, tail
 
-    def halved(self, coarse: BoolArray, tail: Array) -> tuple[_Pieces, Array]:
-        """Marked pieces cut in two, and for each new piece the tail of the one it comes from."""
+    def halved(self, coarse: BoolArray, tail: Array) -> tuple[_Pieces, Array, BoolArray]:
+        """Marked pieces cut in two; for each new piece the tail of the one it comes from, and whether it is a half."""
         count = np.where(coarse, 2, 1)
         size = np.repeat(self.size / count, count)
         start = np.repeat(self.start, count)
         second = np.cumsum(count)[coarse] - 1
         start[second] += size[second]
-        return _Pieces(start, size, self.rule), np.repeat(np.where(coarse, tail, np.inf), count)
+        return (
+            _Pieces(start, size, self.rule),
+            np.repeat(np.where(coarse, tail, np.inf), count),
+            np.repeat(coarse, count),
+        )
 
     def analyse(self, names: Sequence[str], values: Array) -> PeriodShape:
-        """Mean, peak-to-peak, harmonics and waveform of signals at `times`, shape (s, pieces * nodes)."""
+        """Mean, peak-to-peak, harmonics and waveform of signals at `times`, shape (s, pieces, nodes)."""
+        from eppanalysis.kernels.extrema import spans
+
         begin, period = float(self.start[0]), float(self.size.sum())
         n, points, each = self.rule
         w = (self.size[:, None] * _rule(n)[1] / 2).ravel() / period
         grid, on_grid = _grid(n, points)
-        turn = np.exp(-2j * np.pi * (self.times - begin) / period)
-        parts = [slice(i, i + _BLOCK) for i in range(0, w.size, _BLOCK)]
-        series = np.sum([_harmonics(w[part], turn[part], values[:, part]) for part in parts], axis=0)
-        series[:, 0] /= 2.0
-        c = self.coefficients(values)
-        fine = self.product(c, on_grid)
+        flat = values.reshape(len(values), -1)
+        series = _harmonics(w, np.exp(-2j * np.pi * (self.times.ravel() - begin) / period), flat)
         mean = series[:, 0].real
+        c = self.coefficients(values)
+        fine = np.asarray(c @ on_grid.T)
+        spans(c, fine, grid, peak_to_peak := np.empty(len(c)))
         fine_t = (self.start[:, None] - begin + self.size[:, None] * (grid[:-1:each] + 1) / 2).ravel()
-        rms = np.sqrt((values - mean[:, None]) ** 2 @ w)
+        rms = np.sqrt((flat - mean[:, None]) ** 2 @ w)
         return PeriodShape(
             dict(zip(names, mean.tolist(), strict=True)),
-            dict(zip(names, _spans(c, fine, grid).tolist(), strict=True)),
+            dict(zip(names, peak_to_peak.tolist(), strict=True)),
             dict(zip(names, series, strict=True)),
             fine_t,
-            {name: y[:, :-1:each].ravel() for name, y in zip(names, fine, strict=True)},
+            dict(zip(names, fine[:, :, :-1:each].reshape(len(names), -1), strict=True)),
             dict(zip(names, rms.tolist(), strict=True)),
         )
 
 
 def _harmonics(w: Array, turn: ComplexArray, values: Array) -> ComplexArray:
-    """What some times add to twice the Fourier coefficients of signals (s, nt), shape (s, N_HARMONICS + 1)."""
-    phases = np.empty((N_HARMONICS + 1, turn.size), complex)
-    phases[0] = w
-    for k in range(N_HARMONICS):
-        np.multiply(phases[k], turn, out=phases[k + 1])
-    series = 2.0 * np.einsum("kt,st->sk", np.ascontiguousarray(phases.real), values) + 0j
-    series.imag = 2.0 * np.einsum("kt,st->sk", np.ascontiguousarray(phases.imag), values)
+    """Fourier coefficients of signals (s, nt) with weights of their times, shape (s, N_HARMONICS + 1)."""
+    series = np.zeros((len(values), N_HARMONICS + 1), complex)
+    size = max(_ALONE // series.size, 1)
+    for part in (slice(i, i + size) for i in range(0, w.size, size)):
+        phases = np.empty((N_HARMONICS + 1, w[part].size), complex)
+        phases[0] = w[part]
+        for k in range(N_HARMONICS):
+            np.multiply(phases[k], turn[part], out=phases[k + 1])
+        series.real += values[:, part] @ phases.real.T
+        series.imag += values[:, part] @ phases.imag.T
+    series[:, 1:] *= 2.0
     return series
 
 
@@ -275,44 +280,3 @@ def _grid(n: int, points: int) -> tuple[Array, Array]:
     """Fine grid on a piece, with the Legendre polynomials there."""
     grid: Array = np.linspace(-1.0, 1.0, points)
     return grid, np.asarray(legendre.legvander(grid, n - 1), float)
-
-
-@cache
-def _derivatives(n: int) -> tuple[Array, Array]:
-    """Matrices from Legendre coefficients to those of the first and the second derivative in powers."""
-    powers = np.zeros((n, n))
-    for k in range(n):
-        powers[k, : k + 1] = legendre.leg2poly(np.eye(n)[k, : k + 1])
-    one, two = (polynomial.polyder(powers, order, axis=1) for order in (1, 2))
-    return np.asarray(one, float), np.asarray(two, float)
-
-
-def _spans(c: Array, fine: Array, grid: Array) -> Array:
-    """Greatest less least value of each signal, shape (signals,): the best grid values, each refined by Newton.
-
-    The best grid value may stand at the end of a piece with the extremum just inside the next one: several of the
-    best pieces are tried. `c` are Legendre coefficients, shape (signals, pieces, nodes), `fine` values on the grid.
-    """
-    n, nodes = len(c), c.shape[2]
-    # A least value is the greatest of the mirror image.
-    sign = np.repeat([1.0, -1.0], n)[:, None, None]
-    best = np.argsort(np.concatenate([fine.max(axis=2), -fine.min(axis=2)]), axis=1)[:, -_TRIED:]
-    rows = np.arange(2 * n)[:, None] % n
-    c, fine = sign * c[rows, best], sign * fine[rows, best]
-    slope, bend = (np.einsum("spj,jk->spk", c, matrix) for matrix in _derivatives(nodes))
-    u = grid[np.argmax(fine, axis=2)]
-    powers = np.ones((*u.shape, nodes - 1))
-    for _ in range(8):
-        # Powers tell the place well enough, for at an extremum the value hardly depends on it.
-        np.cumprod(np.broadcast_to(u[..., None], (*u.shape, nodes - 2)), axis=-1, out=powers[..., 1:])
-        rate = np.einsum("spj,spj->sp", powers, slope)
-        curvature = np.einsum("spj,spj->sp", powers[..., :-1], bend)
-        turns = curvature < 0
-        if not np.any(turns):
-            break
-        old, u = u, np.where(turns, np.clip(u - rate / np.where(turns, curvature, 1.0), -1.0, 1.0), u)
-        if np.max(np.abs(u - old)) < 1e-9:
-            break
-    refined = np.einsum("spj,spj->sp", legendre.legvander(u, nodes - 1), c)
-    greatest = np.maximum(fine.max(axis=(1, 2)), refined.max(axis=1))
-    return np.asarray(greatest[:n] + greatest[n:], float)

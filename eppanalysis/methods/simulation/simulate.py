@@ -361,9 +361,8 @@ def _base_step(times: Array, even: bool, hybrid: HybridSystem) -> float:
         # On the grid of even samples fast steps need no series between them (docs/theory/engine.md, Two ways to
         # advance).
         spacing = times[-1] / (times.size - 1)
-        if even or (
-            times[0] == 0.0 and np.allclose(times, spacing * np.arange(times.size), rtol=0, atol=1e-9 * spacing)
-        ):
+        off = np.abs(times - spacing * np.arange(times.size)).max()
+        if even or (times[0] == 0.0 and off <= 1e-9 * spacing):
             return float(spacing)
     return 2.0 * hybrid.time_scale
 
@@ -389,7 +388,7 @@ def named_events(hybrid: HybridSystem, times: Array, guards: IntArray, modes: In
     # A guard is one of one element, whose mode after it makes the second half of what happened.
     words = _words_of(hybrid)
     kinds = guards * words.most + modes[listed, elements]
-    return Events(times, kinds, {kind: words[kind] for kind in np.unique(kinds).tolist()})
+    return Events(times, kinds, {kind: words[kind] for kind in set(kinds.tolist())})
 
 
 class _Words(dict[int, tuple[str, str, str]]):
@@ -461,7 +460,8 @@ def cycle_of_run(
         again = run_hybrid(
             start, float(marks[-1]) - begin, times - begin, 2.0 * hybrid.time_scale, 2 * run.count + 100, 1
         )
-        return again.samples[: int(again.stats[2])] - np.outer(times - marks[0], gained / period)[: int(again.stats[2])]
+        signals = again.samples[: int(again.stats[2])]
+        return signals - np.outer(times[: len(signals)] - marks[0], gained / period) if np.any(gained) else signals
 
     try:
         shape = analyse_period(marks, system.delays, hybrid.time_scale, system.signals.names, sample)

@@ -29,7 +29,7 @@ def _evaluate_breakpoints(breakpoints: Breakpoints, t: ArrayLike) -> Array:
     """Value of a piecewise-linear input signal; at a jump the value behind it."""
     times, values, slopes = breakpoints
     t = np.asarray(t, float)
-    piece = np.clip(np.searchsorted(times, t, side="right") - 1, 0, None)
+    piece = np.maximum(np.searchsorted(times, t, side="right") - 1, 0)
     return np.where(t < times[0], 0.0, values[piece] + slopes[piece] * (t - times[piece]))
 
 

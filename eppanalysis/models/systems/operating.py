@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -52,7 +53,7 @@ class OperatingPoint:
 
     def __post_init__(self) -> None:
         for name, value in self.inputs.items():
-            if not np.isfinite(value):
+            if not isfinite(value):
                 raise ModelError("OperatingPoint", value, "a finite number", field=name)
 
     @classmethod

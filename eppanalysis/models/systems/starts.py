@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
+from operator import sub
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -156,12 +158,19 @@ def _inputs_and_outputs(hybrid: Hybrid, x: Array, H: Array, modes: IntArray) -> 
     """Inputs and outputs of all elements, but for the force of what sticks."""
     model = hybrid.model
     z0 = model.C @ x + model.Kz @ H
-    E, w0 = np.eye(model.B.shape[1]), np.zeros(model.B.shape[1])
-    for e, automaton in enumerate(hybrid.automata):
-        mode = automaton.modes[modes[e]]
-        zs, ws, hs = (slice(*model.first[e : e + 2, k]) for k in range(3))
-        smooth = automaton.smooth_at(z0[zs])
-        E[ws] -= mode.from_input @ model.D[zs]
-        w0[ws] = mode.from_input @ z0[zs] + mode.from_memory @ H[hs] + mode.from_smooth @ smooth + mode.constant
-    w: Array = np.asarray(np.linalg.solve(E, w0), float)
+    E, w = np.eye(model.B.shape[1]), np.zeros(model.B.shape[1])
+    straight = bool(np.any(model.D))
+    rows = (model.mode_first[:-1] + modes).tolist()
+    places = pairwise(model.first.tolist())
+    for e, (row, (begin, end)) in enumerate(zip(rows, places, strict=True)):
+        zs, ws, hs = map(slice, begin, end)
+        n_z, n_w, n_h = map(sub, end, begin)
+        automaton, from_input = hybrid.automata[e], model.mode_wz[row, :n_w, :n_z]
+        w[ws] = from_input @ z0[zs] + model.mode_wh[row, :n_w, :n_h] @ H[hs] + model.mode_w0[row, :n_w]
+        if automaton.smooth:
+            w[ws] += automaton.modes[modes[e]].from_smooth @ automaton.smooth_at(z0[zs])
+        if straight:
+            E[ws] -= from_input @ model.D[zs]
+    if straight:
+        w = np.asarray(np.linalg.solve(E, w), float)
     return z0 + model.D @ w, w
