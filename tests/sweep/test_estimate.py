@@ -44,7 +44,7 @@ def test_a_sample_of_other_analyses_takes_a_cell_at_a_time(clock) -> None:
     assert (cost.cells, cost.measured) == (2, 16) and cost.seconds == pytest.approx(0.01)
 
 
-def test_command(tmp_path) -> None:
+def test_command(tmp_path, clock) -> None:
     arguments = [
         "sweep",
         "fig8a_original",
