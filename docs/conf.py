@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import math
 import re
 import sys
 from enum import Enum
@@ -66,12 +68,23 @@ def make_pages(app) -> None:
 
 def leave_out(app, what, name, obj, skip, options) -> bool | None:
     """Fields of a class stand in its own words: a second list of their names has nothing to say of them."""
-    return True if what == "attribute" and not isinstance(obj, Enum) else None
+    return True if what == "attribute" and not (isinstance(obj, Enum) and name.isupper()) else None
 
 
-def hide_own(app, what, name, obj, options, signature, returned) -> tuple[str | None, str | None]:
-    """A signature without the fields that a class keeps for itself."""
-    return signature and re.sub(r", _\w+(=[^,)]*)?", "", signature), returned
+def as_read(app, what, name, obj, options, signature, returned) -> tuple[str | None, str | None]:
+    """A signature as people read it.
+
+    It has no fields that a class keeps for itself, and dots for a default that is no plain value. Fields that are only
+    given by name stand with those first that must be given, and those of the class itself before those of all its kind.
+    """
+    if what == "class" and signature and signature.startswith("(*, "):
+        own = inspect.get_annotations(obj)
+        given = inspect.signature(obj)
+        order = sorted(given.parameters.values(), key=lambda p: (p.default is not p.empty, p.name not in own))
+        bare = [p.replace(annotation=p.empty) for p in order]
+        signature = str(given.replace(parameters=bare, return_annotation=given.empty))
+    shown = re.sub(r"=<[^>]*>", "=...", re.sub(r", _\w+(=[^,)]*)?", "", signature or ""))
+    return shown.replace(repr(math.pi), "pi") or signature, returned
 
 
 class Commands(BashLexer):
@@ -89,4 +102,4 @@ def setup(app) -> None:
         app.add_lexer(name, Commands)
     app.connect("builder-inited", make_pages)
     app.connect("autodoc-skip-member", leave_out)
-    app.connect("autodoc-process-signature", hide_own)
+    app.connect("autodoc-process-signature", as_read)

@@ -210,6 +210,7 @@ class ModelError(EppError):
 
     Examples
     --------
+    >>> from eppanalysis import ModelError
     >>> print(ModelError("Saturation", 1.0, "more than lower", field="upper", beside=("lower", 2.0)))
     Saturation: upper is 1.0; expected more than lower (2.0).
     >>> print(ModelError("The system has 2 inputs", expected="signals by name"))

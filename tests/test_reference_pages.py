@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import ast
+import builtins
+import doctest
 import inspect
+import math
 import re
+import runpy
 
 import pytest
 
@@ -94,3 +99,30 @@ def test_the_pieces_of_the_servo_are_those_of_its_case():
     left_out = [line for line in file.splitlines() if line not in shown]
     assert not set(shown) - set(file.splitlines())
     assert [line.partition(" ")[0] for line in left_out] == ["kind", "title", "expected"]
+
+
+def _public() -> dict[str, object]:
+    """Everything that has a page of its own."""
+    modules = {"eppanalysis": epp, "elements": model_elements, "inputs": epp.inputs}
+    names = {"eppanalysis": dir(epp), "elements": model_elements.__all__, "inputs": api.signals()}
+    found = {name: getattr(modules[place], name) for place, listed in names.items() for name in listed}
+    return {name: value for name, value in found.items() if inspect.isclass(value) or inspect.isfunction(value)}
+
+
+@pytest.mark.parametrize("name", _public())
+def test_an_example_imports_what_it_uses(name):
+    examples = doctest.DocTestParser().get_examples(inspect.getdoc(_public()[name]) or "")
+    nodes = [node for example in examples for node in ast.walk(ast.parse(example.source))]
+    named = [node for node in nodes if isinstance(node, ast.Name)]
+    imported = [alias for node in nodes if isinstance(node, ast.Import | ast.ImportFrom) for alias in node.names]
+    bound = {alias.asname or alias.name.partition(".")[0] for alias in imported}
+    bound |= {node.id for node in named if isinstance(node.ctx, ast.Store)} | set(dir(builtins))
+    assert {node.id for node in named} <= bound
+
+
+def test_signatures_of_blocks_begin_with_what_must_be_given_and_hide_what_is_no_plain_value():
+    read = runpy.run_path(str(DOCS / "conf.py"))["as_read"]
+    shown, _ = read(None, "class", "", epp.blocks.PI, None, str(inspect.signature(epp.blocks.PI)), None)
+    assert shown.startswith("(*, kp, ti=None, ki=None, delay=0.0,")
+    assert read(None, "class", "", epp.Cuts, None, "(names, F=<factory>, _own=1)", None) == ("(names, F=...)", None)
+    assert read(None, "function", "", epp.identify, None, f"(wrap={math.pi})", None) == ("(wrap=pi)", None)

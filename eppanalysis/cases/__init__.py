@@ -97,6 +97,7 @@ def case_from_text(text: str, name: str = "case", folder: str | Path | None = No
 
     Examples
     --------
+    >>> from eppanalysis import case_from_text
     >>> mine = case_from_text('base = "fig8a_original"\nlock_pin.backlash = "1 deg"', name="mine")
     >>> mine.name, str(mine.parameters["lock_pin.backlash"])
     ('mine', '1 deg')
@@ -121,6 +122,7 @@ def case(name: str) -> Case:
 
     Examples
     --------
+    >>> from eppanalysis import case
     >>> case("relay_ideal_khalil79").kind
     'loop'
     """

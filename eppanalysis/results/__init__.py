@@ -229,7 +229,7 @@ class LimitCycle(Result):
 
     @checked
     def plot(self, ax: Axes | None = None, signals: list[str] | None = None) -> Axes:
-        """Waveform of one period, one panel a signal; see :meth:`Result.drawn` for the axes."""
+        """Waveform of one period, one panel a signal; into a given `ax` goes the main one alone."""
         return self.drawn("plot_limit_cycle", ax, signals)
 
 
@@ -332,20 +332,33 @@ class Trajectory(Result):
 
     @checked
     def plot(self, ax: Axes | None = None, signals: list[str] | None = None) -> Axes:
-        """Signals against time, one panel each; see :meth:`Result.drawn` for the axes."""
+        """Signals against time, one panel each; into a given `ax` goes the main one alone."""
         return self.drawn("plot_trajectory", ax, signals)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction(Listing[LimitCycle]):
-    """All limit cycles that first-order harmonic balance with bias has.
+    """All limit cycles that first-order harmonic balance with bias has; behaves as a sequence of LimitCycle.
 
-    Behaves as a sequence of LimitCycle (sorted by amplitude). `curves` holds what the Nyquist picture needs:
-    ``{"omega", "response", "amplitude", "locus"}`` for one element; for several the loop gain over the amplitude at the
-    principal element. `search` says how completeness was sought, `on_grid` whether on a grid between whose points
-    cycles may lie, `unseen` looks for what first order does not see. `operating_point` is where the external inputs are
-    held. `margins` are those of the linearised loop: where it is cut ("at"), the numbers, and the gains that stand for
-    the elements ("rule").
+    Attributes
+    ----------
+    cycles : tuple of LimitCycle
+        By amplitude.
+    status : Status
+    search : str
+        How completeness was sought, in plain words.
+    curves : mapping
+        What the Nyquist picture needs: "omega", "response", "amplitude" and "locus" for one element; for several the
+        loop gain over the amplitude at the principal element.
+    margins : mapping
+        Those of the linearised loop: where it is cut ("at"), the numbers, and the gains that stand for the elements
+        ("rule").
+    on_grid : bool
+        Whether the search was on a grid between whose points cycles may lie.
+    unseen : callable
+        Looks for what first order does not see, when it is first asked for.
+    operating_point : OperatingPoint or None
+        Where the external inputs are held.
     """
 
     cycles: tuple[LimitCycle, ...]

@@ -108,8 +108,7 @@ def sweep(
     Examples
     --------
     >>> import eppanalysis as epp
-    >>> from eppanalysis.sweep import sweep
-    >>> found = sweep(epp.case("fig8a_original"), {"lock_pin.backlash": "0.5:2.5:2:deg"}, progress=False)
+    >>> found = epp.sweep(epp.case("fig8a_original"), {"lock_pin.backlash": "0.5:2.5:2:deg"}, progress=False)
     >>> found["outcome"].values.tolist(), found["outcome"].attrs["flag_meanings"]
     ([1, 2], 'unknown settles oscillates diverges')
     >>> [round(float(f), 2) for f in found["frequency"]]
@@ -118,7 +117,7 @@ def sweep(
     In which of three gaps does a servo stay within what is allowed?
 
     >>> gaps = {"play.gap": [0.2, 0.25, 0.26]}
-    >>> found = sweep(epp.case("backlash_servo"), gaps, "cycles", allow="x 0.5", progress=False)
+    >>> found = epp.sweep(epp.case("backlash_servo"), gaps, "cycles", allow="x 0.5", progress=False)
     >>> found["exact_size"].values.round(3).tolist(), found["exact_allowed"].values.tolist()
     ([0.392, 0.49, 0.51], [2, 2, 3])
     """

@@ -147,7 +147,7 @@ def outcome_boundary(
     --------
     >>> import eppanalysis as epp
     >>> axes = {"relay_dead_zone.threshold": "0.5:3:4", "loop.gain": "1:5:3"}
-    >>> found = outcome_boundary(epp.case("relay_deadzone"), axes, "predict", halvings=2, progress=False)
+    >>> found = epp.outcome_boundary(epp.case("relay_deadzone"), axes, "predict", halvings=2, progress=False)
     >>> found.axes, found.status.name
     (('relay_dead_zone.threshold', 'loop.gain'), 'CONVERGED')
     """

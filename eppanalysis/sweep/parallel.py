@@ -56,7 +56,7 @@ def plot_parallel(
     >>> import eppanalysis as epp
     >>> ranges = {"bands.range": "1:5:lbf", "lock_pin.backlash": "0:3:deg", "forearm.inertia": (0.03, 0.06)}
     >>> found = epp.sweep(epp.case("fig8a_original"), epp.Sobol(ranges, 8), progress=False)
-    >>> len(plot_parallel(found).axes[0].collections)
+    >>> len(epp.plot_parallel(found).axes[0].collections)
     2
     """
     check_counts("plot_parallel", {"most": (most, 1)})

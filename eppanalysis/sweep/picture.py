@@ -115,9 +115,8 @@ def plot_design_map(
     Examples
     --------
     >>> import eppanalysis as epp
-    >>> from eppanalysis.sweep import sweep
     >>> axes = {"bands.range": "2:3:2:lbf", "lock_pin.backlash": "0.5:2.5:2:deg"}
-    >>> figure = plot_design_map(sweep(epp.case("fig8a_original"), axes, progress=False))
+    >>> figure = epp.plot_design_map(epp.sweep(epp.case("fig8a_original"), axes, progress=False))
     >>> figure.axes[0].get_xlabel()
     'bands range [lbf]'
     """
@@ -261,7 +260,7 @@ def plot_slices(
     --------
     >>> import eppanalysis as epp
     >>> axes = {"bands.range": "2:3:2:lbf", "lock_pin.backlash": "0.5:2.5:3:deg"}
-    >>> figure = plot_slices(epp.sweep(epp.case("fig8a_original"), axes, progress=False))
+    >>> figure = epp.plot_slices(epp.sweep(epp.case("fig8a_original"), axes, progress=False))
     >>> [ax.get_ylabel() for ax in figure.axes]
     ['amplitude of theta [deg]', 'frequency [Hz]']
     """
@@ -400,7 +399,7 @@ def plot_sweep(dataset: xarray.Dataset, curves: Sequence[Boundary] = ()) -> Figu
     >>> import eppanalysis as epp
     >>> relay = epp.case("relay_deadzone")
     >>> cells = epp.sweep(relay, {"relay_dead_zone.threshold": [0.5, 1.0]}, run="predict", progress=False)
-    >>> plot_sweep(cells).axes[-1].get_xlabel()
+    >>> epp.plot_sweep(cells).axes[-1].get_xlabel()
     'relay dead zone threshold'
     """
     axes, dims = list(dataset.coords), [d for d in dataset.dims if d in dataset.coords]

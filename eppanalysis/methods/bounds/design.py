@@ -123,7 +123,8 @@ def design_bounds(
         Processes that correct and test; results do not depend on their number. More than one needs a script that is
         guarded by ``if __name__ == "__main__"``.
     sweep : HarmonicSweep, optional
-        It is begun anew with this question, but for the programmes that it has written; a new one by default.
+        An earlier sweep of harmonic balances of the same case, whose compiled programmes are used again; a new one
+        by default.
     progress : callable, optional
         Told the number of cells done, of all cells, and nothing in words.
 

@@ -18,7 +18,7 @@ def plot_element_check(found: ElementCheck, ax: Axes | None = None) -> Figure:
     figure, (upper, *below) = places_of(ax, 2, height=2.6)
     _draw(upper, found.amplitudes, {"Re N": found.gain.real, "Im N": found.gain.imag}, "describing function N")
     for lower in below:
-        energies = {"input is a way": found.over_way, "input is a speed": found.over_speed}
+        energies = {"input is a displacement": found.over_way, "input is a speed": found.over_speed}
         _draw(lower, found.amplitudes, energies, "energy taken up\nin a period")
     return figure
 

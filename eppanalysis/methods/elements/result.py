@@ -38,8 +38,8 @@ class ElementCheck(Result):
     mean, gain : array, complex array, shape (n,)
         Describing function of the first output there.
     over_way, over_speed : array, shape (n,)
-        Energy that it takes up in a period where the input is a way and the output the force against it, and where the
-        input is a speed [product of their units; times s over a speed]. Negative: it gives off energy.
+        Energy that it takes up in a period where the input is a displacement and the output the force against it, and
+        where the input is a speed [product of their units; times s over a speed]. Negative: it gives off energy.
     decided : bool
         Whether the rules could be examined.
     message : str
@@ -76,7 +76,7 @@ class ElementCheck(Result):
 
     @property
     def gives_off_over_way(self) -> Array:
-        """Amplitudes at which it gives off energy where the input is a way."""
+        """Amplitudes at which it gives off energy where the input is a displacement."""
         return self._negative(self.over_way)
 
     @property
@@ -89,10 +89,10 @@ class ElementCheck(Result):
         return np.asarray(self.amplitudes[energy < -_ROUNDING * np.max(size, initial=0.0)])
 
     def to_frame(self) -> pandas.DataFrame:
-        """The amplitudes, one a row: mean, gain, phase [rad], and the energy over a way and over a speed."""
+        """The amplitudes, one a row: mean, gain, phase [rad], and the energy over a displacement and over a speed."""
         columns = {
             "amplitude": self.amplitudes, "mean": self.mean, "gain": np.abs(self.gain), "phase": np.angle(self.gain),
-            "energy over a way": self.over_way, "energy over a speed": self.over_speed,
+            "energy over a displacement": self.over_way, "energy over a speed": self.over_speed,
         }  # fmt: skip
         every = zip(*(column.tolist() for column in columns.values()), strict=True)
         rows = [dict(zip(columns, row, strict=True)) for row in every]
@@ -102,7 +102,10 @@ class ElementCheck(Result):
         """Whether it is deterministic and can chatter, and over what it gives off energy, in one sentence."""
         parts = [f"The rules of {self.name} are {self._rules()}"]
         if self.amplitudes.size:
-            where = (self._where("a way", self.gives_off_over_way), self._where("a speed", self.gives_off_over_speed))
+            where = (
+                self._where("a displacement", self.gives_off_over_way),
+                self._where("a speed", self.gives_off_over_speed),
+            )
             there = " and ".join(filter(None, where)) or f"at none of {self.amplitudes.size} amplitudes"
             parts.append(f"it gives off energy {there}")
         return f"{'; '.join(parts)}.{f' {self.message}' if self.message else ''}"
@@ -124,7 +127,7 @@ class ElementCheck(Result):
 
     @checked
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Describing function over the amplitude, and below it the energy; see :meth:`Result.drawn` for the axes."""
+        """Describing function over the amplitude, and below it the energy; a given `ax` takes the first alone."""
         return self.drawn("plot_element_check", ax)
 
 

@@ -6,6 +6,7 @@ What a case file may hold, what is refused in which words and what the documenta
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, field
 from enum import Enum
@@ -171,6 +172,12 @@ def flag(about: str) -> Any:
     return field(default=False, metadata={_KEY: Declared(about, optional=True, form=Form.FLAG)})
 
 
+def _in_words(annotation: Any) -> str:
+    """A type as docstrings call it."""
+    text = str(annotation).replace(" | ", " or ").replace("Sequence[Any]", "sequence")
+    return re.sub(r"Sequence\[(\w+)\]", r"sequence of \1", text.replace("Sequence[Sequence[float]]", "rows of float"))
+
+
 class Section:
     """Base of the dataclasses that are one section of a device: their fields are checked and documented.
 
@@ -191,7 +198,7 @@ class Section:
             if isinstance(found, Field):
                 about: Declared = found.metadata[_KEY]
                 unit = f" [{about.unit}]" if about.unit else ""
-                lines += [f"{name} : {str(annotation).replace(' | ', ' or ')}", f"    {about.about}{unit}."]
+                lines += [f"{name} : {_in_words(annotation)}", f"    {about.about}{unit}."]
         lines += ["", "Raises", "------", "ModelError", "    If a number is not finite or out of its range."]
         cls.__doc__ = "\n".join(lines)
 

@@ -169,7 +169,7 @@ class Nonlinearity(ABC):
     same_unit : bool
         Whether the output has the unit of the input.
     input_is, output_is : str
-        "way" and "force", where a unit that is none is a mistake; empty where anything may be.
+        "way" (a displacement) and "force", where a unit that is none is a mistake; empty where anything may be.
     columns : tuple of str
         Fields that a case file may take from the columns of a CSV file.
     input_unit : str
@@ -338,7 +338,7 @@ class Nonlinearity(ABC):
 
     @property
     def closed_form(self) -> ClosedForm | None:
-        """What kernels compute its mean and gain from; None where no kernel can."""
+        """Numbers from which its mean and gain are computed in closed form; None where there is no such form."""
         return None
 
     def linear_gain(self) -> Array:

@@ -118,7 +118,7 @@ class LockPin(Nonlinearity, kind="lock_pin"):
 
     @property
     def closed_form(self) -> ClosedForm:
-        """Its numbers."""
+        """Gap, stiffness, damping and model, from which mean and gain are computed."""
         return ClosedForm(pin=(self.gap, self.stiffness, self.damping, float(self.model == "unilateral")))
 
     def thresholds(self, bias: float = 0.0) -> Array:

@@ -115,12 +115,12 @@ class Friction(Nonlinearity, kind="friction"):
         return mean, np.where(at_rest, np.inf, gain) + 0j
 
     def described_with_slopes(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array] | None:
-        """Of a biased relay, where the friction does not fall."""
+        """Mean, gain and derivatives of the mean, those of a biased relay; None where the friction falls with speed."""
         return None if self.stribeck else self._slipping.described_with_slopes(amplitude, bias)
 
     @property
     def closed_form(self) -> ClosedForm | None:
-        """That of a biased relay, where the friction does not fall."""
+        """The numbers of a biased relay; None where the friction falls with speed."""
         return None if self.stribeck else self._slipping.closed_form
 
     @property
@@ -147,7 +147,7 @@ class Friction(Nonlinearity, kind="friction"):
         return 0.0, np.inf if self.breakaway > 0 else 0.0
 
     def exact(self, read: Reading) -> Pieces | None:
-        """As it slips, where its force does not fall with speed."""
+        """Its force while it slips in exact numbers, for certificates; None where it falls with speed."""
         if self.stribeck > 0:
             return None
         half = Half(Fraction(0), jumps=((Fraction(0), read(self.coulomb)),))

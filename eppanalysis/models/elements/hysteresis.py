@@ -121,7 +121,7 @@ class HysteresisRelay(_Levels, kind="hysteresis_relay"):
         return level_ratios((self.low, -np.inf, self.upper), (self.high, self.lower, np.inf))
 
     def exact(self, read: Reading) -> Named:
-        """By its name; one that is not odd, by all its numbers."""
+        """Exact numbers of its fields, for certificates."""
         if (self.lower, self.low) != (-self.upper, -self.high):
             return Named.of(self, "biased_relay", read, "lower", "upper", "low", "high")
         return Named("hysteresis_relay", {"threshold": read(self.upper), "level": read(self.high)})
@@ -187,7 +187,7 @@ class HysteresisRelayDeadZone(_Levels, kind="hysteresis_relay_dead_zone"):
         return 0.0, self.level / self.off if self.off else np.inf
 
     def exact(self, read: Reading) -> Named:
-        """By its name."""
+        """Exact numbers of its fields, for certificates."""
         return Named.of(self, "hysteresis_relay_dead_zone", read, "on", "off", "level")
 
     def automaton(self) -> Automaton:

@@ -136,7 +136,7 @@ class Play(Nonlinearity, kind="play"):
         return float(output[0])
 
     def exact(self, read: Reading) -> Named:
-        """By its name."""
+        """Exact numbers of its fields, for certificates."""
         return Named.of(self, "play", read, "gap")
 
     def under_dither(self, amplitude: float) -> Nonlinearity:
@@ -330,7 +330,7 @@ class JumpAndFollow(_Sticking, kind="jump_and_follow"):
         return float(output[0])
 
     def exact(self, read: Reading) -> Named:
-        """By its name."""
+        """Exact numbers of its fields, for certificates."""
         return Named.of(self, "jump_and_follow", read, "stick_band", "slip_jump", "slope")
 
     def automaton(self) -> Automaton:

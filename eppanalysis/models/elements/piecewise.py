@@ -148,7 +148,7 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
 
     @property
     def closed_form(self) -> ClosedForm | None:
-        """Its pieces, of the map alone."""
+        """The pieces of the map, from which mean and gain are computed."""
         alone = type(self).describing_function is PiecewiseLinear.describing_function
         return ClosedForm((self.breakpoints, self.slopes, self.intercepts, self.jumps)) if alone else None
 
@@ -189,7 +189,7 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
         return np.array([[max(self.slope_bounds(), key=abs)]])
 
     def exact(self, read: Reading) -> Pieces:
-        """Its pieces on either side of zero; an output that is not zero with its input is a jump there."""
+        """Its pieces on either side of zero in exact numbers; an output that is not zero at zero jumps there."""
         b, m, c = ([read(x) for x in values.tolist()] for values in (self.breakpoints, self.slopes, self.intercepts))
         jumps = self.jumps.tolist()  # zero where pieces meet to rounding
         steps = [(m[i + 1] - m[i]) * b[i] + c[i + 1] - c[i] if jumps[i] else Fraction(0) for i in range(len(b))]

@@ -131,7 +131,7 @@ class Saturation(PiecewiseLinear, kind="saturation"):
         self._set_pieces(edges, [0.0, self.slope, 0.0], [self.lower, 0.0, self.upper])
 
     def exact(self, read: Reading) -> Pieces:
-        """From its own fields, of which the breakpoints are quotients."""
+        """Its pieces on either side of zero in exact numbers, for certificates."""
         k = read(self.slope)
         return Pieces(*(Half(k, ((read(side) / k, -k),)) for side in (self.upper, -self.lower)))
 
@@ -195,7 +195,7 @@ class DeadZoneSaturation(PiecewiseLinear, kind="dead_zone_saturation"):
             self._set_pieces([-top, -d, d, top], [0.0, k, 0.0, k, 0.0], offsets)
 
     def exact(self, read: Reading) -> Pieces:
-        """From its own fields."""
+        """Its pieces on either side of zero in exact numbers, for certificates."""
         d, k = read(self.dead_zone), read(self.slope)
         half = Half(Fraction(0), ((d, k), (d + read(self.limit) / k, -k)))
         return Pieces(half, half)
@@ -362,7 +362,7 @@ class Quantiser(PiecewiseLinear, kind="quantiser"):
         )
 
     def exact(self, read: Reading) -> Pieces:
-        """From its step."""
+        """Its steps on either side of zero in exact numbers, for certificates."""
         step = read(self.step)
         half = Half(Fraction(0), jumps=tuple((step * (2 * i + 1) / 2, step) for i in range(int(self.levels))))
         return Pieces(half, half)

@@ -50,7 +50,8 @@ class Constant:
 
     Examples
     --------
-    >>> float(Constant(0.0).value(3.0))
+    >>> from eppanalysis import inputs
+    >>> float(inputs.Constant(0.0).value(3.0))
     0.0
     """
 
@@ -87,7 +88,8 @@ class Step:
 
     Examples
     --------
-    >>> Step(0.02).value([0.0, 1.0]).tolist()
+    >>> from eppanalysis import inputs
+    >>> inputs.Step(0.02).value([0.0, 1.0]).tolist()
     [0.02, 0.02]
     """
 
@@ -131,7 +133,8 @@ class Ramp:
 
     Examples
     --------
-    >>> Ramp(2.0, start=1.0, stop=2.0).value([0.5, 1.5, 3.0]).tolist()
+    >>> from eppanalysis import inputs
+    >>> inputs.Ramp(2.0, start=1.0, stop=2.0).value([0.5, 1.5, 3.0]).tolist()
     [0.0, 1.0, 2.0]
     """
 
@@ -181,7 +184,8 @@ class Sine:
 
     Examples
     --------
-    >>> round(float(Sine(0.01, 1.0).value(0.25)), 12)
+    >>> from eppanalysis import inputs
+    >>> round(float(inputs.Sine(0.01, 1.0).value(0.25)), 12)
     0.01
     """
 
@@ -223,7 +227,8 @@ class Steps:
 
     Examples
     --------
-    >>> Steps([0.0, 1.0], [0.02, 0.0]).value([0.5, 1.0, 4.0]).tolist()
+    >>> from eppanalysis import inputs
+    >>> inputs.Steps([0.0, 1.0], [0.02, 0.0]).value([0.5, 1.0, 4.0]).tolist()
     [0.02, 0.0, 0.0]
     """
 
@@ -287,7 +292,8 @@ class Recorded:
 
     Examples
     --------
-    >>> Recorded([0.0, 1.0], [0.0, 0.02]).value([0.5, 4.0]).tolist()
+    >>> from eppanalysis import inputs
+    >>> inputs.Recorded([0.0, 1.0], [0.0, 0.02]).value([0.5, 4.0]).tolist()
     [0.01, 0.02]
     """
 

@@ -274,8 +274,8 @@ class LureSystem(Responses):
         Parameters
         ----------
         blocks : sequence
-            Elements (python-control's, too), and anything that :func:`as_state_space` takes, in the direction of the
-            signal.
+            Elements (python-control's, too) and linear blocks with one input and one output, each a StateSpace, a
+            (numerator, denominator) or a system of python-control or scipy.signal, in the direction of the signal.
         delay : float, optional
             Dead time [s]; the loop is linear up to the elements' place, so it is put behind the first element.
 

@@ -42,6 +42,7 @@ class OperatingPoint:
 
     Examples
     --------
+    >>> from eppanalysis import OperatingPoint
     >>> OperatingPoint({"hand": 0.02}).stands
     True
     >>> str(OperatingPoint({"hand": 0.0}, {"hand": "is a sine"}))

@@ -110,6 +110,7 @@ def elbow(parameters: ElbowParameters, *, delay_model: Literal["pade", "exact"] 
 
     Examples
     --------
+    >>> from eppanalysis import ElbowParameters, elbow
     >>> system = elbow(ElbowParameters())
     >>> system.A.shape, system.input_names, round(float(system.v0[0]), 6)
     ((7, 7), ('harness_position',), 0.001658)

@@ -273,6 +273,8 @@ class ElbowParameters:
     Examples
     --------
     >>> from dataclasses import replace
+    >>> from eppanalysis import ElbowParameters
+    >>> from eppanalysis.models.devices.elbow.parameters import POUND_FORCE
     >>> nominal = ElbowParameters()
     >>> fig8a = replace(nominal, pulley=replace(nominal.pulley, friction=0.0))
     >>> round(fig8a.cable.stiffness * fig8a.pulley.radius * fig8a.lock_pin.backlash / POUND_FORCE, 2)

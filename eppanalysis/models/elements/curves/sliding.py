@@ -103,7 +103,7 @@ class ViscousCoulomb(_Sliding, kind="viscous_coulomb"):
         return self._coulomb_and_viscous(amplitude, bias, omega)
 
     def exact(self, read: Reading) -> Pieces:
-        """As it slips."""
+        """Its force while it slips in exact numbers, for certificates."""
         half = Half(read(self.viscous), jumps=((Fraction(0), read(self.coulomb)),))
         return Pieces(half, half)
 

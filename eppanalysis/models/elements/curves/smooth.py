@@ -42,7 +42,7 @@ class _Power(Nonlinearity):
         return float(min(far, 0.0)), float(max(far, 0.0))
 
     def exact(self, read: Reading) -> Named:
-        """By its name."""
+        """Exact numbers of its fields, for certificates."""
         return Named.of(self, self.kind, read, "scale")
 
 

@@ -186,7 +186,7 @@ class DahlFriction(StateOutput, kind="dahl_friction"):
 
     Notes
     -----
-    Dahl, A solid friction model, 1968. The force depends on the way alone, not on how fast it is gone.
+    Dahl, A solid friction model, 1968. The force depends on the displacement alone, not on its speed.
 
     Examples
     --------

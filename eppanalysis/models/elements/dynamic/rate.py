@@ -132,6 +132,7 @@ class RateLimiter(_RateLimited, kind="rate_limiter"):
 
     Examples
     --------
+    >>> import numpy as np
     >>> from eppanalysis.models.elements import RateLimiter
     >>> mean, gain = RateLimiter(rate=1.0).describing_function(amplitude=[1.0, 1.5, 3.0], omega=1.0)
     >>> abs(gain).round(5).tolist(), (-np.angle(gain)).round(5).tolist()

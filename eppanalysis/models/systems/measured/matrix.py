@@ -45,6 +45,7 @@ class MeasuredMatrix(Shown):
 
     Examples
     --------
+    >>> import numpy as np
     >>> import eppanalysis as epp
     >>> omega = np.geomspace(0.1, 10.0, 101)
     >>> lag = epp.MeasuredResponse(omega, 1.0 / (1.0 + 1j * omega))

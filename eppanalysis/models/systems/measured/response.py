@@ -65,6 +65,7 @@ class MeasuredResponse(Shown):
 
     Examples
     --------
+    >>> import numpy as np
     >>> import eppanalysis as epp
     >>> omega = np.geomspace(0.1, 10.0, 101)
     >>> response = epp.MeasuredResponse(omega, 1.0 / (1.0 + 1j * omega))
