@@ -62,7 +62,7 @@ def check_element(
     -----
     With ``x = b + A sin(w t)`` the loop that the output runs through over the input has the area
     ``integral of y dx = pi A^2 Im N``. It is what the element takes up in a period where x is a displacement and y the
-    force     against it. Where x is a speed, that is ``2 pi/w (A^2 Re N/2 + b mean)``.
+    force against it. Where x is a speed, that is ``2 pi/w (A^2 Re N/2 + b mean)``.
 
     Examples
     --------
