@@ -87,6 +87,11 @@ def as_read(app, what, name, obj, options, signature, returned) -> tuple[str | N
     return shown.replace(repr(math.pi), "pi") or signature, returned
 
 
+def where_written(app, module, name) -> str | None:
+    """The module that holds the code of a public function, which calls itself one of the package."""
+    return eppanalysis._MODULE_OF.get(name) if module == "eppanalysis" else None
+
+
 class Commands(BashLexer):
     """Lines for a shell whose options are marks of their own, so that none is broken at its hyphens."""
 
@@ -103,3 +108,4 @@ def setup(app) -> None:
     app.connect("builder-inited", make_pages)
     app.connect("autodoc-skip-member", leave_out)
     app.connect("autodoc-process-signature", as_read)
+    app.connect("viewcode-follow-imported", where_written)

@@ -72,7 +72,7 @@ def design_guide(
         Values of parameters such as "cable.stiffness", "forearm.prehensor_mass", "pulley.friction"; every combination
         is a variant. By default the case as it is.
     tolerances : mapping of str to quantity or percentage, optional
-        Adds the columns for the worst case and for 95 and 99 % of all elbows. Those that the case carries are used
+        Adds the columns for the worst case and for 95 and 99 % of all machines. Those that the case carries are used
         where none are given; none are added where there are none.
     margins : mapping of str to float, optional
         Factor by which the limited parameter must stay on the safe side of its bound; over "bands.range" also the one

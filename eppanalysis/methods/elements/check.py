@@ -43,7 +43,7 @@ def check_element(
     bias : float
         Of the input.
     omega : float
-        Frequency [rad/s], on which the energy hangs where an element has rates or states.
+        Frequency [rad/s], on which the energy depends where an element has rates or states.
     name : str
         What the result calls it; by default the name of its class.
 
