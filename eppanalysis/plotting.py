@@ -310,7 +310,7 @@ def put_legend(ax: Axes, handles: Sequence[Artist] = (), **place: Any) -> None:
 
 
 def legend_below(figure: Figure, *panels: Axes) -> None:
-    """What the marks and shades of panels mean, once, below all of them."""
+    """What the marks and shades of panels mean, once, below all of them: of a figure of their own."""
     marks: dict[str, Any] = {}
     for ax in panels:
         marks |= each_once(ax)

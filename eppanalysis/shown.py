@@ -7,6 +7,7 @@ A result, and what was measured, says three things of its own: a sentence (``__s
 from __future__ import annotations
 
 import base64
+import cmath
 import html
 import io
 import math
@@ -30,7 +31,7 @@ _MOST_ROWS = 12
 _SMALL, _DOTS = (4.6, 3.0), 110
 _STYLE = "display: flex; flex-wrap: wrap; gap: 1.5em; align-items: flex-start"
 _CELL = '<td style="text-align: left; padding-right: 1em">'
-#: How the columns end whose rad/s are no turning of a shaft; they stay in rad/s.
+#: What the columns are called whose rad/s are no turning of a shaft; they stay in rad/s.
 _ANGULAR = ("omega", "crossover")
 #: Parts of the provenance that fill pages and have tables of their own.
 _LONG = ("parameters",)
@@ -160,7 +161,7 @@ def for_people(frame: pandas.DataFrame) -> pandas.DataFrame:
     known: Mapping[str, tuple[str, float]] = frame.attrs.get("shown", {})
     shown = {}
     for name in frame.columns:
-        angular = str(name).endswith(_ANGULAR)
+        angular = any(part in str(name) for part in _ANGULAR)
         unit, factor = (units.get(name, ""), 1.0) if angular else readable(units.get(name, ""))
         unit, factor = known.get(str(name), (unit, factor))
         shown[with_unit(words(str(name)), unit)] = [_cell(value, factor) for value in frame[name].tolist()]
@@ -178,7 +179,7 @@ def _cell(value: Any, factor: float) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, complex):
-        return f"{number(factor * value.real)}{'-' if value.imag < 0 else '+'}{number(factor * abs(value.imag))}j"
+        return f"{number(factor * abs(value))} at {number(round(math.degrees(cmath.phase(value)), 6) + 0.0)} deg"
     if not isinstance(value, int | float):
         return str(value)
     return number(value if factor == 1.0 else factor * value)

@@ -6,7 +6,7 @@ import difflib
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from eppanalysis.cases.schema import INPUTS, find_quantity, validate
 from eppanalysis.cases.values.dimensions import remarks
 from eppanalysis.cases.values.expressions import is_expression_of, same_unit
 from eppanalysis.cases.values.quantities import Parameter
+from eppanalysis.cases.values.shown import ShownCase
 from eppanalysis.cases.values.toml import write_toml
 from eppanalysis.errors import CaseError
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
@@ -42,8 +43,8 @@ _FRIENDLY = {"m": "mm", "m/s": "mm/s"}
 _NOT_A_NUMBER = ("kind", "file", "times", "values")
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
+@dataclass(frozen=True, eq=False, repr=False)
+class Case(ShownCase):
     """A validated case.
 
     Attributes
@@ -73,9 +74,9 @@ class Case:
     input: InputSignal | Mapping[str, InputSignal] | None
     t_end: float
     expected: Expected
-    _raw: RawCase = field(repr=False)
-    _system: LureSystem = field(repr=False)
-    _elbow: ElbowParameters | None = field(repr=False, default=None)
+    _raw: RawCase
+    _system: LureSystem
+    _elbow: ElbowParameters | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_validated"}

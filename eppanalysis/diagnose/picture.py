@@ -8,7 +8,18 @@ from matplotlib.figure import Figure
 
 from eppanalysis.diagnose.record import waveform
 from eppanalysis.diagnose.result import Diagnosis, Explanation
-from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION, label_of, label_time, label_up, legend_below, places_of
+from eppanalysis.plotting import (
+    BLUE,
+    GREEN,
+    GREY,
+    VERMILLION,
+    label_of,
+    label_time,
+    label_up,
+    legend_below,
+    places_of,
+    put_legend,
+)
 
 #: Points of a record that are drawn, and points of a waveform.
 _MOST_POINTS, _POINTS = 4000, 400
@@ -40,7 +51,10 @@ def plot_diagnosis(found: Diagnosis, ax: Axes | None = None) -> Figure:
             panel.plot(phase, y, style, color=colour, linewidth=1.5, label=explanation.called)
         label_up(panel, label)
     label_time(panels, "periods of the record")
-    legend_below(figure, panels[0])
+    if ax is None:
+        legend_below(figure, panels[0])
+    else:
+        put_legend(ax)
     return figure
 
 

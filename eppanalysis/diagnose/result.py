@@ -235,6 +235,14 @@ class Diagnosis(Listing[Explanation]):
             "note": e.note,
         }
 
+    def in_brief(self) -> pandas.DataFrame:
+        """The candidates, their probabilities in per cent."""
+        frame = self.to_frame()
+        frame["probability"] = [
+            "< 0.01 %" if share < 1e-4 else f"{number(100.0 * share)} %" for share in frame["probability"].tolist()
+        ]
+        return frame
+
     @checked
     def plot(self, ax: Axes | None = None) -> Axes:
         """The record folded to one period, and the waveform of the best candidates, one panel a signal."""

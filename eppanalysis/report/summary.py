@@ -30,6 +30,9 @@ _SYMBOL = 2
 #: An end this near to the case's own value, relative to it, is taken to be at it.
 _AT = 1e-9
 
+#: Notebooks put what stands in a cell to the right.
+_CELL = '<td style="text-align: left">'
+
 
 @dataclass(frozen=True)
 class FirstPage:
@@ -49,11 +52,11 @@ class FirstPage:
 
     def _repr_html_(self) -> str:
         def row(cells: tuple[str, ...]) -> str:
-            return f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in cells)}</tr>"
+            return f"<tr>{''.join(f'{_CELL}{html.escape(cell)}</td>' for cell in cells)}</tr>"
 
         numbers = "".join(
-            f"<div><b>{html.escape(value)}</b><span>{html.escape(what)}</span><small>{html.escape(how)}</small></div>"
-            for what, value, how in self.numbers
+            f"<div><b>{value}</b> <span>{what}</span> <small>({how})</small></div>"
+            for what, value, how in (map(html.escape, known) for known in self.numbers)
         )
         shown = base64.b64encode(self.picture).decode()
         picture = f'<img alt="{html.escape(self.verdict)}" src="data:image/png;base64,{shown}">' if shown else ""

@@ -677,3 +677,12 @@ def test_a_field_that_this_kind_of_case_has_not_is_told_as_it_was_typed(name, fi
     with pytest.raises(CaseError) as refused:
         case(name).with_values({field: 2.0}, "--set")
     assert str(refused.value).startswith(f"--set: {sentence}")
+
+
+def test_a_case_is_read_where_it_is_printed_and_in_a_notebook() -> None:
+    """Not the fields of its class, with sixteen digits a number."""
+    servo = case("robot_servo").with_values({"title": "a <b> joint"})
+    assert str(servo) == "robot_servo: a <b> joint"
+    assert repr(servo) == f"<Case robot_servo: a <b> joint; {len(servo.parameters)} parameters>"
+    page = servo._repr_html_()
+    assert "<b>" not in page and "60 V/rad" in page and page.count("<tr>") == len(servo.parameters)

@@ -206,7 +206,11 @@ def test_table_is_a_frame_whose_units_are_of_its_columns(result):
     assert set(frame.attrs.get("units", {})) <= set(frame.columns)
     brief = for_people(result.in_brief())
     assert 0 < len(brief) <= 13 and len(brief.columns) <= 12
-    assert all(isinstance(cell, str) for cell in brief.to_numpy().ravel())
+    cells = brief.to_numpy().ravel()
+    assert all(isinstance(cell, str) for cell in cells)
+    # Nothing as the program holds it: no lists, no complex numbers, no probabilities that nobody reads.
+    assert not [cell for cell in cells if re.search(r"^\[|\dj$|e-\d{3}", cell)]
+    assert not [name for name in brief.columns if "omega" in name and "deg" in name]
     assert str(epp.table(result)).strip()
 
 
@@ -214,6 +218,7 @@ def test_picture_comes_back_as_axes_given_or_its_own(result):
     given = Figure().add_subplot()
     assert result.plot(given) is given
     assert given.lines or given.patches or given.collections
+    assert not given.figure.legends  # which others that are drawn beside it have, too
     own = result.plot()
     assert isinstance(own, Axes) and own is own.figure.axes[0] and own is not given
 

@@ -91,8 +91,11 @@ class Certificate(WithFile):
             rows = [dict(zip(names, (*cycle["period"], cycle["outside"]), strict=True)) for cycle in found]
             return frame_of(rows, {"period_from": "s", "period_to": "s"})
         if self.statement is not Asked.ROOTS:
-            claim = {name: str(value) for name, value in self.document.get("claim", {}).items()}
-            return frame_of([{"statement": self.statement, "proved": self.proved} | claim])
+            claim = {
+                name: " to ".join(map(str, value)) if isinstance(value, list) else str(value)
+                for name, value in self.document.get("claim", {}).items()
+            }
+            return frame_of([{"statement": self.statement, "proved": self.proved} | claim], {"multiplier": "s"})
         rows = [
             {
                 "proved": proved,

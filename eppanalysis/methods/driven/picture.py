@@ -133,5 +133,8 @@ def plot_forced_response(response: ForcedResponse, signals: list[str] | None = N
             panel.plot(turns, factor * one.cycle.waveform[name], linewidth=1.3, label=text, **style)
             label_up(panel, label)
     label_time(panels, "periods of the input")
-    legend_below(figure, panels[0])
+    if ax is None:
+        legend_below(figure, panels[0])
+    else:
+        put_legend(ax)
     return figure
