@@ -31,8 +31,8 @@ _LATEX = {c: f"\\{c}" for c in "&%$#_{}"} | {
     "<": "\\textless{}",
     ">": "\\textgreater{}",
 }
-#: Between a number and its unit no line of a narrow column is broken.
-_WITH_UNIT = re.compile(r"(?<=\d) (?=[A-Za-zµ%])")
+#: Between a number and its unit no line of a narrow column is broken; what is counted in a long word is broken there.
+_WITH_UNIT = re.compile(r"(?<=\d) (?=[A-Za-zµ%]\S{0,7}(?:\s|$))")
 _STYLE = """
 :root { color-scheme: light dark; }
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem; max-width: 52rem; }

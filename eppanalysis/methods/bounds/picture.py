@@ -109,7 +109,8 @@ def _draw_tests(ax: Axes, x: np.ndarray, y_factor: float, bounds: DesignBounds) 
 def _draw_best(ax: Axes, x: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:
     """The line of the best bounds: exact, or of the search with what it does not cover."""
     if not bounds.not_covered:
-        exact, label = y_factor * bounds.array("exact"), "exact fold" if bounds.allowed is None else "exact"
+        exact = y_factor * bounds.array("exact")
+        label = "exact fold" if all(c.kind is Turn.FOLD for c in bounds if np.isfinite(c.exact)) else "exact"
         ax.plot(x, exact, color=BLUE, linewidth=1.4, marker=".", label=label)
         if bounds.allowed is not None:
             reached = np.array([c.kind is Turn.SIZE for c in bounds])

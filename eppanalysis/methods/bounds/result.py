@@ -402,16 +402,21 @@ class DesignBounds(Listing[BoundCell]):
             why = reasons(zip(places, (c.message or c.finding.sentence for c in self.cells), strict=True))
             return f"No bound on {words(self.limit)} for {at}. {why} {self.not_covered}".rstrip()
         side = "below" if found[0].sign > 0 else "above"
-        tested = f"{sum(c.verified for c in found)} of {count(len(found), 'bound')} verified by runs and orbits"
+        verified = sum(c.verified for c in found)
+        tested = f"{verified} of {count(len(found), 'bound')} verified by runs and orbits"
+        # A picture shows in large letters what stands in front of the first semicolon.
+        doubt = (
+            "" if verified == len(found) or self.not_covered else ", verified in part" if verified else ", not verified"
+        )
         none = f"; no bound at {len(self) - len(found)} of {len(self)} values" if len(found) < len(self) else ""
         which = "limit cycle" if self.allowed is None else self.allowed.exceeded
         free, orbits = "Free of limit cycles" if self.allowed is None else f"No {which}", tested
         if self.not_covered:
             free = f"No {which} was found"
-            orbits = f"a cycle was found just beyond {sum(c.verified for c in found)} of {count(len(found), 'bound')}"
+            orbits = f"a cycle was found just beyond {verified} of {count(len(found), 'bound')}"
         limit = self._span(self.limit, [c.bound for c in found], "of", "that runs from")
         return (
-            f"{free} {side} a {words(self.limit)} {limit}, for {at}; {orbits}{none}. {self.not_covered}"
+            f"{free} {side} a {words(self.limit)} {limit}, for {at}{doubt}; {orbits}{none}. {self.not_covered}"
         ).rstrip() + f" {self.in_theorems}".rstrip()
 
     @property
