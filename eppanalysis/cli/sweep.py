@@ -319,14 +319,14 @@ def _report(dataset: xarray.Dataset, counts: dict[str, Any], curves: Sequence[Bo
     """What was swept, how the cells ended, what the boundaries are, and the first sentence of the cells that failed."""
     import numpy as np
 
-    from eppanalysis.sweep.labels import ranges_of, told
+    from eppanalysis.sweep.labels import UNKNOWN, ranges_of, told
 
     typer.echo(f"{count(counts['cells'], 'design')}: {ranges_of(dataset)}")
     for name, found in counts.items():
         if name != "cells" and (name != "status" or {"failed", "not_run"} & set(found)):
             typer.echo(f"{name.replace('_', ' ')}: {told(dataset, name)}")
     if "unknown" in counts.get("outcome", ()):
-        typer.echo("Unknown is what a run does that neither settles nor repeats itself by its end (run.t_end).")
+        typer.echo(UNKNOWN)
     if "allowed" in dataset.attrs:
         typer.echo(f"Allowed is a stable limit cycle up to {dataset.attrs['allowed']}.")
     for curve in curves:

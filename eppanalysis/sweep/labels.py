@@ -30,6 +30,10 @@ def outcomes_in(cells: xarray.Dataset) -> list[str]:
     return [f"{prefix}{kind}" for prefix in PREFIXES if f"{prefix}{kind}" in cells]
 
 
+#: Of maps that hold no answer, and what gives one.
+UNKNOWN = "Unknown is what a run does that neither settles nor repeats itself by its end (run.t_end)."
+
+
 def told(cells: xarray.Dataset, name: str) -> str:
     """In how many of the designs the loop does what, or what is proved of it, the most first."""
     values, counts = np.unique(cells[name].values, return_counts=True)
@@ -42,7 +46,10 @@ def put_verdict_of(figure: Figure, cells: xarray.Dataset, details: str = "") -> 
     name = next((n for n in ("proved", *outcomes_in(cells)) if n in cells), None)
     verdict = told(cells, name).capitalize() if name and cells[name].size else ""
     allowed = f"allowed is {cells.attrs['allowed']}" if is_sized(cells) else ""
-    put_verdict(figure, verdict, ", ".join(filter(None, (allowed, details))), str(cells.attrs.get("case", "")))
+    small = ", ".join(filter(None, (allowed, details)))
+    if verdict.startswith("Unknown") and name == "outcome":
+        small = f"{small}. {UNKNOWN}" if small else UNKNOWN
+    put_verdict(figure, verdict, small, str(cells.attrs.get("case", "")))
 
 
 def meanings(outcome: xarray.DataArray) -> list[str]:

@@ -200,3 +200,11 @@ def test_every_sweep_has_its_picture(grid, relays) -> None:
 def test_what_is_wrong_is_one_sentence(grid, draw, words) -> None:
     with pytest.raises(EppError, match=words):
         draw(grid)
+
+
+@pytest.mark.parametrize(("t_end", "unknown"), [("0.01 s", True), ("188 s", False)])
+def test_a_map_that_is_mostly_unknown_says_what_that_is(t_end, unknown):
+    """A grey picture that says no more helps nobody."""
+    case = epp.case("backlash_servo").with_values({"run.t_end": t_end})
+    figure = epp.plot_design_map(epp.sweep(case, {"loop.gain": "0.9:1.1:2", "play.gap": "1:2:2"}, progress=False))
+    assert ("neither settles nor repeats itself by its end (run.t_end)" in said_above(figure)[1]) == unknown
