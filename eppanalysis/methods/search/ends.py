@@ -302,7 +302,7 @@ class Ends:
             known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
             if known is not End.UNDECIDED:
                 return known
-            with np.errstate(divide="ignore", invalid="ignore"):
+            with np.errstate(all="ignore"):
                 way = (self._sizes() / np.abs(run.rate_end))[start.compared]
             late = 4.0 * float(np.max(way, where=way < 0.25 * _LATEST * t, initial=0.0))
             if late <= reached:

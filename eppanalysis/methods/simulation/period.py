@@ -34,8 +34,9 @@ _ROUNDS = 14
 _RESOLVED, _ROUNDING = 1e-12, 1e-9
 #: Share of a signal that it may go on by in as long a run again, and rests.
 _STANDS = 1e-6
-#: A motion leaves its start where it is so many times as far from it in each third of a run as in the one before.
-_FURTHER, _GOING = 1.2, "The motion had neither settled nor repeated itself by the end."
+#: A motion leaves its start where it is so many times as far from it in each third of a run as in the one before, and
+#: dies down where it swings by less than this share.
+_FURTHER, _SMALLER, _GOING = 1.2, 0.99, "The motion had neither settled nor repeated itself by the end."
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,13 +130,25 @@ def resting(signals: Mapping[str, Array], more: Array) -> dict[str, float]:
     return {name: float(v[-1]) for (name, v), rests in zip(signals.items(), still, strict=True) if rests}
 
 
-def goes_further(hybrid: HybridSystem, signals: Mapping[str, Array]) -> str:
-    """A sentence where a signal is farther from its start in each third of a run than before; nothing elsewhere."""
+def tendency(hybrid: HybridSystem, signals: Mapping[str, Array]) -> str:
+    """A sentence where a signal is farther from its start in each third of a run than before, or swings less.
+
+    Nothing elsewhere, and where another one swings more.
+    """
     apart = np.any(free_of(hybrid), axis=1)
+    swings: dict[str, Array] = {}
     for name, v in (pair for pair, goes_on in zip(signals.items(), apart, strict=True) if not goes_on):
-        far = [np.abs(part - v[0]).max(initial=0.0) for part in np.array_split(v, 3)]
+        thirds = np.array_split(v, 3)
+        far = [np.abs(part - v[0]).max(initial=0.0) for part in thirds]
         if far[1] > _FURTHER * far[0] and far[2] > _FURTHER * far[1]:
             return f"{_GOING[:-1]}, and {words(name)} went further and further: to a larger motion, or without end."
+        if v.size >= 3 and np.ptp(thirds[0]) > _STANDS * np.abs(v).max():
+            swings[name] = np.array([np.ptp(part) for part in thirds])
+    shrink = {name: swing for name, swing in swings.items() if np.all(swing[1:] < _SMALLER * swing[:-1])}
+    if shrink and all(np.all(_SMALLER * swing[1:] <= swing[:-1]) for swing in swings.values()):
+        least, size = next(iter(shrink.items()))
+        shares = " and ".join(f"{100.0 * part / size[0]:.2g} %" for part in size[1:])
+        return f"{_GOING[:-1]}, but {words(least)} swung less and less, in its later thirds {shares} of the first."
     return ""
 
 
