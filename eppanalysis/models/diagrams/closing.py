@@ -16,6 +16,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError, did_you_mean
 from eppanalysis.models.diagrams.algebraic import require_unique
 from eppanalysis.models.diagrams.blocks import Block
+from eppanalysis.models.diagrams.blocks.control import Constant
 from eppanalysis.models.diagrams.linear import closed_blocks
 from eppanalysis.models.diagrams.network import Network
 from eppanalysis.models.diagrams.wiring import Drawn, Port, incidence, written
@@ -150,13 +151,17 @@ class _Closed:
 
 
 def signals_of_ports(diagram: Drawn) -> dict[str, Port]:
-    """A signal for every output and external input, and for the inputs of elements."""
+    """A signal for every output and external input, and for the inputs of elements; what is constant comes last.
+
+    Sentences speak of the first signal, which should be one that moves.
+    """
     ports = diagram.ports
     wanted = [(part, port, len(names) == 1) for part, names in ports.outputs.items() for port in names]
     wanted += [(name, "", True) for name in ports.external]
     inputs = {part: names for part, names in ports.inputs.items() if not isinstance(diagram.parts[part], Block)}
     wanted += [(part, port, False) for part, names in inputs.items() for port in names]
     found: dict[str, Port] = {}
+    wanted.sort(key=lambda one: isinstance(diagram.parts.get(one[0]), Constant))
     single = {part for part, _, alone in wanted if alone}
     for part, port, alone in wanted:
         name = part if alone else f"{part}_{port}"

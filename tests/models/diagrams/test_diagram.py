@@ -603,3 +603,14 @@ def test_a_state_that_a_port_puts_out_has_its_name_and_its_unit():
     aircraft = epp.case("x15_flare").to_system()
     assert aircraft.state_names[1:] == ("pitch_1", "pitch_2", "pitch_3", "pitch_4")
     assert [aircraft.signals.unit_of(x=row) for row in np.eye(5)[1:]] == [""] * 4
+
+
+def test_sentences_speak_of_a_signal_that_moves_wherever_constants_are_drawn() -> None:
+    parts = {
+        "setpoint": epp.blocks.Constant(value=5.0),
+        "heater": epp.HysteresisRelay(-0.5, 0.5, 0.0, 10.0),
+        "room": epp.blocks.TransferFunction(num=[1.0], den=[3.0, 1.0]),
+    }
+    loop = epp.Diagram(parts, ["setpoint - room -> heater", "heater -> room"]).to_system()
+    assert loop.signals.names == ("heater", "room", "heater_in", "setpoint")
+    assert str(epp.simulate(loop, t_end=50.0)).startswith("Oscillates: heater 10 peak to peak")
