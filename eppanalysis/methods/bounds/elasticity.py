@@ -25,9 +25,9 @@ from eppanalysis.methods.bounds.fold import Fold, Programmes
 from eppanalysis.methods.bounds.harmonic import Question, steady_loop
 from eppanalysis.methods.bounds.numbers import Plan, gather
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
-from eppanalysis.methods.continuation.branch import steady_case
 from eppanalysis.methods.continuation.families import slope_of
 from eppanalysis.methods.continuation.labels import linear_arc
+from eppanalysis.methods.continuation.seeds import steady_case
 from eppanalysis.methods.continuation.steps import Point
 from eppanalysis.methods.harmonic.series import anchored
 from eppanalysis.methods.orbits.arcs import Arcs

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import cast
@@ -30,6 +30,7 @@ from eppanalysis.methods.continuation.labels import (
 from eppanalysis.methods.continuation.own_states import OwnStates
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.continuation.sampled import sampled_branch
+from eppanalysis.methods.continuation.seeds import orbits_found, refused, seed, steady_case
 from eppanalysis.methods.continuation.steps import (
     LEAST_STEP,
     Point,
@@ -43,17 +44,14 @@ from eppanalysis.methods.continuation.steps import (
     other_sequence,
     point_at,
     regular,
-    signal_ranges,
+    signal_sizes,
     step,
 )
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
-from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
 from eppanalysis.methods.orbits.orbit import Orbit
-from eppanalysis.methods.orbits.shooting import orbit_of, orbits_near, same_orbit
-from eppanalysis.methods.search.find import find_limit_cycles
-from eppanalysis.methods.simulation.simulate import judge, run_hybrid, simulate
+from eppanalysis.methods.orbits.shooting import same_orbit
+from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.methods.simulation.stability import is_stable
-from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import is_sampled
 from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
@@ -152,7 +150,7 @@ def continue_branch(
     if is_sampled(case.to_system().elements):
         branch = sampled_branch(case, parameter, (first, last), cycle, (n_points, max_step, others), progress)
     elif origin is None or origin.point is None:
-        value, orbit = _seed(case, parameter, family, (first, last), cycle)
+        value, orbit = seed(case, parameter, family, (first, last), cycle)
         if orbit.motion is not None:
             raise EppError(
                 "continue_branch: cycles are not followed where what comes out of a dead time moves between switches; "
@@ -175,7 +173,7 @@ def _with_others(walk: Walk, branch: Branch, most: int) -> Branch:
     tried: list[float] = []
     sought = _SOUGHT
     while len(others) < most:
-        left = [v for g in _gaps(walk, branch, others) if not g.turns for v in _places(walk, g) if v not in tried]
+        left = [v for g in _gaps(walk, branch, others) for v in _places(walk, g) if v not in tried]
         if not left:
             break
         tried.append(left[0])
@@ -201,14 +199,17 @@ def _gaps(walk: Walk, branch: Branch, others: Sequence[Branch]) -> tuple[Gap, ..
 
 def _places(walk: Walk, gap: Gap) -> list[float]:
     """Where other cycles are searched for: at the end of the range, and in the middle of the gap."""
-    return [*(v for v in (gap.low, gap.high) if v in walk.limits), 0.5 * (gap.low + gap.high)]
+    if gap.turns:
+        return []
+    values = [*(v for v in (gap.low, gap.high) if v in walk.limits), 0.5 * (gap.low + gap.high)]
+    return [v for v in values if not refused(walk.case, walk.parameter, v)]
 
 
 def _branch_from(walk: Walk, value: float) -> Branch | None:
     """The longest of the branches of the cycles that the exact search finds at a value."""
     found = []
     with suppress(EppError, np.linalg.LinAlgError):
-        for orbit in filter(None, _orbits_found(walk.case, walk.parameter, walk.family, value)):
+        for orbit in filter(None, orbits_found(walk.case, walk.parameter, walk.family, value)):
             with suppress(EppError, np.linalg.LinAlgError):
                 found.append(replace(walk, special=[]).run((value, orbit)))
     return max(found, key=lambda b: float(np.ptp(b.points["value"])), default=None)
@@ -222,58 +223,6 @@ def _simulated(case: CaseLike, parameter: str, values: Array) -> dict[str, Array
         if cycle is not None:
             rows.append({"value": value, "frequency": cycle.frequency, **cycle.peak_to_peak})
     return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
-
-
-def steady_case(case: CaseLike) -> HybridSystem:
-    """The hybrid system of a case at its operating point.
-
-    Raises
-    ------
-    EppError
-        For a discrete-time system, or an input that does not stand still.
-    """
-    return steady_hybrid(case.to_system(), case.operating_point)
-
-
-def _seed(
-    case: CaseLike, parameter: str, family: Family, ends: tuple[float, float], cycle: LimitCycle | None
-) -> tuple[float, Orbit]:
-    """A first orbit: from the cycle given, from a run at either end, or from a search there."""
-    if cycle is not None:
-        hybrid = family.at(ends[0])
-        for orbit in orbits_near(hybrid, *start_of(hybrid, cycle), cycle.period):
-            return ends[0], orbit
-        raise EppError(f"continue_branch: there is no exact orbit near the given cycle at {parameter} = {ends[0]:.6g}.")
-    for value in ends:
-        hybrid = steady_case(case.with_values({parameter: value}))
-        run = run_hybrid(hybrid, case.t_end, np.zeros(0), 2.0 * hybrid.time_scale, 60_000, 600)
-        status, found = judge(hybrid, run, case.t_end)
-        if status is Status.LIMIT_CYCLE:
-            closed = orbit_of(family.at(value), run, float(found[1]))
-            if closed is not None:
-                return value, closed
-    is_there = False
-    for value in ends[::-1]:
-        for closed in _orbits_found(case, parameter, family, value):
-            is_there = True
-            if closed is not None:
-                return value, closed
-    if is_there:
-        raise EppError(
-            f"continue_branch: limit cycles were found at the ends of the range of {parameter}, but none as an exact "
-            "orbit from switch to switch; expected one, which a loop with dead time need not have."
-        )
-    raise EppError(
-        f"continue_branch: no limit cycle was found at either end of the range of {parameter}; expected a range with "
-        "one at an end, from which the branch begins."
-    )
-
-
-def _orbits_found(case: CaseLike, parameter: str, family: Family, value: float) -> Iterator[Orbit | None]:
-    """The orbits of all cycles that the exact search finds at a value, smallest first; None for one without."""
-    hybrid = family.at(value)
-    for known in find_limit_cycles(case.with_values({parameter: value})):
-        yield next(iter(orbits_near(hybrid, *start_of(hybrid, known), known.period)), None)
 
 
 @dataclass
@@ -291,6 +240,7 @@ class Walk:
     max_step: float
     special: list[tuple[Change, Point, str, int]] = field(default_factory=list)
     passes: Callable[[Point], float] | None = None
+    stopped: list[Point] = field(default_factory=list)  # where branches ended that would go on with more points
 
     def run(self, seed: tuple[float, Orbit]) -> Branch:
         """Both directions from the seed."""
@@ -348,10 +298,23 @@ class Walk:
             if self._watch(points[-1], new, len(points)):
                 return points, "joins the branch of half its period"
             points.append(new)
-            if len(points) > 20 and same_orbit(points[0].orbit, new.orbit) and _same_value(points[0], new):
-                return points, "closes on itself"
+            if known := self._known(points):
+                return points, known
             ds = min(1.5 * ds, self.max_step) if bend(points[-2], new) < 0.1 else ds
+        self.stopped.append(points[-1])
         return points, "stops at the number of points asked for"
+
+    def _known(self, points: list[Point]) -> str:
+        """What the last step has come to that was followed before; a branch that stopped is joined at its end."""
+        first, old, new = points[0], *points[-2:]
+        if len(points) > 21 and same_orbit(first.orbit, new.orbit) and _same_value(first, new):
+            return "closes on itself"
+        for end in self.stopped:
+            here = point_at(old, new, end.value) if (old.value - end.value) * (new.value - end.value) < 0.0 else None
+            if here is not None and same_orbit(here.orbit, end.orbit):
+                points[-1] = here
+                return "joins a branch that stops at the number of points asked for"
+        return ""
 
     def _ended(self, points: list[Point], new: Point | None, why: str) -> tuple[list[Point], str]:
         """The points up to a change of the sequence beyond which no orbit is, or at which the parameter stands."""
@@ -409,6 +372,9 @@ class Walk:
             kind = Change.TURNING if back else Change.SEQUENCE
             self._note(kind, inside, difference(inside.orbit, new.orbit), len(points))
             return new, ""
+        if left := self._leaves(inside):
+            points.append(inside)
+            return None, left
         kind = ending(inside.orbit)
         why = STANDS.get(kind) or f"no orbit continues it: {departure(inside.orbit, (outside or inside).orbit)}"
         self._note(kind, inside, why, len(points))
@@ -416,6 +382,15 @@ class Walk:
         if kind is not Change.LINEAR and inside is not points[-1] and regular(inside):
             points.append(inside)
         return None, f"ends where {why}"
+
+    def _leaves(self, inside: Point) -> str:
+        """How the branch leaves the range, or the values that the loop takes, within its least step; else nothing."""
+        least, ahead = LEAST_STEP * self.family.width, 1.0 if inside.turn > 0.0 else -1.0
+        beyond = inside.value + ahead * least
+        if not self.limits[0] < beyond < self.limits[1]:
+            return "leaves the range"
+        refusal = refused(self.case, self.parameter, beyond)
+        return f"leaves the values that the loop takes ({refusal})" if refusal else ""
 
     def _watch(self, old: Point, new: Point, index: int) -> bool:
         """Folds and changes of stability between two points of one sequence; whether the branch ends there."""
@@ -449,8 +424,7 @@ class Walk:
     def _branch(self, points: list[Point], ends: tuple[str, str]) -> Branch:
         system = self.case.to_system()
         names = system.signals.names
-        ranges = np.array([signal_ranges(p.orbit) for p in points])
-        sizes = ranges[:, 1] - ranges[:, 0]
+        sizes = np.array([signal_sizes(system, p.orbit) for p in points])
         data = {
             "value": np.array([p.value for p in points]),
             "period": np.array([p.orbit.period for p in points]),

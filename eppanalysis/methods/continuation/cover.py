@@ -10,8 +10,8 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.results import PlainData
 
-#: Parts of the range that are shorter than this, relative to it, are rounding.
-_ROUNDING = 1e-7
+#: Parts of the range that are shorter than this, relative to it, are beneath the least step of a branch.
+_LEAST = 1e-6
 TURNS = "the branch turns back there (cycles of other branches were not sought)"
 
 
@@ -47,7 +47,7 @@ def gaps(limits: tuple[float, float], branches: Sequence[tuple[Array, tuple[str,
     branches : sequence of (array, (str, str))
         The values of the parameter along each, and how each ends at its first and at its last value.
     """
-    least = _ROUNDING * (limits[1] - limits[0])
+    least = _LEAST * (limits[1] - limits[0])
     parts = covered([v for v, _ in branches])
     edges = [limits[0], *(edge for pair in parts for edge in pair), limits[1]]
     out = []
@@ -68,7 +68,7 @@ def covered(values: Iterable[Array]) -> list[tuple[float, float]]:
     [(0.0, 1.5), (2.0, 3.0)]
     """
     ends = sorted((float(v.min()), float(v.max())) for v in values if v.size)
-    least = _ROUNDING * (max(high for _, high in ends) - ends[0][0]) if ends else 0.0
+    least = _LEAST * (max(high for _, high in ends) - ends[0][0]) if ends else 0.0
     out: list[tuple[float, float]] = []
     for low, high in ends:
         if out and low <= out[-1][1] + least:

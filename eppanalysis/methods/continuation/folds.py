@@ -10,8 +10,9 @@ import numpy as np
 from eppanalysis.arguments import check_counts, checked
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
-from eppanalysis.methods.continuation.branch import Walk, continue_branch, steady_case
+from eppanalysis.methods.continuation.branch import Walk, continue_branch
 from eppanalysis.methods.continuation.families import Family
+from eppanalysis.methods.continuation.seeds import steady_case
 from eppanalysis.methods.continuation.steps import Point, admissible, make_point, other_sequence, point_across, step
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.simulation.stability import is_stable
@@ -239,7 +240,9 @@ class _FoldWalk:
     def _folds_from(self, aside: Point, outward: bool, here: float, there: float) -> list[Point]:
         """Folds of the branch at the new value of `other` that begins at an orbit of the old one."""
         system = self.case.with_values({self.other: here, self.parameter: aside.value}).to_system()
-        cycle, limit = to_limit_cycle(system, aside.orbit), self.limits[0 if outward else 1]
+        # Of another loop, it may be farther from the one here than by any error.
+        cycle = replace(to_limit_cycle(system, aside.orbit), error_estimate=float("inf"))
+        limit = self.limits[0 if outward else 1]
         case = self.case.with_values({self.other: there})
         try:
             branch = continue_branch(case, self.parameter, aside.value, limit, cycle=cycle, n_points=100)

@@ -13,10 +13,12 @@ from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
+from eppanalysis.methods.orbits.cycle import gained, orbit_shape
 from eppanalysis.methods.orbits.guess import Guess
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, solve
 from eppanalysis.methods.orbits.shooting import close_orbit, is_met, next_guess
 from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.lure import LureSystem
 
 #: A corrector has converged when the residual, relative to the motion, is below this and Newton has stopped moving.
 TOLERANCE = 1e-11
@@ -465,6 +467,16 @@ def _ranges_of_states(orbit: Orbit) -> tuple[Array, Array]:
 def signal_ranges(orbit: Orbit) -> tuple[Array, Array]:
     """Smallest and largest value of every signal, exactly."""
     return _ranges(orbit, orbit.arcs.Y, orbit.arcs.Ys)
+
+
+def signal_sizes(system: LureSystem, orbit: Orbit) -> Array:
+    """Peak-to-peak of every signal, exactly; of one that goes on for ever its swing beside that, from its waveform."""
+    low, high = signal_ranges(orbit)
+    goes_on = gained(orbit) != 0.0
+    if not np.any(goes_on):
+        return high - low
+    swings = orbit_shape(system, orbit).peak_to_peak
+    return np.where(goes_on, [swings[name] for name in system.signals.names], high - low)
 
 
 def _ranges(orbit: Orbit, Y: Array, Ys: Array) -> tuple[Array, Array]:

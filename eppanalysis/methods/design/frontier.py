@@ -21,9 +21,10 @@ from eppanalysis.methods.bounds.harmonic import Question, spread
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import farthest_passage
-from eppanalysis.methods.continuation.branch import Walk, steady_case
+from eppanalysis.methods.continuation.branch import Walk
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.folds import fold_in
+from eppanalysis.methods.continuation.seeds import steady_case
 from eppanalysis.methods.continuation.steps import Point, make_point, step
 from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.design.programme import N_SCAN, Place, Programme, distance

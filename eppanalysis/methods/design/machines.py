@@ -9,7 +9,7 @@ import numpy as np
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.verify import PERIODS, cloud, rest_of, size_of
-from eppanalysis.methods.continuation.branch import steady_case
+from eppanalysis.methods.continuation.seeds import steady_case
 from eppanalysis.methods.design.search import Pick, Search
 from eppanalysis.methods.design.shrinking import shrinks
 from eppanalysis.methods.search.trigger import Judge

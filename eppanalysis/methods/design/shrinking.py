@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from eppanalysis.arrays import Array
-from eppanalysis.methods.continuation.branch import steady_case
+from eppanalysis.methods.continuation.seeds import steady_case
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import LimitCycle

@@ -39,7 +39,7 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
         mean=shape.mean,
         peak_to_peak=shape.peak_to_peak,
         harmonics=shape.harmonics,
-        note="".join(advances(system, _gained(orbit), shape)),
+        note="".join(advances(system, gained(orbit), shape)),
         stable=is_stable(values, orbit.one_of_many),
         stability_criterion=describe(values, orbit.one_of_many),
         multipliers=values,
@@ -70,7 +70,7 @@ def error_estimate(orbit: Orbit) -> float:
 def orbit_shape(system: LureSystem, orbit: Orbit) -> PeriodShape:
     """Mean, extrema, harmonics and waveform over one period."""
     marks = np.concatenate([[0.0], np.cumsum(orbit.tau)])
-    delayed, goes_on = orbit.arcs.n_timers > 0, _gained(orbit) / orbit.period
+    delayed, goes_on = orbit.arcs.n_timers > 0, gained(orbit) / orbit.period
 
     def by_engine(times: Array) -> Array:
         # From the middle of the first arc, where no guard is near, once round.
@@ -109,7 +109,7 @@ def _about_zero(orbit: Orbit, shape: PeriodShape) -> Array:
     return np.asarray(-np.linalg.pinv(rows) @ means[chosen], float)
 
 
-def _gained(orbit: Orbit) -> Array:
+def gained(orbit: Orbit) -> Array:
     """What each signal gains in a period."""
     return (
         advance(orbit.hybrid, orbit.starts[-1] - orbit.y)

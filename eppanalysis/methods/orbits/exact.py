@@ -41,7 +41,7 @@ _TRUSTED = 0.05
 #: And below which what does not agree with it is not the orbit asked for.
 _REFUTES = 5e-3
 #: Steps of the engine, and what is worth as many, after which an orbit that has not been closed will not be.
-_MOST_WORK = 1e7
+MOST_WORK = 1e7
 #: Steps of a run once round a cycle, whose extrema they miss by a thousandth of the motion.
 _STEPS = 64
 
@@ -102,8 +102,8 @@ def exact_orbit(
     0.2251 Hz, exactly 0.2197 Hz
     """
     system, at = standing(system, operating_point, "exact_orbit")
-    if not system.time_step and start.state.size != system.A.shape[0]:
-        raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")
+    if not system.time_step:
+        require_own(system, start)
     if (apart := in_states_of_its_own(system)) is not None:
         return apart.told(exact_orbit(apart.system, apart.asked(start), at))
     if system.time_step:
@@ -114,7 +114,7 @@ def exact_orbit(
     found: list[Found] = []
     if is_smooth_delayed(hybrid):
         return replace(_behind_delay(system, hybrid, start, at), operating_point=at)
-    with suppress(Spent), allotted(_MOST_WORK) as work:
+    with suppress(Spent), allotted(MOST_WORK) as work:
         found.extend(orbits_of(system, hybrid, start, at))
     orbit = asked_for(found)
     if orbit is not None:
@@ -124,8 +124,16 @@ def exact_orbit(
     return replace(unclosed(start, note), operating_point=at)
 
 
+def require_own(system: LureSystem, cycle: LimitCycle) -> None:
+    """Raise EppError where a cycle has not the states and signals of a loop in continuous time."""
+    cycle.require_state(len(system.A))
+    others = [name for name in cycle.harmonics if name not in system.signals.names]
+    if others:
+        raise EppError(f"{system.name}: a limit cycle with a signal {others[0]} is of another loop; expected its own.")
+
+
 def _behind_delay(system: LureSystem, hybrid: HybridSystem, start: LimitCycle, at: OperatingPoint) -> LimitCycle:
-    with suppress(Spent), allotted(_MOST_WORK):
+    with suppress(Spent), allotted(MOST_WORK):
         closed, note = closed_behind_delay(system, hybrid, start, at)
         return closed or unclosed(start, note)
     return unclosed(start, "no harmonic balance leads to it within the steps allowed")

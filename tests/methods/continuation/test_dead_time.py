@@ -85,3 +85,15 @@ def test_a_dead_time_behind_blocks_is_as_one_right_behind_the_element_that_switc
     for k in (0, -1):
         wanted = own_period(loss, outside, branch.points["value"][k])
         assert branch.points["period"][k] == pytest.approx(wanted, rel=1e-8)
+
+
+@pytest.mark.parametrize("over", [(8.0, 0.0), (0.0, 8.0)])
+def test_a_branch_over_a_dead_time_comes_to_none_from_the_other_end(over):
+    """A loop without it has another structure, from which no branch begins."""
+    connect, changed, _, _ = OVENS["a held input on the way"]
+    branch = epp.continue_branch(oven(connect, changed), "late.delay", *over, n_others=0, max_step=0.2)
+    assert branch.status.ok and not branch.special and branch.points["value"].max() == 8.0
+    assert branch.points["value"].min() < 8e-6
+    least = oven(connect, changed | {"late": epp.blocks.DeadTime(delay=0.0)}).to_system()
+    period = epp.find_limit_cycles(least).cycles[0].period
+    assert branch.points["period"][np.argmin(branch.points["value"])] == pytest.approx(period, rel=1e-5)

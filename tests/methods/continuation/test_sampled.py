@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.methods.continuation.branch import steady_case
 from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.result import Branch
+from eppanalysis.methods.continuation.seeds import steady_case
 from eppanalysis.methods.orbits.samples import locked
 from eppanalysis.methods.orbits.samples.locked import rounds_near
 from eppanalysis.models.systems.sampled.strobe import Strobe

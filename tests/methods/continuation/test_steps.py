@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.methods.continuation.branch import steady_case
 from eppanalysis.methods.continuation.families import Family, slope_of
+from eppanalysis.methods.continuation.seeds import steady_case
 from eppanalysis.methods.continuation.steps import evaluate_at, locate, make_point, step
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid

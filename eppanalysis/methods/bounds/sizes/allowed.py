@@ -16,7 +16,7 @@ import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import EppError, did_you_mean, shown
-from eppanalysis.methods.continuation.steps import signal_ranges
+from eppanalysis.methods.continuation.steps import signal_sizes
 from eppanalysis.methods.orbits.cycle import orbit_shape
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.models.systems.lure import LureSystem
@@ -148,9 +148,7 @@ class Allowed(PlainData):
         """Size of an exact orbit [SI], exactly, at whatever frequency."""
         if self.measure is Measure.RMS:
             return orbit_shape(system, orbit).rms[self.signal]
-        low, high = signal_ranges(orbit)
-        i = system.signals.names.index(self.signal)
-        return float(high[i] - low[i])
+        return float(signal_sizes(system, orbit)[system.signals.names.index(self.signal)])
 
     def of_cycle(self, cycle: LimitCycle) -> float:
         """Size of a cycle as its method has it [SI], as it counts."""

@@ -19,9 +19,10 @@ from eppanalysis.methods.bounds.exact import BORN, ExactBound
 from eppanalysis.methods.bounds.harmonic import N_SCAN, Question, idle, spread, value_of
 from eppanalysis.methods.bounds.result import Finding, Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
-from eppanalysis.methods.continuation.branch import Walk, steady_case
+from eppanalysis.methods.continuation.branch import Walk
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.labels import Change
+from eppanalysis.methods.continuation.seeds import steady_case
 from eppanalysis.methods.continuation.steps import Point, make_point
 from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
