@@ -29,6 +29,7 @@ from eppanalysis.methods.bounds.searched import Asking, searched_cell, why_by_se
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import bound_of_size, farthest_passage, first_order_bound, scan
 from eppanalysis.methods.bounds.verify import Verification, check_verification, verify
+from eppanalysis.methods.continuation.own_states import in_own_states
 from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
@@ -166,7 +167,7 @@ def design_bounds(
         raise EppError(f"design_bounds: at is empty; expected one value of {over} or more.")
     low, high = range_within(case, limit, within)
     _check_pair(case, over, values[0], limit, high)
-    question = Question(case, limit, low, high, over)
+    question = Question(in_own_states(case), limit, low, high, over)
     sweep = sweep or HarmonicSweep(question)
     sweep.turn_to(question)
     settings = Settings(exact, verify and exact, margin, starts, seed, allowed)
@@ -181,7 +182,8 @@ def design_bounds(
     else:
         cells = _cells(sweep, values, settings, workers, progress)
     if prove:
-        cells = [with_proofs(question.at(c.value), c) for c in cells]
+        given = replace(question, case=case)
+        cells = [with_proofs(given.at(c.value), c) for c in cells]
     facts = {"over": over, "limit": limit, "within": (low, high), "margin": margin, "starts": starts, "seed": seed}
     facts |= {} if allowed is None else {"allowed": allowed.to_dict()}
     known = {name: value_of(case, name) for name in (over, limit)}

@@ -1,4 +1,4 @@
-"""A case whose loop is followed in states of its own, where those that it is given in are mixed.
+"""A case whose loop is followed in states of its own, where those that it is given in are mixed, or go on for ever.
 
 In turned states rounding keeps the orbits of an elbow from closing, and those of a long chain of lags from closing well
 (`methods/orbits/apart.py`): a branch has no start, or ends where none is.
@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.methods.orbits.apart import unmixed
-from eppanalysis.methods.simulation.states import OtherStates
+from eppanalysis.methods.simulation.states import OtherStates, unread_apart
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import is_sampled
 from eppanalysis.models.systems.subject import CaseLike
@@ -31,15 +31,17 @@ class OwnStates:
         system = case.to_system()
         if isinstance(case, cls) or system.time_step or is_sampled(system.elements):
             return None
-        states = unmixed(system)
+        states = unread_apart(system) or unmixed(system)
         return None if states is None else cls(case, states)
 
     def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name in ("case", "states"):  # asked for while it is read from another process
+            raise AttributeError(name)
         return getattr(self.case, name)
 
     def to_system(self) -> LureSystem:
         """The loop in these states."""
-        return self.case.to_system().in_coordinates(self.states.T, self.states.inverse)
+        return self.states.of(self.case.to_system())
 
     def with_values(self, values: Mapping[str, Any]) -> OwnStates:
         """The case with other values, in the same states."""
@@ -49,3 +51,8 @@ class OwnStates:
         """A branch of the case with its cycles in the user's states."""
         special = tuple(replace(s, cycle=self.states.told(s.cycle)) for s in branch.special)
         return replace(branch, special=special, others=tuple(map(self.told, branch.others)))
+
+
+def in_own_states(case: CaseLike) -> CaseLike:
+    """The case, in states of its own where it needs such."""
+    return cast(CaseLike, OwnStates.of(case) or case)  # it passes on what it does not know itself

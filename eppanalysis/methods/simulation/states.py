@@ -30,6 +30,15 @@ class OtherStates:
     inverse: Array
     held: Array
 
+    def of(self, system: LureSystem) -> LureSystem:
+        """A loop with the same states as the user's, such as his own at other values, in these."""
+        apart = system.in_coordinates(self.T, self.inverse)
+        unread = ~(np.any(self.system.A, axis=0) | np.any(self.system.C, axis=0))
+        inverse, T = np.abs(self.inverse), np.abs(self.T)
+        A = np.where((np.abs(apart.A) <= _UNREAD * (inverse @ np.abs(system.A) @ T)) & unread, 0.0, apart.A)
+        C = np.where((np.abs(apart.C) <= _UNREAD * (np.abs(system.C) @ T)) & unread, 0.0, apart.C)
+        return replace(apart, A=A, C=C)
+
     def state(self, y: Array) -> Array:
         """A state of the user's, or rows of them; none stays none."""
         return y @ self.T.T + self.held if y.size else y

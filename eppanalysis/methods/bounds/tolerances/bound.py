@@ -30,6 +30,7 @@ from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question
 from eppanalysis.methods.bounds.result import Finding
 from eppanalysis.methods.bounds.tolerances.distribution import Distribution
 from eppanalysis.methods.bounds.tolerances.result import Quantile, ToleranceBound
+from eppanalysis.methods.continuation.own_states import in_own_states
 from eppanalysis.methods.continuation.steps import Point
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
@@ -178,7 +179,7 @@ def tolerance_bound(
     low, high = (case.si(limit, v) for v in within)
     if not low < high:
         raise EppError(f"tolerance_bound: {limit} is sought within {within[0]} to {within[1]}; expected low < high.")
-    question = Question(case, limit, low, high)
+    question = Question(in_own_states(case), limit, low, high)
     widths = check_tolerances(question, tolerances)
     # How far the bounded parameter is itself off does not move the bound: that is taken off in the end.
     own = widths.pop(limit, 0.0)
