@@ -72,17 +72,19 @@ class Polynomial:
     def at(self, x: float) -> Array:
         """All entries at a place."""
         out = self.base.copy()
-        # As cosines: the place stays within the range, whatever rounding makes of its ends.
-        angle = math.acos(self._share(x))
-        out[self.places] = np.cos(angle * np.arange(self.coefficients.shape[0])) @ self.coefficients
+        out[self.places] = self._cosines(x, len(self.coefficients)) @ self.coefficients
         return out
 
     def slope(self, x: float) -> Array:
         """Derivatives of all entries at a place."""
         out = np.zeros(self.base.size)
-        if self.places.size:
-            out[self.places] = chebyshev.chebval(self._share(x), self._derivative) / self.half
+        out[self.places] = self._cosines(x, len(self._derivative)) @ self._derivative / self.half
         return out
+
+    def _cosines(self, x: float, count: int) -> Array:
+        """So many Chebyshev polynomials at a place."""
+        # As cosines: the place stays within the range, whatever rounding makes of its ends.
+        return np.cos(math.acos(self._share(x)) * np.arange(count))
 
     def _share(self, x: float) -> float:
         return min(max((x - self.middle) / self.half, -1.0), 1.0)

@@ -60,7 +60,7 @@ class Orbit:
     #: Where what is delayed moves: the motion itself, of which the start alone tells too little.
     motion: DelayedMotion | None = None
 
-    @property
+    @cached_property
     def period(self) -> float:
         """Period [s]."""
         return float(self.tau.sum())

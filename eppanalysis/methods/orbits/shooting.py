@@ -274,29 +274,35 @@ def is_met(orbit: Orbit) -> bool:
         return True
     # A turn from the middle of the longest arc, where no guard is near; an orbit that is left within a turn, switch by
     # switch.
-    p = orbit.arcs.n_arcs
-    if _meets(orbit, int(np.argmax(orbit.tau)), p, (1.0 - 1e-6) * orbit.period):
+    p, begin = orbit.arcs.n_arcs, int(np.argmax(orbit.tau))
+    met = _met(orbit, begin, p, (1.0 - 1e-6) * orbit.period)
+    if met == p:
         return True
     arcs = np.flatnonzero(orbit.tau > 1e-9 * orbit.period)
     later = np.append(arcs[1:], arcs[0] + p)
+    # Where the whole turn has left the orbit an arc fails most likely.
+    turned = np.roll(
+        np.column_stack([arcs, later]), -int(np.searchsorted(arcs, (begin + met) % p, side="right")) + 1, 0
+    )
     return arcs.size > 1 and all(
-        _meets(orbit, int(a), int(b - a), 0.5 * float(orbit.tau[a] + orbit.tau[b % p]))
-        for a, b in zip(arcs, later, strict=True)
+        _met(orbit, a, b - a, 0.5 * float(orbit.tau[a] + orbit.tau[b % p])) == b - a for a, b in turned.tolist()
     )
 
 
-def _meets(orbit: Orbit, first: int, count: int, t_end: float) -> bool:
-    """Whether a run from the middle of an arc meets the next `count` events of the orbit and no other until `t_end`."""
+def _met(orbit: Orbit, first: int, count: int, t_end: float) -> int:
+    """How many of the next `count` events of the orbit a run from the middle of an arc meets in time.
+
+    All but the last for one that meets others besides until `t_end`.
+    """
     whole = count == orbit.arcs.n_arcs
     run = _from_middle(orbit, first, 1.1 * orbit.period if whole else t_end, 3)
-    if run.n_kept < count:
-        return False
-    order, arcs = run.order, (first + np.arange(count)) % orbit.arcs.n_arcs
-    if (run.guard[order[:count]] != orbit.arcs.event_sequence.guards[arcs]).any():
-        return False
-    tau, times = orbit.tau[arcs], run.time[order]
-    late = np.abs(times[:count] - (tau.cumsum() - 0.5 * tau[0])).max()
-    return bool(late < 1e-6 * orbit.period) and not (times[count:] < t_end).any()
+    arcs = (first + np.arange(min(count, run.n_kept))) % orbit.arcs.n_arcs
+    tau, times, guards = orbit.tau[arcs], run.time[run.order], run.guard[run.order]
+    late = np.abs(times[: arcs.size] - (tau.cumsum() - 0.5 * orbit.tau[first]))
+    other = (guards[: arcs.size] != orbit.arcs.event_sequence.guards[arcs]) | ~(late < 1e-6 * orbit.period)
+    if other.any():
+        return int(other.argmax())
+    return arcs.size - int(arcs.size == count and (times[count:] < t_end).any())
 
 
 def _from_middle(orbit: Orbit, arc: int, t_end: float, turns: int) -> Run:

@@ -17,6 +17,7 @@ from eppanalysis.methods.continuation.families import Family, interpolate
 from eppanalysis.methods.continuation.labels import Change, standstill
 from eppanalysis.methods.continuation.seeds import steady_case
 from eppanalysis.methods.continuation.steps import bend, last_admissible, other_sequence, step
+from eppanalysis.methods.orbits import shooting
 from eppanalysis.shown import for_people
 from tests.coordinates import InOtherWords, rotated
 from tests.shared import cycles_of
@@ -336,6 +337,24 @@ def test_steps_lead_on_from_a_grazing_contact_however_closely_it_is_located() ->
         assert new.value == pytest.approx(graze.value, rel=1e-6)
         ahead = step(new, 1e-6)
         assert ahead is not None and bend(new, ahead) < 0.1, n_halvings
+
+
+def test_an_orbit_that_has_lost_its_events_is_found_out_where_it_leaves_them(monkeypatch) -> None:
+    """The whole turn tells in which arc the engine meets another event: that one fails, and none of the others is run.
+
+    Each halving of the way to a change of the sequence asks for it.
+    """
+    case = epp.case("fig8a_original")
+    branch = epp.continue_branch(
+        case, "lock_pin.backlash", "2.5 deg", "1.5 deg", n_points=60, max_step=0.01, n_others=0
+    )
+    (change,) = branch.special
+    beyond = step(change.point, 1e-3)
+    assert beyond is not None
+    runs, run = [], shooting.run_hybrid
+    monkeypatch.setattr(shooting, "run_hybrid", lambda *args: runs.append(args) or run(*args))
+    assert shooting.is_met(change.point.orbit) and not shooting.is_met(beyond.orbit)
+    assert len(runs) <= 3 < beyond.orbit.arcs.n_arcs
 
 
 # What a branch covers of what was asked ----------------------------------------------------------------------------
