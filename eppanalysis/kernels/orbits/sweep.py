@@ -70,6 +70,34 @@ def along(channels, a, F, S, g, gs, smooth, y, tau, end, Phi, sigma, row):
     guard_at(channels, g, gs, smooth, end, sigma, slope, row)
 
 
+@njit(**KERNEL)
+def carry(channels, F, S, g, gs, J, smooth, at_once, starts, tau, D):
+    """Carry disturbances of the start, the columns of D (N, m), along arcs from known starts and through their events.
+
+    A number that is none comes back where a guard is only touched.
+    """
+    p, n, N = F.shape
+    m, Phi, E = D.shape[1], np.zeros((N, N)), np.zeros((N, D.shape[1]))
+    end, row, sigma, rate = np.zeros(N), np.zeros(N), np.zeros(S.shape[2]), np.zeros(n)
+    for a in range(p):
+        along(channels, a, F[a], S[a], g[a], gs[a], smooth[a], starts[a], tau[a], end, Phi, sigma, row)
+        _times(Phi, D, E, n, m)
+        if at_once[a] != 1:  # the instant of a sample stands
+            # A switch of another element comes sooner or later with the start: by that time, at the arc's rate, the
+            # disturbance ends elsewhere (docs/theory/sampled.md, Exact orbits).
+            rate_at(F[a], S[a], end, sigma, rate)
+            speed = 0.0
+            for i in range(n):
+                speed += row[i] * rate[i]
+            for j in range(m):
+                sooner = 0.0
+                for i in range(N):
+                    sooner += row[i] * E[i, j]
+                if sooner != 0.0:
+                    accumulate(E[:n, j], -sooner / speed if speed != 0.0 else np.nan, rate)
+        _times(J[a], E, D, N, m)
+
+
 @njit(**PART)
 def _guard_change(channels, by, dg, dgs, gs, smooth, end, sigma, slope):
     """Change of the guard that ends an arc with a parameter, the state at its end held; `by` has the derivatives."""

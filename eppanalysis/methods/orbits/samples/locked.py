@@ -130,41 +130,17 @@ class Round:
         samples = np.flatnonzero(guards == self.strobe.guard) + 1
         # Stretches end behind a sample, so that no jump is torn.
         ends = np.unique(samples[np.searchsorted(samples, np.arange(_AT_ONCE, self.last, _AT_ONCE))])
-        known: dict[tuple[bytes, float], Array] = {}
-        with np.errstate(divide="ignore", invalid="ignore"):
-            for part in np.split(np.arange(self.last + 1), ends[ends <= self.last]):
-                D = self._along(modes[part], guards[part], tau[part], self.rows[part], D, known)
+        for part in np.split(np.arange(self.last + 1), ends[ends <= self.last]):
+            self._carry(D, modes[part], guards[part], tau[part], self.rows[part])
         return D[free]
 
-    def _along(self, modes: IntArray, guards: IntArray, tau: Array, starts: Array, D: Array, known: dict) -> Array:
-        from eppanalysis.kernels.orbits.sweep import along
+    def _carry(self, D: Array, modes: IntArray, guards: IntArray, tau: Array, starts: Array) -> None:
+        from eppanalysis.kernels.orbits.sweep import carry
 
         it = EventSequence(modes, guards, np.full((guards.size, 3), -1), brought_about(self.start.model, guards, tau))
         arcs = Arcs.build(self.start, it)
         at_once = marked(arcs, starts, tau).at_once
-        n, N = arcs.F.shape[1:]
-        sigma = np.zeros(arcs.S.shape[2])
-        for a, y in enumerate(starts):
-            # Most arcs are as long as a sample, to rounding, in the same modes.
-            key = modes[a].tobytes(), round(float(tau[a]) / self.strobe.period, 13)
-            if arcs.smooth[a] or key not in known:
-                end, row, Phi = np.empty(N), np.empty(N), np.empty((N, N))
-                of_arc = arcs.F[a], arcs.S[a], arcs.g[a], arcs.gs[a], arcs.smooth[a]
-                along(arcs.acting, a, *of_arc, y.copy(), tau[a], end, Phi, sigma, row)
-                if not arcs.smooth[a]:
-                    known[key] = Phi
-            if not arcs.smooth[a]:
-                Phi = known[key]
-                end, row, sigma[:] = Phi @ y, arcs.g[a], 0.0
-            E = Phi @ D
-            # A switch of another element comes sooner or later with the start: by that time, at the arc's rate, the
-            # disturbance ends elsewhere (docs/theory/sampled.md, Exact orbits).
-            sooner = row @ E
-            if at_once[a] != 1 and np.any(sooner):  # the instant of a sample stands
-                rate = arcs.F[a] @ end + arcs.S[a] @ sigma
-                E[:n] -= rate[:, None] * (sooner / (row[:n] @ rate))
-            D = arcs.J[a] @ E
-        return D
+        carry(arcs.acting, arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.smooth, at_once, starts, tau, D)
 
     @cached_property
     def multipliers(self) -> ComplexArray | None:

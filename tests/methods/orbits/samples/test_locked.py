@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +12,7 @@ import scipy.linalg
 
 import eppanalysis as epp
 from eppanalysis.methods.orbits.exact import steady_hybrid
-from eppanalysis.methods.orbits.samples.locked import close_locked, starts_on
+from eppanalysis.methods.orbits.samples.locked import Round, close_locked, starts_on
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.elements import ControllerMemory
 from eppanalysis.models.systems.sampled.strobe import Strobe
@@ -88,7 +90,6 @@ def test_where_there_is_no_orbit_of_so_many_samples_none_is_given() -> None:
 @pytest.mark.parametrize("element", [epp.Saturation(-0.3, 0.3), epp.Tanh(0.3)], ids=["switches", "smooth"])
 def test_the_derivative_of_once_round_is_that_of_differences(element: epp.Nonlinearity) -> None:
     from eppanalysis.methods.orbits.exact import steady_hybrid
-    from eppanalysis.methods.orbits.samples.locked import Round
     from eppanalysis.models.systems.sampled.strobe import Strobe
 
     law = epp.SampledController([[0.5]], [[-0.35]], [[1.0]], [[0.4]], 0.1, delay=0.037)
@@ -116,6 +117,24 @@ def test_the_derivative_of_once_round_is_that_of_differences(element: epp.Nonlin
             at = Round.of(strobe, replace(start, x0=moved[:n], H0=moved[n:]), 40)
             ends.append(at.rows[-1, strobe.free])
         np.testing.assert_allclose(P[:, k], (ends[0] - ends[1]) / 2e-6, atol=1e-7)
+
+
+def test_the_derivative_of_a_longer_round_takes_no_more_calls() -> None:
+    """Searches take it hundreds of times over thousands of samples: none of these is passed in the interpreter."""
+    hybrid = steady_hybrid(sampled_relay())
+    strobe = Strobe.of(hybrid)
+    assert strobe is not None
+    start = strobe.begun(hybrid.x0, hybrid.H0, hybrid.modes0)
+    calls = []
+    for n in (20, 20, 120):  # the first may compile
+        once, made = Round.of(strobe, start, n), Counter()
+        assert once is not None and once.rows.size
+        sys.setprofile(lambda frame, event, arg, made=made: made.update([event]))
+        found = once.derivative
+        sys.setprofile(None)
+        assert np.all(np.isfinite(found))
+        calls.append(made.total())
+    assert calls[2] < 1.1 * calls[1]
 
 
 def test_what_does_not_cover_samples_says_so() -> None:
