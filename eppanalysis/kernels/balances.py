@@ -69,12 +69,21 @@ def balance_at(x, places, owner, pivot, static, of_elements, inputs, L, dL, J, R
         total, off = complex(0.0, 0.0), -prescribed[r]
         for j in range(owner.size):
             o, share = owner[j], on_mean[r, j]
-            place, z = places[o], inputs[o]
+            place = places[o]
+            if share != 0.0:
+                off += share * mean[j]
+                level[place] += share * by_mean[0, j]
+                level[2 * m + o] += share * by_mean[1, j]
+                if moves:
+                    level[1] += share * by_mean[2, j]
+            # Of the few outputs of a loop fewer yet act on an input.
+            if L[r, j] == 0.0 and not (moves and dL[r, j] != 0.0):
+                continue
+            z = inputs[o]
             response = L[r, j] * front
             output = gain[j] * z
             loop = response * output
             total += loop
-            off += share * mean[j]
             # By the logarithm of an amplitude and by a phase an output changes by itself, and by itself times j:
             # what the slope of the gain adds is all that has to be differenced (docs/theory/index.md, Several
             # elements).
@@ -82,19 +91,16 @@ def balance_at(x, places, owner, pivot, static, of_elements, inputs, L, dL, J, R
                 real[place + 1] -= loop.imag
                 imaginary[place + 1] += loop.real
             response *= z
-            for k in range(3 if moves else 2):
-                by = response * by_gain[k, j]
-                c = place
-                if k == 0:
-                    by += loop
-                elif k == 1:
-                    c = 2 * m + o
-                else:
-                    by += dL[r, j] * front * output
-                    c = 1
-                real[c] += by.real
-                imaginary[c] += by.imag
-                level[c] += share * by_mean[k, j]
+            by = response * by_gain[0, j] + loop
+            real[place] += by.real
+            imaginary[place] += by.imag
+            by = response * by_gain[1, j]
+            real[2 * m + o] += by.real
+            imaginary[2 * m + o] += by.imag
+            if moves:
+                by = response * by_gain[2, j] + dL[r, j] * front * output
+                real[1] += by.real
+                imaginary[1] += by.imag
         real[places[r]] -= total.real
         imaginary[places[r]] -= total.imag
         if r == pivot:
@@ -200,13 +206,12 @@ def solve_at(J, R, rows, columns, border, edge, matrix, step):
     _eliminate(matrix)
     n, regular = columns.size, True
     for k in range(n - 1, -1, -1):
-        row = matrix[k]
-        value = row[n]
-        for c in range(k + 1, n):
-            value -= row[c] * matrix[c, n]
-        row[n] = value / row[k]
-        step[columns[k]] = row[n]
-        regular = regular and math.isfinite(row[n])
+        value = matrix[k, n] / matrix[k, k]
+        # Taken from all rows above at once, no sum waits for its last product.
+        for r in range(k):
+            matrix[r, n] -= matrix[r, k] * value
+        step[columns[k]] = value
+        regular = regular and math.isfinite(value)
     if not regular:
         step[:] = 0.0
     return regular

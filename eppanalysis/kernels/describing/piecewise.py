@@ -9,8 +9,8 @@ so that saturated pieces add nothing and monotone maps cancel nothing. Angles ar
 the angle from the peak, which keeps the relative accuracy both of pieces much narrower than the amplitude and of
 amplitudes that only just pass a threshold.
 
-Pieces are the outer loop and amplitudes the inner one, without a branch or a library call in it, so that the compiler
-works on several amplitudes at once; the arc sine and what is left of it are polynomials for that reason.
+Pieces are the outer loop and amplitudes the inner one; what an amplitude does not reach costs it nothing. The arc sine
+and what is left of it are polynomials of one order, which take a fraction of what library calls take.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ CHUNK = 512
 #: of Euler and Maclaurin's formula, Bernoulli numbers over factorials.
 FEW, ENDS, BERNOULLI = 128, 32, (1 / 12, -1 / 720, 1 / 30240, -1 / 1209600)
 EPSILON = float(np.finfo(float).eps)
-#: Order of the polynomials: their error falls as (3 + sqrt 8)**-order, to rounding.
+#: Order of the polynomials, as `_value` has them: their error falls as (3 + sqrt 8)**-order, to rounding.
 ORDER = 20
 #: Terms of the power series that the polynomials are made from, for squares up to one half.
 SERIES = 60
@@ -60,11 +60,15 @@ LEVER = _polynomial(lambda k: 2 * k / (2 * k + 3), 1 / 3)
 
 @njit(inline="always")
 def _value(coefficients, q):
-    x = 4.0 * q - 1.0
-    value = coefficients[ORDER]
-    for k in range(ORDER - 1, -1, -1):
-        value = value * x + coefficients[k]
-    return value
+    x, c = 4.0 * q - 1.0, coefficients
+    s = x * x
+    # Even and odd powers apart, as one sum alone would wait for each of its products; written out, as a loop would
+    # choose among the coefficients at each turn.
+    even = ((((c[20] * s + c[18]) * s + c[16]) * s + c[14]) * s + c[12]) * s + c[10]
+    even = ((((even * s + c[8]) * s + c[6]) * s + c[4]) * s + c[2]) * s + c[0]
+    odd = (((c[19] * s + c[17]) * s + c[15]) * s + c[13]) * s + c[11]
+    odd = ((((odd * s + c[9]) * s + c[7]) * s + c[5]) * s + c[3]) * s + c[1]
+    return even + x * odd
 
 
 @njit(inline="always")
@@ -96,8 +100,8 @@ def _add_piece(start, end, slope, side, amplitude, bias, mean, gain, level, sway
         near, far = max(near, 0.0), min(far, A)
         swept = (end - start) * side if whole else far - near
         inside = (far > near) & (A > 0.0)
-        A = A if inside else 1.0
-        near, far, swept = (near, far, swept) if inside else (0.0, 1.0, 1.0)
+        if not inside:
+            continue
         s1, c1 = _halves(A, near)
         s2, c2 = _halves(A, far)
         sin_middle, cos_middle = s1 * c2 + c1 * s2, c1 * c2 - s1 * s2
@@ -108,10 +112,10 @@ def _add_piece(start, end, slope, side, amplitude, bias, mean, gain, level, sway
         cube = sin_width * q
         here = cube * _value(EXCESS, q) + 2.0 * flat * sin_middle * cos_width
         lever = 2.0 * (_angle(sin_middle, cos_middle) * flat + cos_middle * cube * _value(LEVER, q))
-        gain[i] += 2.0 / math.pi * slope * here if inside else 0.0
-        mean[i] += side * slope / math.pi * A * lever if inside else 0.0
-        level[i] += 2.0 / math.pi * slope * sin_width * _value(ASIN, q) if inside else 0.0
-        sway[i] += side * 2.0 / math.pi * slope * sin_width * cos_middle if inside else 0.0
+        gain[i] += 2.0 / math.pi * slope * here
+        mean[i] += side * slope / math.pi * A * lever
+        level[i] += 2.0 / math.pi * slope * sin_width * _value(ASIN, q)
+        sway[i] += side * 2.0 / math.pi * slope * sin_width * cos_middle
 
 
 @njit(**PART, error_model="numpy")
