@@ -8,6 +8,8 @@ with an artificial gain; where that gain is one there is a limit cycle.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -234,6 +236,7 @@ def _gains(balance: Balance, omega: Array) -> tuple[Array, Array]:
     return a, np.abs(balance.evaluate(a[:, None] + zero, zero, np.full(a.size, omega[0]))[1])
 
 
+@lru_cache(maxsize=4)
 def usual_amplitudes(balance: Balance) -> Array:
     """An amplitude for the input of each element, shape (m,), that goes with the units of the loop.
 
