@@ -57,6 +57,7 @@ def test_prediction_from_the_identified_case_is_that_from_the_true_one(oscillati
         assert b.amplitude("theta") == pytest.approx(a.amplitude("theta"), rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_response_that_settles_identifies_the_drive_too(tmp_path, few_draws):
     bench = step_response(
         6, known={"lock_pin.backlash": np.radians(0.3), "drive.electrical_time_constant": 1e-3}, t_end=1.0

@@ -376,6 +376,7 @@ class TestElbow:
             assert cycle.mean["pin_torque"] == pytest.approx(-R * cycle.mean["harness_force"], rel=1e-9)
             assert cycle.mean["motor_torque"] == pytest.approx(cycle.mean["pin_torque"], rel=1e-9)
 
+    @pytest.mark.slow
     def test_no_other_cycle_from_many_random_starts(self):
         from eppanalysis.methods.describing.balance import Balance, newton
         from eppanalysis.methods.describing.curves import distinct
