@@ -46,9 +46,10 @@ ELEMENTS: dict[str, type[Nonlinearity]] = {}
 class OwnStates:
     """Linear states that an element brings into the loop, between the loop's signals and its automaton's.
 
-    With the loop's signal x before the element and y behind it, and inputs z and outputs w of the automaton,
+    With the loop's signal x before the element and y behind it, and inputs z and outputs w of the automaton, ::
 
-        ds/dt = A s + B [x; w] + rate,    [z; y] = C s + D [x; w]
+        ds/dt = A s + B [x; w] + rate
+        [z; y] = C s + D [x; w]
 
     Parameters
     ----------

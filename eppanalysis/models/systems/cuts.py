@@ -18,9 +18,11 @@ from eppanalysis.errors import ModelError, shown
 class Cuts:
     """Named places of a loop, each with the disturbance ``d`` that is added there and the signal ``y`` before it.
 
-    With the disturbance of one place the loop is
+    With the disturbance of one place the loop is ::
 
-        dx/dt = ... + B d(t - delay),    z = ... + E d,    y = C x + D w + F d
+        dx/dt = ... + B d(t - delay)
+        z = ... + E d
+        y = C x + D w + F d
 
     Cut open there, ``u = y + d`` is what goes on from the place and no longer follows ``y``.
 

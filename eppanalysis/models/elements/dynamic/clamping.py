@@ -36,9 +36,11 @@ from eppanalysis.models.elements.static import Saturation
 class ClampedPID(LimitedPID, kind="clamped_pid"):
     """PID controller whose output is limited, with anti-windup by clamping (conditional integration).
 
-    With the error e and the output v that it would have without limits,
+    With the error e and the output v that it would have without limits, ::
 
-        v = kp e + s + kd/filter_time (e - d),    u = clip(v, lower, upper),    dd/dt = (e - d)/filter_time
+        v = kp e + s + kd/filter_time (e - d)
+        u = clip(v, lower, upper)
+        dd/dt = (e - d)/filter_time
 
     the integrator s is held, ds/dt = 0, while v is beyond a limit and ki e would drive it further; else ds/dt = ki e.
     Where v comes back from a limit only while s is held, v stays at the limit, and s moves by what keeps it there.

@@ -53,10 +53,12 @@ class LimitedPID(Nonlinearity):
 class AntiWindupPID(LimitedPID, PiecewiseLinear, kind="anti_windup_pid"):
     """PID controller whose output is limited, with anti-windup by back-calculation.
 
-    With the error e and the output v that it would have without limits,
+    With the error e and the output v that it would have without limits, ::
 
-        v = kp e + s + kd/filter_time (e - d),    u = clip(v, lower, upper),
-        ds/dt = ki e + (u - v)/tracking_time,     dd/dt = (e - d)/filter_time
+        v = kp e + s + kd/filter_time (e - d)
+        u = clip(v, lower, upper)
+        ds/dt = ki e + (u - v)/tracking_time
+        dd/dt = (e - d)/filter_time
 
     so that the integrator s follows the limit within the tracking time. Its states start at zero. What it says of
     itself, its describing function included, is that of the saturation, from v to u; the states are the loop's. Margins

@@ -55,9 +55,10 @@ class ControllerMemory(NamedTuple):
 class SampledController(Nonlinearity):
     """A linear controller in discrete time in a loop of continuous time: sampler, state space, hold.
 
-    At the samples ``t[k] = offset + k sample_time`` it reads its inputs u, and
+    At the samples ``t[k] = offset + k sample_time`` it reads its inputs u, and ::
 
-        y[k] = C x[k] + D u[k],    x[k+1] = A x[k] + B u[k]
+        y[k] = C x[k] + D u[k]
+        x[k+1] = A x[k] + B u[k]
 
     y[k] is held at its outputs from ``t[k] + delay`` on. A static element (saturation, quantiser) in front of it or
     behind it acts as one in the discrete part would. Samples of several controllers at the same instant are taken one
