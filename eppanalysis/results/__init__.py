@@ -98,9 +98,9 @@ class LimitCycle(Result):
     time, waveform : array, dict of str to array
         One period, sampled.
     state, memory : array, shape (n,), tuple
-        State of the loop at the begin of the period, and what each element remembers there (as its ``output`` takes it:
-        a number, a ``Slip``, a pair; None for nothing): what `x0` and `memory` of a system are, from which a run goes
-        on. Empty when unknown. What is on its way through a dead time is not part of it.
+        State of the loop at the beginning of the period, and what each element remembers there (as its ``output`` takes
+        it: a number, a ``Slip``, a pair; None for nothing): what `x0` and `memory` of a system are, from which a run
+        goes on. Empty when unknown. What is on its way through a dead time is not part of it.
     mean_state : array, shape (n,)
         Mean of the state over a period, about which starts of other sizes are made. Empty when unknown.
     event_states : array, shape (events, n)

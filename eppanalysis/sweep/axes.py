@@ -49,11 +49,31 @@ class _Ranges:
 
 
 class LatinHypercube(_Ranges):
-    """Latin hypercube sample of `n` cells in `ranges`, along "sample" (scipy.stats.qmc.LatinHypercube)."""
+    """Latin hypercube sample of `n` cells in `ranges`, along "sample" (scipy.stats.qmc.LatinHypercube).
+
+    Parameters
+    ----------
+    ranges : mapping of str to range
+        By parameter: "start:stop:unit", or a pair of quantities.
+    n : int
+        Number of cells.
+    seed : int
+        Of the sample.
+    """
 
 
 class Sobol(_Ranges):
-    """Scrambled Sobol sample of `n` cells (a power of two) in `ranges`, along "sample" (scipy.stats.qmc.Sobol)."""
+    """Scrambled Sobol sample of `n` cells (a power of two) in `ranges`, along "sample" (scipy.stats.qmc.Sobol).
+
+    Parameters
+    ----------
+    ranges : mapping of str to range
+        By parameter: "start:stop:unit", or a pair of quantities.
+    n : int
+        Number of cells, a power of two.
+    seed : int
+        Of the scrambling.
+    """
 
 
 @checked_class

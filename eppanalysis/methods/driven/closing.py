@@ -115,7 +115,7 @@ def is_true(orbit: Orbit) -> bool:
 
 
 def begun(orbit: Orbit) -> HybridSystem:
-    """The system at the begin of an orbit."""
+    """The system at the beginning of an orbit."""
     return restarted(orbit.hybrid, orbit.arcs, orbit.y, orbit.arcs.event_sequence.modes[0])
 
 

@@ -53,7 +53,7 @@ class PeriodicResponse(Brief):
     multiple : int
         That number: 1 where the loop follows the input, more for a subharmonic.
     phase : float
-        Phase of the input at the begin of `cycle` [rad]; zero unless an element switches just there.
+        Phase of the input at the beginning of `cycle` [rad]; zero unless an element switches just there.
     amplitude : float
         Of the input, in its SI unit.
     cycle : LimitCycle

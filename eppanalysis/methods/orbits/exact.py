@@ -274,6 +274,6 @@ def _once_round(hybrid: HybridSystem, cycle: LimitCycle) -> Run:
 
 
 def start_of(hybrid: HybridSystem, cycle: LimitCycle) -> tuple[Array, Array]:
-    """State with inputs, and memory values, at the begin of a cycle."""
+    """State with inputs, and memory values, at the beginning of a cycle."""
     start = hybrid.begun(cycle.state, cycle.memory)
     return start.x0, start.H0

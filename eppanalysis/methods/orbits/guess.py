@@ -104,7 +104,7 @@ def make_guess(
     modes, guards : int arrays, shapes (p, elements), (p,)
         Modes on each arc, guard at its end.
     starts : array, shape (p, n + memory)
-        State and memory values at the begin of each arc.
+        State and memory values at the beginning of each arc.
     tau : array, shape (p,)
         Dwell times [s].
     like : Guess, optional

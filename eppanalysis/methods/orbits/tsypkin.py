@@ -106,7 +106,7 @@ class Pulses:
         return np.asarray(np.where(still, t, np.expm1(self.poles * t) / np.where(still, 1.0, self.poles)), complex)
 
     def _states(self, w: Array, h: Array) -> tuple[ComplexArray, ComplexArray]:
-        """Modes at the begin of a pulse and at its end, shape (..., n)."""
+        """Modes at the beginning of a pulse and at its end, shape (..., n)."""
         w, h = w[..., None], h[..., None]
         force = self.level * self.given
         begin = -force * (self._forced(h) - self._forced(h - w)) / (1.0 + np.exp(self.poles * h))

@@ -21,7 +21,27 @@ _SLOW = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class StateSpace:
-    """``dx/dt = A x + B u, y = C x + D u`` (or its discrete-time form when `time_step` is set)."""
+    """``dx/dt = A x + B u, y = C x + D u`` (or its discrete-time form when `time_step` is set).
+
+    Parameters
+    ----------
+    A, B, C, D : array_like, shapes (n, n), (n, nu), (ny, n), (ny, nu)
+        Of n states, nu inputs and ny outputs; n may be zero.
+    time_step : float, optional
+        Sample time of a system in discrete time [s].
+
+    Raises
+    ------
+    ModelError
+        If shapes do not fit or a number is not finite.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> plant = epp.StateSpace([[-1.0]], [[1.0]], [[2.0]], [[0.0]])
+    >>> epp.LureSystem.from_tf(plant, epp.Saturation()).A.tolist()
+    [[-1.0]]
+    """
 
     A: Array
     B: Array

@@ -71,7 +71,7 @@ class CertifiedOrbit(WithFile):
     events : tuple of str
         The events of a period, in their order: element and event.
     state : array, shape (n,)
-        State of the loop at the begin of the period.
+        State of the loop at the beginning of the period.
     stability : OrbitStability
     stability_message : str
         Why stability is not decided; empty where it is.

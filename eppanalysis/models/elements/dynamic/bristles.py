@@ -197,7 +197,8 @@ class LuGreFriction(StateOutput, kind="lugre_friction"):
 
     With the bristles' force z and the Stribeck curve g::
 
-        g = coulomb + (static - coulomb) exp(-(v/velocity)**2),    dz/dt = stiffness (v - |v| z/g),
+        g = coulomb + (static - coulomb) exp(-(v/velocity)**2)
+        dz/dt = stiffness (v - |v| z/g)
         F = z + (damping/stiffness) dz/dt + viscous v
 
     It begins at its memory, the bristles' force, which is zero where none is given.
