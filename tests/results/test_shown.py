@@ -366,6 +366,7 @@ EMPTY = {
     epp.Prediction: {"cycles": (), "curves": {"kind": "residual"}},
     epp.DesignBounds: {"cells": (BoundCell(9.0, Finding.SCALES),)},
     epp.Guide: {"rows": ()},
+    epp.ForcedResponse: {"responses": ()},
     epp.Boundary: {"points": np.full((1, 2), np.nan)},
     Basin: {"starts": np.zeros((0, 2)), "ends": np.zeros(0, int)},
     BatchResult: {"status": (), "period": np.zeros(0), "peak_to_peak": {}, "mean": {}},
@@ -378,6 +379,12 @@ def test_a_result_that_holds_nothing_shows_itself_too(kind):
     assert str(empty) in repr(empty) and "nan" not in str(empty)
     page = empty._repr_html_()
     assert "base64" in page or "No picture: " in page
+
+
+def test_responses_of_which_there_are_none_are_drawn_as_a_sentence():
+    """The command refused them with an empty list of signals."""
+    none = replace(examples()[epp.ForcedResponse], responses=())
+    assert [text.get_text() for text in none.plot(signals=["x"]).texts] == ["There is no response to draw."]
 
 
 def test_a_long_table_is_cut_in_the_middle():

@@ -12,6 +12,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.methods.driven.result import ForcedResponse, FrequencyResponse, Over, ResponseBranch, Turning
 from eppanalysis.plotting import (
     BLUE,
+    DARK,
     GREEN,
     GREY,
     ORANGE,
@@ -23,6 +24,7 @@ from eppanalysis.plotting import (
     label_time,
     label_up,
     legend_below,
+    place_of,
     places_of,
     put_legend,
 )
@@ -117,10 +119,14 @@ def plot_forced_response(response: ForcedResponse, signals: list[str] | None = N
     Raises
     ------
     EppError
-        If there is no response, or no such signal.
+        If there is no such signal.
     """
-    available = response.responses[0].cycle.waveform if response.responses else {}
-    names = chosen(available, signals)
+    if not response.responses:
+        figure, panel = place_of(ax, 0.6)
+        panel.set_axis_off()
+        panel.text(0.5, 0.5, "There is no response to draw.", transform=panel.transAxes, ha="center", color=DARK)
+        return figure
+    names = chosen(response.responses[0].cycle.waveform, signals)
     figure, panels = places_of(ax, len(names))
     for name, panel in zip(names, panels, strict=False):
         for number, one in enumerate(response.responses, start=1):
