@@ -195,11 +195,10 @@ def _advice(
     there = run.limit_cycle is not None or bool(cycles)
     if not there:
         keep = "" if branch is None or end is None else f" {_beside(case, branch, end)}"
-        searched = (
-            ""
-            if cycles is None or (proof is not None and proof.proved)
-            else " The search is thorough and no proof: eppanalysis certify --statement absence asks for one."
-        )
+        # What was asked and refused is not advised.
+        asks = ": eppanalysis certify --statement absence asks for one" if proof is None else ""
+        proved = proof is not None and proof.proved
+        searched = "" if cycles is None or proved else f" The search is thorough and no proof{asks}."
         rests = run.status is Status.SETTLED or (cycles is not None and not cycles.left_open)
         longer = "Simulate for longer (run.t_end), or ask eppanalysis cycles."
         return f"Nothing, at these values.{keep}{searched}" if rests else longer

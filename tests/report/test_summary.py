@@ -50,3 +50,12 @@ def test_the_page_says_which_sentence_is_a_theorem(gain, words):
     said = dict(epp.first_page(case, run, proof=proof).known)["Proved"]
     assert words in said
     assert said.endswith("This sentence is a theorem, all others here are computed.") == proof.proved
+
+
+def test_a_proof_that_was_refused_is_not_advised():
+    case = epp.case("fig8b_reduced_backlash")
+    run, cycles = epp.simulate(case), epp.find_limit_cycles(case)
+    refused = epp.certify(epp.case("stiction_deadband_none"), "absence")
+    assert not refused.proved and not len(cycles)
+    asked, unasked = (epp.first_page(case, run, cycles=cycles, proof=proof).advice for proof in (refused, None))
+    assert "no proof." in asked and "certify" not in asked and "certify --statement absence" in unasked
