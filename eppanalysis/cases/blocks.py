@@ -92,13 +92,7 @@ class Held(Enum):
 def field_types(made: type[Nonlinearity]) -> dict[str, Held]:
     """What each field of an element holds by its annotation."""
     hints = get_type_hints(made)
-    return {name: _field_type(hints[name]) for name in _fields(made)}
-
-
-@cache
-def _fields(made: type[Nonlinearity | LinearBlock]) -> Mapping[str, inspect.Parameter]:
-    """The fields that a part is made of."""
-    return inspect.signature(made).parameters
+    return {name: _field_type(hints[name]) for name in inspect.signature(made).parameters}
 
 
 def _field_type(hint: Any) -> Held:
@@ -293,7 +287,8 @@ def needed(
 ) -> dict[str, Callable[[float], Any]]:
     """What may stand in for the fields that a part needs and that are not given: made of a number, lists as long."""
     forms = declared_fields(made) if issubclass(made, LinearBlock) else field_types(made)
-    lacking = [k for k, p in _fields(made).items() if p.default is inspect.Parameter.empty and k not in given]
+    parameters = inspect.signature(made).parameters.items()
+    lacking = [k for k, p in parameters if p.default is inspect.Parameter.empty and k not in given]
     return {key: partial(_stand_in, forms[key], length, i + 1) for i, key in enumerate(lacking)}
 
 
