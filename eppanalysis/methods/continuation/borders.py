@@ -20,6 +20,10 @@ from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, solve
 
 #: Arcs that are tried, soonest first; farthest border, relative to the parameter's range.
 _MOST_ARCS, _REACH = 3, 1e-2
+#: How far a border may be from where the engine says that the sequence changes.
+_BISECTED = 1e-3
+#: Durations from which the branch is drawn on to none at all, of a period.
+_SHORT = 5e-5
 #: How far beyond a border the new sequence must hold.
 _BEYOND = (1e-6, 1e-5, 1e-4, 1e-3)
 
@@ -90,6 +94,32 @@ def border_collision(inside: Point, new: Point | None) -> Point:
     if new is None or new.orbit.arcs.n_arcs < inside.orbit.arcs.n_arcs:
         return next(borders(inside), inside)
     return next(borders(new, ahead=False), inside)
+
+
+def visit_ends(inside: Point, new: Point) -> Point:
+    """Where a branch that goes on loses a visit, exactly; the given point where no such border is near.
+
+    The engine does not meet a visit that is shorter than its rounding, which is larger in turned states.
+    """
+    shorter = new.orbit.arcs.n_arcs < inside.orbit.arcs.n_arcs
+    found = next(borders(inside), None) if shorter else None
+    if found is None or found.arc is None:
+        return inside
+    if inside.orbit.arcs.event_sequence.at_once[found.arc] == 2:
+        found = _limit(inside, found.arc) or inside
+    return found if abs(found.value - inside.value) < _BISECTED * inside.family.width else inside
+
+
+def _limit(inside: Point, arc: int) -> Point | None:
+    """A point with the value to which its branch comes as an arc that begins on its own guard becomes ever shorter.
+
+    At no duration at all such an arc is on its guard whatever the orbit, and shortly before rounding tells its end.
+    """
+    place = inside.orbit.arcs.free.size + arc
+    row = np.eye(1, inside.unknowns.size, place)[0]
+    aside = [inside.unknowns + (k * _SHORT * inside.orbit.period - inside.unknowns[place]) * row for k in (1, 2, 3)]
+    values = [p.value for p in (point_across(inside, u, row) for u in aside) if p is not None]
+    return replace(inside, value=float(np.dot([3.0, -3.0, 1.0], values))) if len(values) == 3 else None
 
 
 def _without_visit(border: Point) -> Guess | None:

@@ -12,7 +12,7 @@ import numpy as np
 from eppanalysis.arguments import check_counts
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
-from eppanalysis.methods.continuation.borders import across, border_collision, borders
+from eppanalysis.methods.continuation.borders import across, border_collision, borders, visit_ends
 from eppanalysis.methods.continuation.cover import Gap, gaps
 from eppanalysis.methods.continuation.doubling import doubled, half_alike
 from eppanalysis.methods.continuation.families import Family
@@ -360,8 +360,7 @@ class Walk:
         new, back = other_sequence(inside, outside)
         if new is None:  # the old sequence, no longer true, may lead back to where it came from
             return self._lost(points, inside, outside)
-        if back:
-            inside = border_collision(inside, new)
+        inside = border_collision(inside, new) if back else visit_ends(inside, new)
         return self._crossed(points, inside, new, back)
 
     def _crossed(
