@@ -124,8 +124,7 @@ def design_bounds(
         Processes that correct and test; results do not depend on their number. More than one needs a script that is
         guarded by ``if __name__ == "__main__"``.
     sweep : HarmonicSweep, optional
-        An earlier sweep of harmonic balances of the same case, whose compiled programmes are used again; a new one
-        by default.
+        An earlier sweep of the same case, whose compiled programmes are used again; a new one by default.
     progress : callable, optional
         Told the number of cells done, of all cells, and nothing in words.
 
@@ -182,8 +181,7 @@ def design_bounds(
     else:
         cells = _cells(sweep, values, settings, workers, progress)
     if prove:
-        given = replace(question, case=case)
-        cells = [with_proofs(given.at(c.value), c) for c in cells]
+        cells = [with_proofs(replace(question, case=case).at(c.value), c) for c in cells]
     facts = {"over": over, "limit": limit, "within": (low, high), "margin": margin, "starts": starts, "seed": seed}
     facts |= {} if allowed is None else {"allowed": allowed.to_dict()}
     known = {name: value_of(case, name) for name in (over, limit)}
