@@ -138,7 +138,10 @@ def climb(
 ) -> Climb:
     """Balances and exact orbits between a prediction and a run (each with the seconds it took)."""
     clock = Clock()
-    search, why_not = _search(system, at, prediction[0])
+    if system.time_step and run[0].limit_cycle is not None:
+        search, why_not = None, "In discrete time the simulation is exact, and errors are against it."
+    else:
+        search, why_not = _search(system, at, prediction[0])
     search_seconds = prediction[1] + clock.lap()  # a search begins at the predicted cycles
     truth: Sequence[LimitCycle] = search.cycles if search else ()
     if system.time_step and run[0].limit_cycle is not None:
@@ -167,10 +170,6 @@ def _foreseen(prediction: Prediction | None, search: CycleSearch | None, signal:
 
 
 def _search(system: LureSystem, at: OperatingPoint, prediction: Prediction | None) -> tuple[CycleSearch | None, str]:
-    if system.time_step:
-        return None, (
-            "In discrete time there is no orbit between samples: the simulation is exact, and errors are against it."
-        )
     try:
         return find_limit_cycles(system, at, predicted=prediction.cycles if prediction else ()), ""
     except EppError as error:

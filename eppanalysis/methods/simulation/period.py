@@ -133,9 +133,9 @@ def resting(signals: Mapping[str, Array], more: Array) -> dict[str, float]:
 def tendency(hybrid: HybridSystem, signals: Mapping[str, Array]) -> str:
     """A sentence where a signal is farther from its start in each third of a run than before, or swings less.
 
-    Nothing elsewhere, and where another one swings more.
+    Nothing elsewhere, and where another one swings more. What elements give is not asked: it jumps.
     """
-    apart = np.any(free_of(hybrid), axis=1)
+    apart = np.any(free_of(hybrid), axis=1) | np.any(hybrid.model.Yw, axis=1)
     swings: dict[str, Array] = {}
     for name, v in (pair for pair, goes_on in zip(signals.items(), apart, strict=True) if not goes_on):
         thirds = np.array_split(v, 3)

@@ -192,10 +192,10 @@ def test_a_run_that_is_too_short_is_no_witness_but_the_exact_search_is() -> None
     assert "simulate for longer" in result.verdict and not result.missed
 
 
-def test_a_run_that_is_too_short_leaves_the_question_open_where_nothing_else_can_tell() -> None:
+def test_in_discrete_time_the_search_is_a_witness_too_where_a_run_is_too_short() -> None:
     result = epp.ladder(epp.case("backlash_discrete_pi_kp05_ki01").with_values({"run.t_end": "3 s"}))
-    assert result.agreement is Agreement.UNDECIDED and result.search is None
-    assert "neither confirmed nor refuted" in result.verdict
+    assert result.agreement is Agreement.FOUND and result.outcome == "undecided"
+    assert result.search.stable and "simulate for longer" in result.verdict
 
 
 HUNTING = """
@@ -359,3 +359,15 @@ def test_what_the_search_leaves_open_is_said_beside_what_it_finds() -> None:
     left = replace(found.search, status=Status.UNDECIDED, left_open=("2 runs neither settled nor repeated themselves",))
     for told in (str(replace(found, search=left)), _sentence(left, "")):
         assert "The search leaves something open: 2 runs neither settled nor repeated themselves." in told
+
+
+def test_in_discrete_time_a_run_at_rest_does_not_confirm_a_prediction_that_misses_cycles() -> None:
+    """A sampled servo with an encoder of coarse steps rests where it starts, and swings from other starts."""
+    loop = epp.LureSystem.build(
+        [[1.0, 0.7435], [0.0, 0.5353]], [[0.2565], [0.4647]], [[-1.0, 0.0]], [epp.Quantiser(1.0, 20)],
+        time_step=1.0, x0=[0.3, 0.0],
+    )  # fmt: skip
+    result = epp.ladder(loop)
+    assert result.run.status is epp.Status.SETTLED and len(result.prediction) == 0
+    assert result.search.stable and "First order misses stable limit cycles that exist" in str(result)
+    assert result.search.stable[0].period == round(result.search.stable[0].period)

@@ -245,6 +245,14 @@ def test_a_run_that_dies_down_slowly_says_how_far_it_has_come(drag: float) -> No
         assert [float(part) for part in said.groups()] == pytest.approx(shares, abs=0.6)
 
 
+def test_what_friction_gives_is_not_said_to_go_further_and_further() -> None:
+    """A short run of a stage that sticks: its friction grows with the integral up to the slip, never beyond."""
+    A = [[0.0, 1.0, 0.0], [-10.0, -1.0, -5.0], [1.0, 0.0, 0.0]]
+    stage = epp.LureSystem.build(A, [[0], [-1], [0]], [[0, 1, 0]], [epp.Friction(1.0, 2.0)], x0=[0.1, 0, 0])
+    run = epp.simulate(stage, t_end=10.0)
+    assert run.status is epp.Status.UNDECIDED and "further" not in str(run)
+
+
 def test_every_form_of_t_eval_gives_the_same_motion() -> None:
     case = epp.case("fig8a_original")
     system = case.to_system()
