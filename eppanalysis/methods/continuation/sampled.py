@@ -55,6 +55,8 @@ _BORDER, _BORDER_OF_RUNS = 1e-6, 2e-3
 #: either side, and starts on the last orbit for each, with their sizes.
 _BEYOND, _NEIGHBOURS, _STARTS = 1e-4, 5, 12
 _SIZES = (1.0, 0.8, 1.25)
+#: Decimals of the distance of two cycles beyond which it is rounding.
+_TIED = 6
 #: Turns of a run, and of the one that goes on where that says nothing.
 _TURNS = (12.0, 24.0)
 #: Steps of the engine, and what is worth as many, after which a branch ends: a minute or two.
@@ -236,7 +238,8 @@ class _Point:
         tried = (here.carried(self.once, *start) for start in starts)
         found = [here.locked(once) for once in tried if once is not None]
         near = [p for p in found if p is not None and away(p.cycle, self.cycle) < np.log(2.0)]
-        return min(near, key=lambda p: away(p.cycle, self.cycle), default=None)
+        # Of cycles of the same period and size, as of other rests between the same pulses, the first that was tried.
+        return min(near, key=lambda p: round(away(p.cycle, self.cycle), _TIED), default=None)
 
     def row(self) -> dict[str, float]:
         """What the branch keeps of it."""

@@ -104,10 +104,7 @@ def test_branches_do_not_depend_on_coordinates_and_units(name):
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", SAMPLED)
-def test_branches_of_sampled_loops_do_not_depend_on_coordinates(name, seed, request):
-    if (name, seed) == ("relay", 1):
-        why = "which of two cycles of ten samples a run ends on, begun where that of nine ceases, is left to rounding"
-        request.applymarker(pytest.mark.xfail(reason=why, strict=False))
+def test_branches_of_sampled_loops_do_not_depend_on_coordinates(name, seed):
     make, (parameter, *over) = SAMPLED[name]
     cases = make(), InOtherWords(make(), lambda system: rotated(system, seed))
     wanted, found = (epp.continue_branch(case, parameter, *over, n_others=0, max_step=0.1) for case in cases)
