@@ -82,10 +82,18 @@ class Expressions:
     plan: Plan
     layout: Layout
     residual: Any  # from (unknowns, numbers) to the equations
-    slope: Any  # from the same to their derivative by the unknowns
-    #: From (unknowns, numbers, multipliers) to the gradient of ``multipliers @ equations`` by the numbers.
-    by_numbers: Any
     used: BoolArray  # which numbers are not structurally zero
+
+    @cached_property
+    def by_numbers(self) -> Any:
+        """From (unknowns, numbers, multipliers) to the gradient of ``multipliers @ equations`` by the numbers."""
+        # Elasticities need the multipliers times the derivative by the numbers
+        # alone: one gradient in place of a Jacobian with a column for every number.
+        X, theta = self.residual.sx_in()
+        equations = self.residual(X, theta)
+        weights = ca.SX.sym("weights", equations.numel())
+        gradient = ca.gradient(ca.dot(weights, equations), theta)
+        return ca.Function("by_numbers", [X, theta, weights], [gradient])
 
     def scales(self, X: Array) -> Array:
         """Sizes of the unknowns, shape (n,): amplitudes of the series, the frequency, one turn."""
@@ -100,12 +108,6 @@ class Expressions:
         for e, s in enumerate(layout.holds):
             out[s] = max(size[e], 1e-300)
         return out
-
-    def sizes(self, X: Array, theta: Array, scales: Array) -> Array:
-        """Sizes of the equations: the largest change that a scaled unknown makes."""
-        # IPOPT has one tolerance for all equations, whose units differ; divided by these sizes each counts alike.
-        size = (np.abs(np.array(self.slope(X, theta))) * scales).max(1)
-        return np.where(size > 0, size, 1.0)
 
 
 def write(
@@ -135,18 +137,7 @@ def write(
     theta = ca.SX.sym("theta", int(np.sum(used)))
     numbers = _Symbols.of(shape, used, theta)
     equations = _Writer(layout, plan, X, numbers, kinds, pivot).equations()
-    # Elasticities need the multipliers times the derivative by the numbers
-    # alone: one gradient in place of a Jacobian with a column for every number.
-    weights = ca.SX.sym("weights", equations.numel())
-    gradient = ca.gradient(ca.dot(weights, equations), theta)
-    return Expressions(
-        plan,
-        layout,
-        ca.Function("residual", [X, theta], [equations]),
-        ca.Function("slope", [X, theta], [ca.jacobian(equations, X)]),
-        ca.Function("by_numbers", [X, theta, weights], [gradient]),
-        used,
-    )
+    return Expressions(plan, layout, ca.Function("residual", [X, theta], [equations]), used)
 
 
 @dataclass(frozen=True, eq=False)

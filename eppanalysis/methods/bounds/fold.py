@@ -32,7 +32,7 @@ from eppanalysis.models.systems.means import mean_state
 _MOST_PROGRAMMES, _MOST_HOPS = 40, 3
 _GENUINE = 1e-6
 #: Of the first trust region, the shortest one that is tried: from a true cycle, and from what may be near none.
-_SHORTEST, _SHORTEST_KNOWN = 1e-3, 0.1
+_SHORTEST, _SHORTEST_KNOWN = 1e-3, 0.5
 _BEYOND = (1e-4, 1e-3, 5e-3)
 #: Switches of one element this close in phase may be about to merge.
 _CLOSE = 1e-2
@@ -264,24 +264,24 @@ class _Step:
             expressions = programmes.expressions(plan, loop, dependence, pivot)
         except (Unsettled, EppError):
             return None
-        scales = expressions.scales(start)
-        sizes = expressions.sizes(start, dependence.at(here.value)[expressions.used], scales)
         low, high = dependence.low, dependence.high
         window = max(low, here.value - width * abs(here.value)), min(high, here.value + width * abs(here.value))
         solver = programmes.solver(expressions, dependence, pivot)
-        return cls(
-            numbers,
-            loop,
-            plan,
-            expressions,
-            dependence,
-            solver,
-            np.append(start, here.value),
-            scales,
-            sizes,
-            window,
-            sign,
-        )
+        begin, scales = np.append(start, here.value), expressions.scales(start)
+        sizes = np.ones(expressions.residual.size1_out(0))
+        step = cls(numbers, loop, plan, expressions, dependence, solver, begin, scales, sizes, window, sign)
+        return replace(step, sizes=step._sizes())
+
+    def _sizes(self) -> Array:
+        """Sizes of the equations: the largest change that a scaled unknown makes."""
+        # IPOPT has one tolerance for all equations, whose units differ; divided by these sizes each counts alike.
+        _, slope = self.solver.get_function("nlp_jac_g")(self._scaled_start(), self._parameters())
+        size = np.abs(slope.sparse()[: self.sizes.size, :-1]).max(axis=1).toarray().ravel()
+        return np.where(size > 0, size, 1.0)
+
+    def _scaled_start(self) -> Array:
+        """The start as the programme has its unknowns."""
+        return np.append(self.start[:-1] / self.scales, self._scaled(self.start[-1]))
 
     def _scaled(self, value: float) -> float:
         d = self.dependence
@@ -290,7 +290,7 @@ class _Step:
     def solve(self) -> Fold | None:
         """The solution for these switches; None where IPOPT fails."""
         layout = self.expressions.layout
-        v0 = np.append(self.start[:-1] / self.scales, self._scaled(self.start[-1]))
+        v0 = self._scaled_start()
         low, high = np.full(v0.size, -np.inf), np.full(v0.size, np.inf)
         low[-1], high[-1] = self._scaled(self.window[0]), self._scaled(self.window[1])
         low[layout.omega], high[layout.omega] = 0.2, 5.0
