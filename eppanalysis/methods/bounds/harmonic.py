@@ -34,9 +34,12 @@ from eppanalysis.results import LimitCycle
 ORDERS = (5, 7, 9, 13, 15)
 CHANGE = 0.03
 N_SCAN = 5
-#: Trust region of a search that comes from far; how far inside a lower order's bound a higher order begins.
-_FAR = 0.7
+#: Trust region of a search that comes from far, and of one that begins next to the bound; how far inside a lower
+#: order's bound a higher order begins.
+_FAR, _NEAR = 0.7, 0.02
 _INSIDE = (0.05, 0.2, 0.5)
+#: From there towards the bound: the first step, relative to the value, the shortest, what makes them shorter, how many.
+_STEP, _LEAST, _SHORTER, _MOST_STEPS = 0.1, 0.002, 0.3, 60
 #: Every so many values the families of first order are sought from far away again.
 _AFRESH = 4
 _SCALED = (0.5, 2.0)
@@ -371,14 +374,17 @@ class HarmonicSweep:
 
     def _of_order(self, numbers: Numbers, sign: float, n: int, lower: Fold | None) -> Fold | None:
         """The fold of an order: from the last one, else from near that of the order below, else from carried cycles."""
-        if n in self.folds:
-            found = extreme(numbers, self.programmes, self.folds[n], sign, 0.1)
-            if found is not None:
-                return found
-        below = _farthest(self.families, sign) if lower is None else lower
-        starts = [] if below is None else (_inside(numbers, below.cycle, n, sign * share) for share in _INSIDE)
+        last = self.folds.get(n)
+        found = None if last is None else extreme(numbers, self.programmes, last, sign, 0.1)
+        if found is not None:
+            return found
+        below = lower or _farthest(self.families, sign) or last
+        # Where its switches have changed the last cycle is still nearest in shape, and the order below in place.
+        shapes = [] if below is None else [replace(f.cycle, value=below.cycle.value) for f in (last, below) if f]
+        starts = (_inside(numbers, cycle, n, sign * share) for cycle in shapes for share in _INSIDE)
         for start in itertools.chain(starts, (raised(numbers, c, n) for c in self.leading)):
-            found = None if start is None else extreme(numbers, self.programmes, start, sign)
+            nearest = None if start is None else _nearest(numbers, start, sign)
+            found = None if nearest is None else extreme(numbers, self.programmes, nearest, sign, _NEAR)
             if found is not None:
                 return found
         return None
@@ -417,6 +423,24 @@ def _inside(numbers: Numbers, cycle: Cycle, order: int, share: float) -> Cycle |
     except Unsettled:
         return None
     return balanced(numbers, value, Cycle(value, Z, cycle.omega))
+
+
+def _nearest(numbers: Numbers, cycle: Cycle, sign: float) -> Cycle:
+    """The last cycle towards the bound to which Newton's method comes, in steps that become smaller where it fails.
+
+    It takes the switches that the elements make; a programme is written anew for each of their sequences.
+    """
+    share = _STEP
+    for _ in range(_MOST_STEPS):
+        if share < _LEAST:
+            break
+        value = cycle.value - sign * share * abs(cycle.value)
+        true = balanced(numbers, value, cycle) if numbers.low <= value <= numbers.high else None
+        if true is None or abs(true.omega / cycle.omega - 1.0) > 2.0 * share:
+            share *= _SHORTER
+        else:
+            cycle = true
+    return cycle
 
 
 def raised(numbers: Numbers, cycle: Cycle, order: int) -> Cycle | None:

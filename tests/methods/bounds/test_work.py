@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from eppanalysis.methods.bounds import elasticity, fold
 from eppanalysis.methods.bounds.design import design_bounds
 from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question
 from eppanalysis.methods.bounds.tolerances import bound
+from eppanalysis.methods.harmonic.loop import inputs_of
 from eppanalysis.results import Status
 from tests import made_bounds
 
@@ -48,6 +51,39 @@ def test_a_neighbouring_case_takes_over_programmes_and_has_the_same_bound(monkey
     (found,) = design_bounds(other, SCALE, THRESHOLD, sweep=sweep, **given)
     assert (found.harmonic, found.first_order) == pytest.approx((alone.harmonic, alone.first_order), rel=1e-12)
     assert found.order == alone.order and not written.asked
+
+
+@pytest.mark.slow
+def test_where_the_switches_change_a_bound_is_sought_next_to_the_last_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    low, high = (math.radians(angle) for angle in (0.1, 5.0))
+    question = Question(epp.case("fig8a_original"), "lock_pin.backlash", low, high, "bands.range")
+    sweep, first, then = HarmonicSweep(question), 6.672332422890751, 7.071531798619257  # 1.5 lbf and 1.59 lbf
+    sweep.bound(first)
+    written = Counted(monkeypatch, fold, "write")
+    _, found = sweep.bound(then)
+    n_written = len(written.asked)
+    alone = HarmonicSweep(question)
+    alone.bound(then)
+    # One of a new sequence, or two; from the far end of the range it is one for every change on the way.
+    assert n_written <= 2 < len(written.asked) - n_written
+    assert found.value == pytest.approx(alone.folds[found.order].cycle.value, rel=1e-9)
+
+
+def test_sizes_of_equations_are_their_largest_changes() -> None:
+    question = Question(epp.case(RELAY), THRESHOLD, 1.0, 3.0)
+    numbers, value = question.numbers(), 1.2
+    predicted = epp.predict_limit_cycles(question.case_at(value))[0]
+    cycle = fold.Cycle(value, inputs_of(numbers.loop(value), predicted)[:, :2], predicted.omega)
+    step = fold._Step.of(numbers, fold.Programmes(), cycle, -1.0, 0.1, None)
+    assert step is not None
+    theta = step.dependence.at(value)[step.expressions.used]
+    largest = np.zeros(step.sizes.size)
+    for k, scale in enumerate(step.scales):
+        h = np.zeros(step.scales.size)
+        h[k] = 1e-6 * scale
+        up, down = (step.expressions.residual(step.start[:-1] + side * h, theta) for side in (1.0, -1.0))
+        largest = np.maximum(largest, np.abs(np.array(up - down)).ravel() / 2e-6)
+    assert step.sizes == pytest.approx(largest, rel=1e-6)
 
 
 def test_a_draw_that_oscillates_is_run_no_further_and_has_the_same_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
