@@ -271,7 +271,7 @@ def cloud(hybrid: HybridSystem, rest: Array, v0: Array, size: Array, n: int, see
 
 def _stack(hybrid: HybridSystem, starts: Array, names: Sequence[str]) -> HybridStack:
     """One system from many starts."""
-    return HybridStack.of([replace(hybrid, x0=x) for x in starts], names)
+    return replace(HybridStack.of([hybrid], names).take(np.zeros(len(starts), int)), x0=starts)
 
 
 def check_verification(margin: float, n_starts: int) -> None:
