@@ -89,7 +89,8 @@ def as_read(app, what, name, obj, options, signature, returned) -> tuple[str | N
 
 def where_written(app, module, name) -> str | None:
     """The module that holds the code of a public function, which calls itself one of the package."""
-    return eppanalysis._MODULE_OF.get(name) if module == "eppanalysis" else None
+    found = getattr(eppanalysis, name, None) if module == "eppanalysis" else None
+    return inspect.unwrap(found).__module__ if inspect.isfunction(found) else None
 
 
 class Commands(BashLexer):

@@ -102,7 +102,10 @@ class Guard:
 
 @dataclass(frozen=True)
 class Smooth:
-    """Smooth function of the inputs: ``sigma = scale * f(on_input @ z + constant)``, `kind` a key of SMOOTH_KINDS.
+    """Smooth function of the inputs: ``sigma = scale * f(on_input @ z + constant)``.
+
+    The function f is called by its `kind`: sine, square, cube, fourth_power, fifth_power, tanh, arctan, gaussian,
+    exponential, logarithm (of the absolute value) or reciprocal_abs (``1/(1 + |u|)``).
 
     With `on_smooth`, the weights of the functions that stand before it in the automaton, in their order, it is one of
     these functions too: ``on_smooth @ sigma`` is added to the argument.
