@@ -129,10 +129,10 @@ def outcome_boundary(
     halvings : int
         How often an edge is halved; the boundary lies within 2**-(halvings + 1) of an edge.
     allow : str, optional
-        A limit cycle that is allowed, as :func:`eppanalysis.sweep.sweep` takes it: the boundary is then where it begins
+        A limit cycle that is allowed, as :func:`eppanalysis.sweep` takes it: the boundary is then where it begins
         to be exceeded.
     scheduler, workers, progress
-        As :func:`eppanalysis.sweep.sweep` takes them.
+        As :func:`eppanalysis.sweep` takes them.
 
     Returns
     -------

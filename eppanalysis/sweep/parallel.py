@@ -40,7 +40,7 @@ def plot_parallel(
     Parameters
     ----------
     dataset : xarray.Dataset
-        From :func:`eppanalysis.sweep.sweep`.
+        From :func:`eppanalysis.sweep`.
     variables : sequence of str
         Results, to the right of the parameters.
     most : int

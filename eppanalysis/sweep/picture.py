@@ -94,7 +94,7 @@ def plot_design_map(
     Parameters
     ----------
     dataset : xarray.Dataset
-        From :func:`eppanalysis.sweep.sweep`, over a grid.
+        From :func:`eppanalysis.sweep`, over a grid.
     x, y : str, optional
         Axes of the picture; by default the last two dimensions, the last one upwards.
     at : mapping of str to int, optional
@@ -240,7 +240,7 @@ def plot_slices(
     Parameters
     ----------
     dataset : xarray.Dataset
-        From :func:`eppanalysis.sweep.sweep`, over a grid (or a sample over one parameter).
+        From :func:`eppanalysis.sweep`, over a grid (or a sample over one parameter).
     x : str, optional
         Axis of the picture; by default the last dimension.
     by : str, optional
@@ -385,7 +385,7 @@ def plot_sweep(dataset: xarray.Dataset, curves: Sequence[Boundary] = ()) -> Figu
     Parameters
     ----------
     dataset : xarray.Dataset
-        From :func:`eppanalysis.sweep.sweep`.
+        From :func:`eppanalysis.sweep`.
     curves : sequence of Boundary
         For a map.
 
