@@ -19,6 +19,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.report import notebook as making, page, sections
+from tests.explorer.browser import find_chromium, running_browser
 from tests.shared import of_unknown_response
 
 pytestmark = pytest.mark.slow
@@ -246,6 +247,23 @@ def test_pdf_is_printed_from_the_page(html, folder):
     content = (folder / "printed.pdf").read_bytes()
     assert content.startswith(b"%PDF") and content.rstrip().endswith(b"%%EOF")
     assert len(re.findall(rb"/Type /Page\b", content)) >= 3
+
+
+@pytest.mark.skipif(find_chromium() is None, reason="no Chromium or Chrome is installed")
+def test_no_table_of_a_printed_page_is_wider_than_its_column():
+    """Notes of parameters lay over the second column, or were cut off at the edge of the paper."""
+    shown = epp.table(epp.case("fig8a_original"))._repr_html_()
+    style = (Path(page.__file__).parent / "templates/eppanalysis/style.css").read_text()
+    told = f'<main><div class="part"></div><div class="part"><div class="wide">{shown}</div></div></main>'
+    with running_browser() as browser:
+        sheet = browser.new_page(viewport={"width": 695, "height": 1000})  # A4 but its margins
+        sheet.emulate_media(media="print")
+        sheet.set_content(f"<style>{style}</style><body>{told}")
+        cells = sheet.evaluate(
+            "[...document.querySelectorAll('td')].map(c => c.getBoundingClientRect()).map(r => [r.left, r.right])"
+        )
+    # None stands in the gap of the columns, nor beyond the paper.
+    assert cells and not [(left, right) for left, right in cells if left < 695 / 2 < right or right > 695]
 
 
 def test_a_browser_that_fails_is_one_sentence(monkeypatch, folder):
