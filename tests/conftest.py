@@ -69,12 +69,16 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """What modules hold stays to the end: it is no garbage, and is not looked through again and again."""
+    """What modules hold stays to the end: it is no garbage, and is not looked through again and again.
+
+    Little of what tests leave is garbage in circles: looking for it twenty times as often takes 3 % more time.
+    """
     gc.disable()
     try:
         return (yield)
     finally:
         gc.freeze()
+        gc.set_threshold(15_000, 10, 5)
         gc.enable()
 
 
