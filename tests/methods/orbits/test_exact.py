@@ -222,6 +222,6 @@ def test_an_orbit_that_was_not_closed_for_want_of_steps_says_so(monkeypatch: pyt
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
     (predicted,) = epp.predict_limit_cycles(loop)
     assert epp.exact_orbit(loop, predicted).status.ok
-    monkeypatch.setattr("eppanalysis.methods.orbits.exact._MOST_WORK", 1.0)
+    monkeypatch.setattr("eppanalysis.methods.orbits.exact.MOST_WORK", 1.0)
     cycle = epp.exact_orbit(loop, predicted)
     assert not cycle.status.ok and "steps allowed ended" in cycle.note
