@@ -16,6 +16,8 @@ MOST_CHANGE = 0.02
 REST_TOLERANCE = 1e-6
 #: A cycle has vanished only if nothing moves by more than this after its last switch, relative to the movement before.
 GONE = 1e-3
+#: Movement below this, relative to the movement before, may be rounding.
+ROUNDED = 1e-10
 #: Changes from period to period below this, relative to the cycle's size, may be rounding.
 STANDING = 1e-9
 #: Changes below the first may be rounding that a stiff motion enlarges, where over so many turns all together are no
@@ -39,6 +41,8 @@ def verdict_of_run(model, ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, x
         # Beside a start a million times farther out a cycle seems to be rest: switches that go on are held against what
         # moves while they do.
         low_late, high_late = _late_range(ev_t, ev_x, count, t_end)
+        if not np.any((high_late - low_late > ROUNDED * (high - low)[: compared.size]) & compared):
+            return SETTLED
         again = verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low_late, high_late, rate_end, compared, late, found)
         goes_on = again == CYCLE and t_end - ev_t[(count - 1) % len(ev_t)] <= found[1]
         return CYCLE if goes_on else SETTLED

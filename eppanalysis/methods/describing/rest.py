@@ -11,7 +11,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from eppanalysis.arrays import Array
 from eppanalysis.methods.describing.balance import Balance
@@ -78,6 +77,8 @@ def _held(balance: Balance, element: int) -> list[tuple[tuple[float, float], tup
 
 def _stands(on_bias: Array, on_mean: Array, asked: Array, levels: Sequence[tuple[Any, Any]]) -> bool:
     """Whether a static balance can be met with inputs and outputs within ranges."""
+    from scipy.optimize import lsq_linear
+
     ranges = np.array([r for part in zip(*levels, strict=True) for r in part])
     columns, (low, high) = np.hstack([on_bias, on_mean]), ranges.T
     size = np.abs(columns) @ np.where(np.isfinite(ranges), np.abs(ranges), 0.0).max(1) + np.abs(asked)

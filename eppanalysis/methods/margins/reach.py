@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from eppanalysis.arrays import Array
 from eppanalysis.models.elements.base import Nonlinearity
@@ -61,6 +60,8 @@ def _together(system: LureSystem, static: StaticBalance, reaches: dict[int, tupl
         return
     low, high = np.array(list(reaches.values())).reshape(-1, 2).T
     just = _JUST * (high - low)
+    from scipy.optimize import lsq_linear  # it takes longer to load than most margins take
+
     nearest = lsq_linear(given, asked, (low - just, high + just)).x if weak else np.zeros(0)
     missing = np.abs(given @ nearest - asked) > BALANCED * size
     if not np.any(missing):
