@@ -20,8 +20,9 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
 
-#: Error of a given cycle, by which its orbit may be told from others.
-_NEIGHBOURS = 0.05
+#: Error of a given cycle, by which its orbit may be told from others; of an exact one of a neighbouring loop beside a
+#: fold, from where cycles move fast, where none is so near.
+_NEIGHBOURS, _BESIDE_A_FOLD = 0.05, 0.5
 
 
 def steady_case(case: CaseLike) -> HybridSystem:
@@ -49,15 +50,7 @@ def seed(
 ) -> tuple[float, Orbit]:
     """A first orbit: from the cycle given, from a run at either end, or from a search there."""
     if cycle is not None:
-        there = case.with_values({parameter: ends[0]})
-        require_own(there.to_system(), cycle)
-        # A cycle of a neighbouring loop may lead to it.
-        near = replace(cycle, error_estimate=max(cycle.error_estimate, _NEIGHBOURS))
-        orbit = _orbit_of(there, family.at(ends[0]), near, by_balance=cycle.method != EXACT_ORBIT)
-        if orbit is None:
-            at = case.text(parameter, ends[0])
-            raise EppError(f"continue_branch: there is no exact orbit near the given cycle at {parameter} = {at}.")
-        return ends[0], orbit
+        return ends[0], _given(case, parameter, family, ends[0], cycle)
     for value in ends:
         hybrid = steady_case(case.with_values({parameter: value}))
         run = run_hybrid(hybrid, case.t_end, np.zeros(0), 2.0 * hybrid.time_scale, 60_000, 600)
@@ -81,6 +74,19 @@ def seed(
         f"continue_branch: no limit cycle was found at either end of the range of {parameter}; expected a range with "
         "one at an end, from which the branch begins."
     )
+
+
+def _given(case: CaseLike, parameter: str, family: Family, value: float, cycle: LimitCycle) -> Orbit:
+    """The orbit at a value of a cycle that is given, which may be one of a neighbouring loop."""
+    there, exact = case.with_values({parameter: value}), cycle.method == EXACT_ORBIT
+    require_own(there.to_system(), cycle)
+    for error in (_NEIGHBOURS, _BESIDE_A_FOLD) if exact else (max(cycle.error_estimate, _NEIGHBOURS),):
+        near = replace(cycle, error_estimate=error)
+        orbit = _orbit_of(there, family.at(value), near, by_balance=not exact)
+        if orbit is not None:
+            return orbit
+    at = case.text(parameter, value)
+    raise EppError(f"continue_branch: there is no exact orbit near the given cycle at {parameter} = {at}.")
 
 
 def _goes_on(family: Family, value: float, orbit: Orbit) -> bool:
