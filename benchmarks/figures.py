@@ -31,7 +31,7 @@ KINDS = {
     "CasADi": ("tab:purple", "v", 30),
     "diffrax": ("tab:brown", "<", 30),
     "scikit-sundae": ("tab:pink", ">", 30),
-    "numbalsoda": ("tab:olive", "P", 40),
+    "numbalsoda": ("black", "P", 40),
 }
 
 

@@ -146,7 +146,7 @@ def states(found: Results) -> str:
 
 def events(found: Results) -> str:
     """Growth with the rate of events."""
-    rows = [[f"{r['events_per_second']:.4g}", duration(r["seconds"])] for r in found["events"]]
+    rows = [[f"{r['events_per_second']:.0f}", duration(r["seconds"])] for r in found["events"]]
     return markdown(["events per second", "engine"], rows)
 
 
@@ -199,7 +199,7 @@ def setting(results: Results) -> str:
 def _measured(how: dict[str, Any]) -> str:
     m, versions = how["machine"], ", ".join(f"{k} {v}" for k, v in how["versions"].items())
     clock = {"wall": "the wall clock", "cpu": "processor time, because the machine was shared"}[how["clock"]]
-    return f"on {m['cores']} cores ({m['processor']}, load {m['load']:.1f} at the begin) by {clock}, with {versions}"
+    return f"on {m['cores']} cores ({m['processor']}, load {m['load']:.1f} at the start) by {clock}, with {versions}"
 
 
 def text(results: Results) -> str:

@@ -234,11 +234,11 @@ def advice_frame(case: Case, rows: Sequence[AdviceRow]) -> pandas.DataFrame:
             "bound grows [%]": _number(r.gained, "+.2f"),
             "gain may grow [%]": _number(r.traded, "+.2f"),
             "on the bound": r.verdict,
-            "harness step [mm]": _number(1e3 * r.trigger, ".3f"),
+            "step [mm]": _number(1e3 * r.trigger, ".3f"),
             "step grows [%]": _number(r.trigger_gained, "+.2f"),
             "blow [deg/s]": _number(math.degrees(r.blow), ".3g"),
             "blow grows [%]": _number(r.blow_gained, "+.2f"),
-            "on the trigger": r.trigger_verdict,
+            "on the step": r.trigger_verdict,
         }
         for r in rows
     ]
@@ -279,9 +279,11 @@ def _against(rows: Sequence[AdviceRow]) -> str:
         "the step": [r.trigger_verdict for r in rows],
         "the blow": [_word(r.blow_gained) for r in rows],
     }
-    wrong = [what for what, words in signs.items() if "the other way" in words]
+    wrong = [what for what, words in signs.items() if set(words) == {"the other way"}]
+    mixed = [what for what, words in signs.items() if "the other way" in words and what not in wrong]
     idle = [what for what, words in signs.items() if set(words) <= {"none"}]
     out = f" The model does not bear the advice out for {' and '.join(wrong)}: there it harms." if wrong else ""
+    out += f" For {' and '.join(mixed)} it helps or harms, by the operating point." if mixed else ""
     return out + (f" It does nothing for {' and '.join(idle)}." if idle else "")
 
 

@@ -45,7 +45,7 @@ def plot_diagnosis(found: Diagnosis, ax: Axes | None = None) -> Figure:
         label, factor = label_of(name, found.units)
         values = record.signals[name] - oscillation.mean[name] - oscillation.drift[name] * t
         points = factor * (values / grown)[some]
-        panel.plot(turns[some] % 1.0, points, ".", color=GREY, markersize=2.0, alpha=0.6, label="record")
+        panel.plot(turns[some] % 1.0, points, ".", color=GREY, markersize=2.0, label="record")
         for explanation, (colour, style) in zip(_drawn(found), _COLOURS, strict=False):
             y = factor * waveform(oscillation, explanation.harmonics[i], phase * oscillation.period)
             panel.plot(phase, y, style, color=colour, linewidth=1.5, label=explanation.called)

@@ -109,7 +109,7 @@ class Diagnosis(Listing[Explanation]):
     ----------
     explanations : tuple of Explanation
     verdict : {"named", "cannot be told", "unexplained"}
-        NAMED where one candidate has the probability `threshold`; UNEXPLAINED where none fits the record.
+        "named" where one candidate has at least the probability `threshold`, "unexplained" where none fits the record.
     threshold : float
     oscillation : Oscillation
         Of the record.
@@ -158,7 +158,7 @@ class Diagnosis(Listing[Explanation]):
 
     @property
     def named(self) -> tuple[Explanation, ...]:
-        """The fewest candidates that together have the probability `threshold`; none where none fits."""
+        """The fewest candidates that together have at least the probability `threshold`; none where none fits."""
         if self.verdict is Verdict.UNEXPLAINED:
             return ()
         total = np.cumsum([e.probability for e in self.explanations])
@@ -200,7 +200,7 @@ class Diagnosis(Listing[Explanation]):
         """What becomes of the oscillation with the size of what is named."""
         if self.verdict is not Verdict.NAMED or not self.named[0].in_proportion:
             return ""
-        return " The oscillation is in proportion to it: a smaller one makes less of it, none ends it."
+        return " The oscillation is in proportion to it: a smaller one makes less of it, and only without any it ends."
 
     def remedies(self) -> list[str]:
         """What to ask next of each candidate that is named, with the command that answers it."""

@@ -143,6 +143,7 @@ class Guide(Result):
         The parameters that make the variants.
     rows : tuple of GuideRow
     margins : dict of str to float
+        Factors that were asked for, by parameter.
     not_covered : str
         What the bounds of a sampled loop do not cover, in a sentence; empty for other loops.
     allowed : Allowed or None
@@ -371,7 +372,7 @@ class Guide(Result):
         return self.drawn("plot_guide", ax)
 
     def write(self, path: Path) -> None:
-        """Write the table (.md, .csv, .tex, .html, .xlsx) or the picture (.png, .svg, .pdf), by the name's ending.
+        """Write the table (.md, .csv, .tex, .html, .docx, .xlsx) or the picture (.png, .svg, .pdf), by the name.
 
         Raises
         ------

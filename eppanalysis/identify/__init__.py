@@ -92,7 +92,7 @@ class Identification(Result):
         return self.drawn("plot_intervals", ax)
 
     def to_toml(self) -> str:
-        """The case as a file."""
+        """The case as the TOML text of a file."""
         return self.case.to_toml()
 
 

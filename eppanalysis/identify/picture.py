@@ -74,7 +74,7 @@ def _draw_panel(top: Axes, below: Axes, role: str, panel: Mapping[str, Any], abs
     if "behind" in panel:
         times, values = (np.asarray(a) for a in panel["behind"])
         some = slice(None, None, max(1, times.size // _MOST_POINTS))
-        top.plot(x_factor * times[some], factor * values[some], color=GREY, linewidth=0.4, alpha=0.6, label="record")
+        top.plot(x_factor * times[some], factor * values[some], color=GREY, linewidth=0.7, label="record")
     style: dict[str, Any] = {"color": BLUE, "markersize": 3.0 if x.size < 500 else 1.2, "linestyle": "none"}
     top.plot(x, factor * np.asarray(panel["y"]), ".", label="measured", zorder=3, **style)
     marks: dict[str, Any] = {"linewidth": 1.0} if line or abscissa == "force" else {"linestyle": "none", "marker": "x"}

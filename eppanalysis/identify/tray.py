@@ -331,7 +331,7 @@ def _estimates(
     ratio = Estimate("pulley.kinetic_ratio", *_densest(post.kinetic / post.static, post.weight, low_k, high_k))
     # Nothing was learned about the ratio where its interval is about what was possible before.
     if ratio.high - ratio.low > 0.7 * (high_k - low_k):
-        why = "the weights or the friction are too coarse to identify where the pulley breaks away."
+        why = "the weights are too coarse or the friction is too small to identify where the pulley breaks away."
         ratio = Estimate(ratio.name, ratio.value, ratio.low, ratio.high, identified=False, note=why)
     ends = gain * np.exp(np.array([-half[2], half[2]]))
     out = [friction, ratio, Estimate("sensor.gain", gain, float(ends[0]), float(ends[1]), "V/N", "V/lbf")]

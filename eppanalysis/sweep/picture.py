@@ -202,7 +202,7 @@ def _contours(ax: Axes, x: np.ndarray, y: np.ndarray, amplitude: xarray.DataArra
     values = np.where(amplitude.values > 0, factor * amplitude.values, np.nan)
     if min(values.shape) < 2 or not np.any(np.isfinite(values)) or np.nanmax(values) <= np.nanmin(values):
         return []
-    style: dict[str, Any] = {"linewidth": 0.6, "color": "#444444"}
+    style: dict[str, Any] = {"linewidth": 0.8, "color": "#000000"}
     lines = ax.contour(x, y, values, levels=_MOST_CONTOURS, colors=style["color"], linewidths=style["linewidth"])
     ax.clabel(lines, fontsize=SMALL, fmt=lambda v: f"{v:.3g} {unit}")
     name = words(str(amplitude.attrs.get("long_name", "amplitude")).partition(" (")[0])

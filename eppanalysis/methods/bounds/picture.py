@@ -65,7 +65,7 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     free = "free of limit cycles" if bounds.allowed is None else "no larger stable cycle"
     free = "no such limit cycle found" if bounds.not_covered else free
     free += ", straight between the points" * (len(bounds) > 1)
-    ax.fill_between(over, np.broadcast_to(best, over.shape), edge, color=GREEN, alpha=0.12, linewidth=0, label=free)
+    ax.fill_between(over, np.broadcast_to(best, over.shape), edge, color=GREEN, alpha=0.25, linewidth=0, label=free)
     ax.set_xlabel(with_unit(words(bounds.over), x_unit))
     ax.set_ylabel(with_unit(words(bounds.limit), y_unit))
     ax.spines[["top", "right"]].set_visible(False)

@@ -352,7 +352,7 @@ class DesignBounds(Listing[BoundCell]):
         return Status.CONVERGED if good else Status.UNDECIDED
 
     def array(self, name: str) -> Array:
-        """A number of every cell."""
+        """The number called `name` of every cell, nan where it has none."""
         return np.array([getattr(c, name) for c in self.cells], float)
 
     def to_dataset(self) -> xarray.Dataset:

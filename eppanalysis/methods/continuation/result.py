@@ -67,6 +67,10 @@ class Branch(Result):
     status : Status
     message : str
         How the branch ended, at both ends.
+    signals : tuple of str
+        Names of the signals in `points`.
+    units : dict of str to str
+        SI unit of each signal.
     simulated : dict of str to array
         Points of runs for comparison, where asked for.
     ends : (str, str)

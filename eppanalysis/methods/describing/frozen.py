@@ -64,7 +64,7 @@ class FrozenLoop(Result):
 
     @property
     def nearest(self) -> int | None:
-        """Number of the frequency at which the response comes nearest to the point of the motion; None at rest."""
+        """Index in `omega` at which the response comes nearest to the point of the motion; None at rest."""
         return None if self.point is None else int(np.argmin(np.abs(self.response - self.point)))
 
     def __str__(self) -> str:

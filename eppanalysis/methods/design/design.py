@@ -395,6 +395,6 @@ def _would_have_to_give(search: Search, best: Pick) -> str:
         return f"{told} Within {wider[0]:.4g} to {wider[1]:.4g} no bound was found either."
     where = ", ".join(f"{name} {value:.4g}" for name, value in zip(search.others, place, strict=True))
     return (
-        f"{told} The end of its range at {end:.6g} would have to give: cycles vanish at {known[place].value:.6g}"
+        f"{told} The end of its range at {end:.4g} would have to give: cycles vanish at {known[place].value:.4g}"
         f"{f' (at {where})' if where else ''}."
     )

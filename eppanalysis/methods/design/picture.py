@@ -34,7 +34,7 @@ def plot_design(design: Design, ax: Axes | None = None) -> Figure:
     ax.plot(x * known[:, 0], y * known[:, 1], ".-", color=BLUE, linewidth=1.4, label="exact bound")
     rule = "on the safe side of it (tested at the optimum)"
     edge = y * _safe_end(design)
-    ax.fill_between(x * known[:, 0], y * known[:, 1], edge, color=GREEN, alpha=0.12, linewidth=0, label=rule)
+    ax.fill_between(x * known[:, 0], y * known[:, 1], edge, color=GREEN, alpha=0.25, linewidth=0, label=rule)
     at, safe = (x * best.at[other], y * best.at[design.limit]), y * best.values[design.limit]
     confirmed = "confirmed" if best.confirmed else "not confirmed"
     ax.plot(*at, "D", color=VERMILLION, label=f"optimum, {confirmed}")

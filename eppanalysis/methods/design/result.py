@@ -115,7 +115,7 @@ class Design(Result):
     bounded : str
         The tuned parameter that cycles bound at each place of the others; by default the objective.
     kept : tuple of Kept
-        Measures of the linearised loop that are kept at least.
+        Measures of the linearised loop that are kept at or above a value; a tracking error at or below one.
     tolerances : dict of str to float
         Relative half-widths within which the optima hold.
     front_over : str
@@ -178,7 +178,7 @@ class Design(Result):
         return frame_of(rows, {**self.units, "first_order": self.units.get(self.limit, ""), "frequency": "Hz"})
 
     def in_brief(self) -> pandas.DataFrame:
-        """The table without what is missing in each row."""
+        """The table without the column that says what is missing in each row."""
         return self.to_frame().drop(columns="message")
 
     @property

@@ -49,7 +49,8 @@ class Dither(Result):
     returned : float
         Share of the dither that the loop brings back to the element's input, in first order: zero for one that is fast.
     predicted : array, shape (k, 2)
-        Amplitudes of the dither, and of the slow cycle's input its peak-to-peak in first order there; 0 for none.
+        Amplitudes of the dither, and peak-to-peak of the slow cycle at the element's input there, in first order; 0 for
+        none.
     runs : tuple of DitherRun
         By amplitude.
     status : Status

@@ -196,7 +196,7 @@ def _turned(cycle: LimitCycle, name: str) -> tuple[Array, Array, Array]:
     order = order[np.append(True, np.diff(time[order]) > 1e-9 * cycle.period)]
     around = np.concatenate([order[-1:], order, order[:3]])
     turns = np.repeat([-1.0, 0.0, 1.0], [1, len(order), len(order[:3])])
-    return time[around] + turns * cycle.period, wave[around], np.gradient(wave, own)[around]
+    return time[around] + turns * cycle.period, wave[around], np.gradient(wave, own, edge_order=2)[around]
 
 
 def _chosen(cycle: LimitCycle, signal: str | None) -> str:

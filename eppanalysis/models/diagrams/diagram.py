@@ -160,7 +160,7 @@ class Diagram:
 
     @property
     def controllers(self) -> tuple[str, ...]:
-        """Outputs of the blocks that are controllers by their kind: where margins are taken if nothing is said."""
+        """Outputs of the blocks that are controllers by their kind; margins are taken at the first by default."""
         return tuple(f"{name}.out" for name, part in self.parts.items() if isinstance(part, PI | PID))
 
     def to_system(self) -> LureSystem:

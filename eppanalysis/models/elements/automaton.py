@@ -77,8 +77,9 @@ class Mode:
 
 @dataclass(frozen=True)
 class Guard:
-    """Event of an element: fires in `mode` where the affine function rises through zero, and leads to `target`.
+    """Event of an element: fires in `mode` where its value rises through zero, and leads to `target`.
 
+    With inputs z, outputs w and memory values h of the element,
     ``value = on_input @ z + on_rate @ dz/dt + on_memory @ h + on_output @ w + constant``. At the event the memory
     values become ``memory_from_input @ z + memory_from_memory @ h + memory_constant``, and the first output has an
     impulse of the strength ``impulse @ z``, by which states jump that integrate it. Where the loop does not admit the

@@ -330,16 +330,16 @@ class Nonlinearity(ABC):
         return -np.inf, np.inf
 
     def described_with_slopes(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array] | None:
-        """Mean and gain (real), shape (n,), and derivatives of the mean by bias and amplitude, shape (2, n).
+        """Mean, gain (real) and derivatives of the mean, of a map that has them in closed form; None for any other.
 
-        Of a map without memory at amplitudes above zero, where there is a closed form; None for any other element. The
+        Mean and gain have shape (n,), the derivatives by bias and amplitude shape (2, n). At amplitudes above zero. The
         gain's own derivatives follow: by the amplitude 2 (by bias - gain) / A, by the bias 2 (by amplitude) / A.
         """
         return None
 
     @property
     def closed_form(self) -> ClosedForm | None:
-        """Numbers from which its mean and gain are computed in closed form; None where there is no such form."""
+        """Numbers from which compiled code computes its mean and gain; None where there is no such code for it."""
         return None
 
     def linear_gain(self) -> Array:

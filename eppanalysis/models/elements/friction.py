@@ -135,7 +135,7 @@ class Friction(Nonlinearity, kind="friction"):
     linear_gain_is = "left out: it slides"
 
     def linear_gain(self) -> Array:
-        """None: the margins of the linearised loop leave friction out."""
+        """Zero: the margins of the linearised loop leave friction out."""
         return np.zeros((1, 1))
 
     def slope_bounds(self) -> tuple[float, float]:

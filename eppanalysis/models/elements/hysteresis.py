@@ -65,6 +65,13 @@ def _relay(
 class HysteresisRelay(_Levels, kind="hysteresis_relay"):
     """Relay that goes `high` when x rises through `upper` and `low` when x falls through `lower`.
 
+    Parameters
+    ----------
+    lower, upper : float
+        Thresholds, `upper` at least `lower` [unit of the input].
+    low, high : float, optional
+        Levels [unit of the output].
+
     Raises
     ------
     ModelError
@@ -109,7 +116,7 @@ class HysteresisRelay(_Levels, kind="hysteresis_relay"):
         return with_nan(a, b, *_relay(a, b, (self.lower, self.upper), (self.low, self.high), middle))
 
     def thresholds(self, bias: float = 0.0) -> Array:
-        """Distances of both thresholds from the bias; the loop closes at the greater one if they are on either side."""
+        """Distances of both thresholds from the bias; where it lies between them both are crossed from the greater."""
         return distances(self.lower - bias, self.upper - bias)
 
     def slope_bounds(self) -> tuple[float, float]:
@@ -134,6 +141,13 @@ class HysteresisRelay(_Levels, kind="hysteresis_relay"):
 @dataclass(frozen=True)
 class HysteresisRelayDeadZone(_Levels, kind="hysteresis_relay_dead_zone"):
     """Odd three-level relay: ``+level`` once x > `on` until x < `off`, ``-level`` once x < ``-on`` until x > ``-off``.
+
+    Parameters
+    ----------
+    on, off : float
+        Thresholds, ``0 <= off <= on`` [unit of the input].
+    level : float, optional
+        Positive [unit of the output].
 
     Raises
     ------
@@ -183,7 +197,7 @@ class HysteresisRelayDeadZone(_Levels, kind="hysteresis_relay_dead_zone"):
         return 0.0, np.inf
 
     def sector(self) -> tuple[float, float]:
-        """Least and greatest ``y/x``: zero, and the level where it goes off."""
+        """Least and greatest ``y/x``: zero, and ``level/off`` (infinite where `off` is zero)."""
         return 0.0, self.level / self.off if self.off else np.inf
 
     def exact(self, read: Reading) -> Named:

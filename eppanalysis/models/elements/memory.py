@@ -225,7 +225,7 @@ class BacklashCompensator(_Sticking, kind="backlash_compensator"):
         return distances((self.travel or self.gap) / 2)
 
     def sector(self) -> tuple[float, float]:
-        """Infinite, as it adds to an input that passes zero; one without a gap."""
+        """Infinite, as it adds to an input that passes zero; both are 1 where there is no gap."""
         return (-np.inf, np.inf) if self.gap else (1.0, 1.0)
 
     def memory_of(self, output: Array) -> float | None:
@@ -257,7 +257,7 @@ class JumpAndFollow(_Sticking, kind="jump_and_follow"):
     stick_band, slip_jump : float
         Both in the unit of the input, at least zero.
     slope : float, optional
-        Output per input while following, positive.
+        While following, positive [unit of the output per unit of the input].
 
     Raises
     ------

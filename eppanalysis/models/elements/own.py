@@ -47,7 +47,7 @@ class AutomatonElement(Nonlinearity):
     Raises
     ------
     ModelError
-        If the automaton has no input or no output.
+        If the automaton has no input, no output or no mode.
 
     Examples
     --------
@@ -83,7 +83,7 @@ class AutomatonElement(Nonlinearity):
 
     @property
     def reads_rate(self) -> bool:
-        """With two inputs, none of them a state of its own."""
+        """Whether the second of two inputs is the rate of the first, as it is without linear states of its own."""
         return self.n_inputs == 2 and self.own_states is None
 
     def automaton(self) -> Automaton:
@@ -183,7 +183,7 @@ class AutomatonElement(Nonlinearity):
         return ModeMemory(mode, tuple(stored.tolist()), float(x[0]))
 
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
-        """Mean and gain by quadrature over a period, where memory repeats after a few; accurate to about 1e-12.
+        """Mean and gain by quadrature over a period in which memory repeats; accurate to about 1e-12.
 
         Not a number where it does not come to answer with the period of its input, or switches without end.
 

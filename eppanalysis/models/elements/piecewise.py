@@ -189,7 +189,7 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
         return np.array([[max(self.slope_bounds(), key=abs)]])
 
     def exact(self, read: Reading) -> Pieces:
-        """Its pieces on either side of zero in exact numbers; an output that is not zero at zero jumps there."""
+        """Its pieces on either side of zero in exact numbers; where the output at zero is not zero, as a jump there."""
         b, m, c = ([read(x) for x in values.tolist()] for values in (self.breakpoints, self.slopes, self.intercepts))
         jumps = self.jumps.tolist()  # zero where pieces meet to rounding
         steps = [(m[i + 1] - m[i]) * b[i] + c[i + 1] - c[i] if jumps[i] else Fraction(0) for i in range(len(b))]

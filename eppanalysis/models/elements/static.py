@@ -53,7 +53,8 @@ class FiveBandLaw(PiecewiseLinear, kind="five_band_law"):
     Parameters
     ----------
     slack, low, high, max : float
-        Thresholds, ascending [N]: full extension up to `slack`, none between `low` and `high`, full flexion from `max`.
+        Thresholds, ascending [N]: full extension up to `slack`, no voltage between `low` and `high`,
+        full flexion from `max`.
     supply_voltage : float
         Voltage of full flexion, and minus that of full extension [V].
     offset_voltage : float, optional
@@ -62,7 +63,7 @@ class FiveBandLaw(PiecewiseLinear, kind="five_band_law"):
     Raises
     ------
     ModelError
-        If thresholds do not ascend or the offset exceeds the supply.
+        If thresholds do not ascend, the offset exceeds the supply or a field is out of its range.
 
     Examples
     --------
@@ -141,10 +142,17 @@ class Saturation(PiecewiseLinear, kind="saturation"):
 class DeadZone(PiecewiseLinear, kind="dead_zone"):
     """Zero between `lower` and `upper` (unit of the input), a line of `slope` from either edge outwards.
 
+    Parameters
+    ----------
+    lower, upper : float, optional
+        Edges, ascending [unit of the input].
+    slope : float, optional
+        Not zero [unit of the output per unit of the input].
+
     Raises
     ------
     ModelError
-        If the edges do not ascend or the slope is zero.
+        If the edges do not ascend, the slope is zero or a field is not a finite number.
     """
 
     units = MappingProxyType({"lower": IN, "upper": IN, "slope": SLOPE})
@@ -169,7 +177,7 @@ class DeadZoneSaturation(PiecewiseLinear, kind="dead_zone_saturation"):
     dead_zone : float
         Half the width of the dead zone [unit of the input], at least zero.
     slope : float
-        Positive.
+        Positive [unit of the output per unit of the input].
     limit : float
         Positive [unit of the output].
 
@@ -268,6 +276,11 @@ class Preload(PiecewiseLinear, kind="preload"):
 class Coulomb(PiecewiseLinear, kind="coulomb"):
     """``y = level*sgn(x)``: a force against motion that does not stick (see Friction for one that does).
 
+    Parameters
+    ----------
+    level : float
+        Force in motion [unit of the output].
+
     Raises
     ------
     ModelError
@@ -285,7 +298,7 @@ class Coulomb(PiecewiseLinear, kind="coulomb"):
         self._set_pieces([0.0], [0.0, 0.0], [-self.level, self.level])
 
     def linear_gain(self) -> Array:
-        """None: away from its jump the force stays what it is."""
+        """Zero: away from its jump the force stays what it is."""
         return np.zeros((1, 1))
 
 
@@ -434,7 +447,7 @@ class Sine(Nonlinearity, kind="sine"):
         return min(ends), max(ends)
 
     def thresholds(self, bias: float = 0.0) -> Array:
-        """None: the describing function has one form."""
+        """No amplitudes: the describing function has one form."""
         return np.zeros(0)
 
     linear_gain_is = "its slope at zero"

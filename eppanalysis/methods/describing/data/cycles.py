@@ -55,11 +55,12 @@ def of_data(
     reached = [_reached(system, balance, p) for p in points]
     if points and not any(ok for ok, _ in reached):
         omega, (_, beyond) = min((p.omega, r) for p, r in zip(points, reached, strict=True))
+        most = 100 * _MOST_BEYOND
         raise ModelError(
             f"{system.name}: the data of {system.data.name!r} end at {system.band[1]:.4g} rad/s, below harmonics that "
             f"matter to the cycle at {omega:.4g} rad/s: those above number {int(system.band[1] / omega)} may make up "
             f"{100.0 * beyond:.2g} % of the element's input",
-            expected=f"data up to number {_LEAST_HARMONIC}, and on to where the rest is {_MOST_BEYOND:.0%} or less",
+            expected=f"data up to number {_LEAST_HARMONIC}, and on to where the rest is at most {most:g} %",
         )
     found = [(*r, p, e, c) for r, p, e, c in zip(reached, points, estimates, cycles, strict=True) if r[0]]
     return [p for _, _, p, _, _ in found], tuple(

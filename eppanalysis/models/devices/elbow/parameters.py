@@ -277,7 +277,8 @@ class ElbowParameters:
     >>> from eppanalysis.models.devices.elbow.parameters import POUND_FORCE
     >>> nominal = ElbowParameters()
     >>> fig8a = replace(nominal, pulley=replace(nominal.pulley, friction=0.0))
-    >>> round(fig8a.cable.stiffness * fig8a.pulley.radius * fig8a.lock_pin.backlash / POUND_FORCE, 2)
+    >>> play = fig8a.pulley.radius * fig8a.lock_pin.backlash  # of the lock pin, as way of the cable
+    >>> round(fig8a.cable.stiffness * play / POUND_FORCE, 2)  # and the force that it makes [lbf]
     1.25
     """
 

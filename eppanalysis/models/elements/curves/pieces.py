@@ -99,7 +99,7 @@ class FloorQuantiser(_Quantising, kind="floor_quantiser"):
     step : float
         Width and height of a step [unit of input and output], positive.
     levels : int
-        Steps on each side of zero, a positive whole number.
+        Steps on each side of zero, a positive whole number; beyond the last of them the output stays where it is.
 
     Raises
     ------

@@ -50,6 +50,11 @@ class _Power(Nonlinearity):
 class Cube(_Power, kind="cube"):
     """``y = scale * x**3``.
 
+    Parameters
+    ----------
+    scale : float, optional
+        [unit of the output per cubed unit of the input].
+
     Raises
     ------
     ModelError
@@ -140,7 +145,7 @@ class Drag(_Power, kind="drag"):
         return np.array([abs(bias)] if bias else [])
 
     def linear_gain(self) -> Array:
-        """The slope at zero, which is none."""
+        """The slope at zero, which is zero."""
         return np.zeros((1, 1))
 
     def automaton(self) -> Automaton:

@@ -70,7 +70,7 @@ class PreslidingLaw(Nonlinearity):
         return POLE * mean, (1j * w + POLE) * gain
 
     def thresholds(self, bias: float = 0.0) -> Array:
-        """None: where it changes depends on the frequency."""
+        """No amplitudes: where it changes depends on the frequency."""
         return np.zeros(0)
 
     def slope_bounds(self) -> tuple[float, float]:
@@ -168,7 +168,7 @@ class Spring(AutomatonElement):
 
 @dataclass(frozen=True)
 class DahlFriction(StateOutput, kind="dahl_friction"):
-    """Friction force F of a velocity v that is a spring at rest: ``dF/dt = stiffness (v - |v| F/coulomb)``.
+    """Friction force F of a velocity v, a spring about rest: ``dF/dt = stiffness (v - |v| F/coulomb)``.
 
     It begins at its memory, a force, which is zero where none is given.
 
@@ -191,8 +191,9 @@ class DahlFriction(StateOutput, kind="dahl_friction"):
     Examples
     --------
     >>> from eppanalysis.models.elements import DahlFriction
-    >>> mean, gain = DahlFriction(stiffness=100.0, coulomb=1.0).describing_function(amplitude=[1e-6, 1.0], omega=1.0)
-    >>> gain.round(3).tolist()  # a spring, 100/(j omega), and all but Coulomb friction, 4/(pi A)
+    >>> friction = DahlFriction(stiffness=100.0, coulomb=1.0)
+    >>> mean, gain = friction.describing_function(amplitude=[1e-6, 1.0], omega=1.0)
+    >>> gain.round(3).tolist()  # a spring, 100/(j omega), and nearly Coulomb friction, 4/(pi A)
     [(0.004-100j), (1.261-0.159j)]
     """
 
@@ -222,5 +223,5 @@ class DahlFriction(StateOutput, kind="dahl_friction"):
         return _answer(a, b, w, self.stiffness, self.coulomb)
 
     def linear_gain(self) -> Array:
-        """None: of a velocity that does not end, the force is bounded."""
+        """Zero: of a velocity that does not end, the force is bounded."""
         return np.zeros((1, 1))

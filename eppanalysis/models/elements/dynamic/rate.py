@@ -101,7 +101,7 @@ class _RateLimited(StateOutput):
         return np.where(undefined, np.nan, b), np.where(undefined, np.nan, np.where(still, 0.0, gain.reshape(a.shape)))
 
     def thresholds(self, bias: float = 0.0) -> Array:
-        """None: where the form changes depends on the frequency."""
+        """No amplitudes: where the form changes depends on the frequency."""
         return np.zeros(0)
 
     def linear_gain(self) -> Array:

@@ -66,7 +66,7 @@ class ResetLaw(Nonlinearity):
         return self.leak * mean, (1j * w + self.leak) * gain
 
     def thresholds(self, bias: float = 0.0) -> Array:
-        """None: what it does does not depend on the amplitude."""
+        """No amplitudes: what it does does not depend on the amplitude."""
         return np.zeros(0)
 
     def linear_gain(self) -> Array:
@@ -237,7 +237,8 @@ class FirstOrderReset(_Reset, kind="first_order_reset"):
     Examples
     --------
     >>> from eppanalysis.models.elements import FirstOrderReset
-    >>> mean, gain = FirstOrderReset(pole=1.0, gain=1.0).describing_function(amplitude=[1.0, 5.0], omega=1.0)
+    >>> element = FirstOrderReset(pole=1.0, gain=1.0)
+    >>> mean, gain = element.describing_function(amplitude=[1.0, 5.0], omega=1.0)
     >>> gain.round(4).tolist()
     [(0.666-0.334j), (0.666-0.334j)]
     """
