@@ -186,6 +186,14 @@ def test_the_input_of_an_element_has_a_unit_in_all_states_where_it_is_a_differen
         assert "amplitudes of actuator from 0.00025 to 0.75 deg" in epp.predict_limit_cycles(loop).search
 
 
+def test_an_integrator_that_cancels_leaves_no_branches_of_the_bias():
+    """Of its share in the static balance rounding was left, and gave the bias three branches where it has one."""
+    wanted = epp.predict_limit_cycles(TEXTBOOK["cancelled integrator"])
+    for seed in range(4):
+        found = epp.predict_limit_cycles(rotated(TEXTBOOK["cancelled integrator"], seed))
+        assert "(1 branch of the bias)" in found.search and len(found) == len(wanted)
+
+
 def test_a_gap_that_is_left_alone_has_no_cycles_of_rounding():
     """Play of 2 on 5/(s^2 + s), turned: both of its cycles, and frequencies from the pole, not from rounding, on."""
     loop = LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(2.0))

@@ -52,8 +52,10 @@ def static_balance(system: LureSystem, value: Array) -> StaticBalance:
     on_mean = -without_rounding(left @ outputs, np.abs(left) @ np.abs(outputs))
     forced_size = np.abs(inputs) @ np.abs(value) + np.abs(constants)
     prescribed = without_rounding(left @ (inputs @ value + constants), np.abs(left) @ forced_size)
-    sign = _signs(left[:, n:], on_mean)
-    return StaticBalance(rows, sign * left[:, n:], sign * on_mean, sign[:, 0] * prescribed)
+    # Of an integrator that cancels, in turned states, rounding is left.
+    on_bias = without_rounding(left[:, n:], np.abs(left).max(axis=1, keepdims=True))
+    sign = _signs(on_bias, on_mean)
+    return StaticBalance(rows, sign * on_bias, sign * on_mean, sign[:, 0] * prescribed)
 
 
 def _signs(on_bias: Array, on_mean: Array) -> Array:
