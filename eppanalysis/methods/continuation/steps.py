@@ -31,6 +31,8 @@ _NOISE = 1e-6
 _GENTLE = 0.1
 #: A period that is this many times as long after a step is none: what dies out with time has vanished to rounding.
 _MOST_LONGER = 10.0
+#: Nor is an orbit this many times as large, whose sizes relative to itself seem to fit.
+_MOST_LARGER = 1e9
 #: Share of the largest singular value of the equations over start, dwell times and parameter below which the smallest
 #: one is rounding; multipliers that are farther from 1 than this leave none so small.
 _FREE, _NEUTRAL = 1e-10, 1e-4
@@ -203,7 +205,8 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
             orbit = evaluate_at(family, like.event_sequence, float(u[-1]), y, u[m:-1], like)
         except (EppError, ModelError):
             return None
-        if not (orbit.residual < 1e3 and 0.0 < orbit.period < _MOST_LONGER * point.orbit.period):
+        far = orbit.scale.max() > _MOST_LARGER * point.orbit.scale.max()
+        if far or not (orbit.residual < 1e3 and 0.0 < orbit.period < _MOST_LONGER * point.orbit.period):
             return None
         right = -np.concatenate([orbit.r, [row @ (u - point.unknowns) - ds]])
         change = bordered(orbit, slope, row, right)
