@@ -1,4 +1,4 @@
-"""Tables and picture of the study of first order (``first_order_study.py``), from its stored rows."""
+"""Tables and picture of the study of first order (``first_order.py``), from its stored rows."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ class Trigger(Result):
     name : str
         External input that is stepped, or state that is displaced.
     size : float
-        The threshold, signed (SI); nan where no size up to `tried` starts a cycle.
+        The threshold, signed [SI]; nan where no size up to `tried` starts a cycle.
     settles, starts : float
         Sizes on both sides of it at which a run settles, and ends on a cycle.
     tried : float

@@ -59,7 +59,8 @@ def _vector(values: ArrayLike, size: int) -> Array:
 class Mode:
     """One mode of an element.
 
-    Shapes are (n_outputs, n_inputs), (n_outputs, n_memory), (n_outputs, n_smooth) and (n_outputs,).
+    Shapes of `from_input`, `from_memory`, `from_smooth` and `constant` are (n_outputs, n_inputs),
+    (n_outputs, n_memory), (n_outputs, n_smooth) and (n_outputs,).
 
     A sticking mode keeps the first input at `level`. It exists only where the loop pulls back against the element's
     jump there, that is where the input's rate falls as the output rises for an upward `jump` (and the reverse).

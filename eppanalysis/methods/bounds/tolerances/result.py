@@ -40,7 +40,7 @@ class ToleranceBound(Result):
     readable : (str, float)
         The unit that people use for it, and the factor from SI to that.
     sign : float
-        1: free below the bound.
+        1: free below the bound; -1: free above it.
     half_widths : dict of str to float
         Of the parameters [SI].
     nominal, worst_case : float

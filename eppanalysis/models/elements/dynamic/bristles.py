@@ -88,7 +88,7 @@ class LuGreLaw(PreslidingLaw):
 
     @property
     def sticks_and_slips(self) -> bool:
-        """Whether it resists more in slow motion than in quick one."""
+        """Whether it resists more in slow motion than in quick motion."""
         return self.static > self.coulomb
 
     def automaton(self) -> Automaton:
