@@ -135,7 +135,7 @@ def identify(
     seed : int
         Of the starts of the step response's fit.
     progress : callable, optional
-        Identified what is done, of how much, and in words what is being done.
+        Called with what is done, of how much, and in words what is being done.
 
     Raises
     ------

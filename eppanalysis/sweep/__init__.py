@@ -74,7 +74,7 @@ def sweep(
     scheduler : str
         "threads" (the kernels release the interpreter's lock), "processes", a queueing system whose jobs are the
         workers ("slurm", "pbs", "lsf", "sge", "oar", "moab", "htcondor"; needs dask-jobqueue), or the address of an
-        existing ``dask.distributed`` scheduler such as "tcp://host:8786".
+        existing ``dask.distributed`` scheduler such as ``tcp://host:8786``.
     workers : int, optional
         Threads or processes; by default one for each core. Workers that a queue is asked for; by default one. A cluster
         at an address has its own.

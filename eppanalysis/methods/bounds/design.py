@@ -135,7 +135,7 @@ def design_bounds(
     Raises
     ------
     EppError
-        If a parameter, a range or a setting is not valid, or the loop has no such signal or it another unit.
+        If a parameter, a range or a setting is not valid, or `allow` names no signal, or a unit that is not its own.
 
     Examples
     --------
