@@ -57,8 +57,10 @@ def _known(cycle: LimitCycle, listed: epp.CycleSearch) -> bool:
         turns = max(1, round(cycle.period / c.period))
         size = max(c.peak_to_peak.values())
         apart = [abs(cycle.peak_to_peak[k] - c.peak_to_peak[k]) + abs(cycle.mean[k] - c.mean[k]) for k in c.mean]
-        if abs(cycle.period / (turns * c.period) - 1.0) < _SAME_PERIOD and max(apart) < _SAME_SIZE * size:
-            return bool(c.stable) or "continuum" in listed.search
+        # Two cycles of one number of samples may be closer than that: then the stable one counts.
+        same = abs(cycle.period / (turns * c.period) - 1.0) < _SAME_PERIOD and max(apart) < _SAME_SIZE * size
+        if same and (c.stable or "continuum" in listed.search):
+            return True
     return "continuum" in listed.search and any(_same_switches(cycle, c) for c in listed if c.stable)
 
 
