@@ -12,7 +12,7 @@ import html
 import io
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -126,6 +126,11 @@ class Shown:
         return f'<img alt="{html.escape(str(self))}" src="data:image/png;base64,{data}">'
 
 
+def html_row(cells: Iterable[str], cell: str = _CELL) -> str:
+    """A row of a table as notebooks show it, `cell` being how each of its cells begins."""
+    return f"<tr>{''.join(f'{cell}{html.escape(text)}</td>' for text in cells)}</tr>"
+
+
 def frame_of(
     rows: Sequence[Mapping[str, Any]],
     units: Mapping[str, str] | None = None,
@@ -194,10 +199,7 @@ def png(figure: Figure, dots: float = 110.0) -> bytes:
 
 def _facts(facts: Mapping[str, Any]) -> str:
     """Facts as a table of two columns; those of a fact go below its name."""
-    rows = "".join(
-        f"<tr>{_CELL}{html.escape(words(name))}</td>{_CELL}{html.escape(text)}</td></tr>"
-        for name, text in _leaves(facts)
-    )
+    rows = "".join(html_row((words(name), text)) for name, text in _leaves(facts))
     return f"<table><tbody>{rows}</tbody></table>"
 
 

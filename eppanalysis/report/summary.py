@@ -19,7 +19,7 @@ from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.readable import DIGITS, cut, in_print, quantity, words
 from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
-from eppanalysis.shown import png
+from eppanalysis.shown import html_row, png
 
 #: Size of the picture [inch], and its dots per inch.
 _SIZE, _DOTS = (5.6, 2.8), 180
@@ -51,19 +51,17 @@ class FirstPage:
         return "\n".join([self.verdict, *numbers, f"What to do: {self.advice}", *known])
 
     def _repr_html_(self) -> str:
-        def row(cells: tuple[str, ...]) -> str:
-            return f"<tr>{''.join(f'{_CELL}{html.escape(cell)}</td>' for cell in cells)}</tr>"
-
         numbers = "".join(
             f"<div><b>{value}</b> <span>{what}</span> <small>({how})</small></div>"
             for what, value, how in (map(html.escape, known) for known in self.numbers)
         )
+        known = "".join(html_row(cells, _CELL) for cells in self.known)
         shown = base64.b64encode(self.picture).decode()
         picture = f'<img alt="{html.escape(self.verdict)}" src="data:image/png;base64,{shown}">' if shown else ""
         return (
             f'<div class="first"><p class="verdict"><strong>{html.escape(self.verdict)}</strong></p>{picture}'
             f'<div class="numbers">{numbers}</div><p><strong>What to do.</strong> {html.escape(self.advice)}</p>'
-            f"<p><strong>How it is known.</strong></p><table>{''.join(map(row, self.known))}</table></div>"
+            f"<p><strong>How it is known.</strong></p><table>{known}</table></div>"
         )
 
 

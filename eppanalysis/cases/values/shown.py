@@ -6,8 +6,7 @@ import html
 
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.readable import count, in_print
-
-_CELL = '<td style="text-align: left; padding-right: 1em">'
+from eppanalysis.shown import html_row
 
 
 class ShownCase:
@@ -27,8 +26,7 @@ class ShownCase:
 
     def _repr_html_(self) -> str:
         """What it is about, and every parameter with where it comes from."""
-        cells = ((name, in_print(p.with_tolerance), p.mark) for name, p in self.parameters.items())
-        rows = "".join(f"<tr>{''.join(f'{_CELL}{html.escape(text)}</td>' for text in row)}</tr>" for row in cells)
+        rows = "".join(html_row((name, in_print(p.with_tolerance), p.mark)) for name, p in self.parameters.items())
         return (
             f'<div class="eppanalysis"><p><strong>{html.escape(str(self))}</strong></p>'
             f"<table><tbody>{rows}</tbody></table></div>"

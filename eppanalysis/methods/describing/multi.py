@@ -19,6 +19,7 @@ from eppanalysis.methods.describing.curves import contour_lines, crossings, dist
 from eppanalysis.methods.describing.search import Found, frequency_scales, stretches
 from eppanalysis.methods.describing.trace import Box, trace
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.means import CANCELLED
 from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.readable import count
 
@@ -30,8 +31,6 @@ _LEVELS = (0.0, 0.7, -0.7)
 _SAME_CURVE = 0.15
 #: Seeds that are followed at a time.
 _AT_ONCE = 4
-#: Share of its terms below which a sum of them is rounding.
-_CANCELLED = 1e-9
 #: Share of a measured response within which another is that of the same signal.
 _ALIKE = 0.1
 
@@ -69,7 +68,7 @@ def _acts(system: LureSystem, omega: float) -> BoolArray:
         return measured
     within = np.abs(np.linalg.inv(1j * omega * np.eye(len(system.A)) - system.A))
     terms = np.abs(system.C) @ within @ np.abs(system.B) + np.abs(system.D)
-    acts: BoolArray = np.abs(system.frequency_response(np.array([omega]))[0]) > _CANCELLED * terms
+    acts: BoolArray = np.abs(system.frequency_response(np.array([omega]))[0]) > CANCELLED * terms
     return acts
 
 

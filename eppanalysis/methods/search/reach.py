@@ -12,9 +12,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import describe
 from eppanalysis.methods.describing.search import frequency_scales
 from eppanalysis.models.systems.lure import LureSystem
-
-#: Share of its terms below which a sum of them is rounding.
-_CANCELLED = 1e-9
+from eppanalysis.models.systems.means import CANCELLED, without_rounding
 
 
 def reach_of_elements(system: LureSystem) -> Array:
@@ -45,9 +43,8 @@ def oscillations_at_reach(system: LureSystem) -> tuple[ComplexArray, Array]:
     C = system.C[rows][wanted > 0] / wanted[wanted > 0, None]
     with np.errstate(all="ignore"):
         states = np.concatenate(list(system.state_response(omega)), axis=1)
-        inputs = np.abs(C @ states)
         # What drives no input, as the second output of a contact, does so in turned states by rounding.
-        inputs[inputs <= _CANCELLED * (np.abs(C) @ np.abs(states))] = 0.0
+        inputs = without_rounding(np.abs(C @ states), np.abs(C) @ np.abs(states), CANCELLED)
         states = states / inputs.max(axis=0, initial=0.0)
     return states[:, np.all(np.isfinite(states), axis=0)], C
 

@@ -17,6 +17,8 @@ from eppanalysis.models.systems.lure import LureSystem
 
 #: Share of its terms below which a sum of the static balance is rounding.
 _REMAINDER = 1e-12
+#: The same of a response, in turned states.
+CANCELLED = 1e-9
 
 
 class StaticBalance(NamedTuple):
@@ -68,9 +70,9 @@ def _signs(on_bias: Array, on_mean: Array) -> Array:
     return np.where(leading < 0, -1.0, 1.0)[:, None]
 
 
-def without_rounding(values: Array, terms: Array) -> Array:
+def without_rounding(values: Array, terms: Array, share: float = _REMAINDER) -> Array:
     """Sums with zero where the sizes of their terms show them to be rounding."""
-    return np.where(np.abs(values) > _REMAINDER * terms, values, 0.0)
+    return np.where(np.abs(values) > share * terms, values, 0.0)
 
 
 def _left_null(state: Array, A: Array, C: Array) -> Array:
