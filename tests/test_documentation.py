@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from eppanalysis.cli import app
+from eppanalysis.cli.commands import app
 from tests.cli.test_main import TRUTH_TABLE
 
 ROOT = Path(__file__).parent.parent

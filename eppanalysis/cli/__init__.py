@@ -1,5 +1,28 @@
-"""The command line: a module for each group of commands, and the programme that they make up."""
+"""The command line: a module for each group of commands, all together in `commands`, and their entry here."""
 
-from eppanalysis.cli.commands import app, main
+from __future__ import annotations
 
-__all__ = ["app", "main"]
+import atexit
+import gc
+import io
+import os
+import sys
+
+
+def main() -> None:
+    """Entry point of the command ``eppanalysis``."""
+    # Many small linear systems: threads inside the linear algebra cost more than they give.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # What libraries make while they are imported stays to the end: looking there for garbage took a fifth of a command.
+    gc.set_threshold(50_000, 10, 10)
+    atexit.register(gc.freeze)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the caller, who wants neither text nor a traceback about it
+            setattr(sys, name, io.StringIO())
+    try:
+        from eppanalysis.cli.commands import app
+
+        app()
+    except KeyboardInterrupt:  # before a command has begun
+        sys.stderr.write("Interrupted: nothing is kept.\n")
+        sys.exit(130)

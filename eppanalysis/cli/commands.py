@@ -6,10 +6,7 @@ and a mistake in a case are answered at once.
 
 from __future__ import annotations
 
-import atexit
 import errno
-import gc
-import io
 import json
 import os
 import sys
@@ -485,16 +482,3 @@ def _expected_beside(case: Case, ladder: Ladder) -> dict[str, Any]:
 
     k = case.expected
     return {"paper": k.paper, "finding": k.finding, "must": k.outcome, "as_found": as_found(case, ladder)}
-
-
-def main() -> None:
-    """Entry point of the command ``eppanalysis``."""
-    # Many small linear systems: threads inside the linear algebra cost more than they give.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # What libraries make while they are imported stays to the end: looking there for garbage took a fifth of a command.
-    gc.set_threshold(50_000, 10, 10)
-    atexit.register(gc.freeze)
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # closed by the caller, who wants neither text nor a traceback about it
-            setattr(sys, name, io.StringIO())
-    app()

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from eppanalysis.cases import shipped_cases_folder
 from eppanalysis.cases.editors import case_schema
-from eppanalysis.cli import app
+from eppanalysis.cli.commands import app
 
 jsonschema = pytest.importorskip("jsonschema")
 FILES = sorted(shipped_cases_folder().glob("*.toml"))

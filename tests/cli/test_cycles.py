@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 import eppanalysis as epp
-from eppanalysis.cli import app
+from eppanalysis.cli.commands import app
 from eppanalysis.errors import EppError
 from eppanalysis.methods.search.picture import plot_cycles
 from eppanalysis.methods.search.trigger import Trigger

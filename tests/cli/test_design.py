@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from eppanalysis.cli import app
+from eppanalysis.cli.commands import app
 
 
 def test_one_parameter_alone_has_no_picture(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from eppanalysis.cli import app
+from eppanalysis.cli.commands import app
 
 runner = CliRunner()
 

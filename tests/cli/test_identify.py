@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import eppanalysis as epp
 from eppanalysis.cases import shipped_cases_folder
-from eppanalysis.cli import app
+from eppanalysis.cli.commands import app
 from tests.identify.test_reading import BAD
 
 runner = CliRunner()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
 import csv
+import gc
 import json
 import os
 import signal
@@ -14,7 +16,8 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from eppanalysis.cli import app
+from eppanalysis.cli import main
+from eppanalysis.cli.commands import app
 
 runner = CliRunner()
 
@@ -459,6 +462,20 @@ def test_an_interrupt_is_a_sentence_wherever_it_comes(monkeypatch, command, plac
     monkeypatch.setattr(place, interrupted)
     result = run(command, "sat_am165")
     assert (result.exit_code, result.stderr.strip()) == (130, said)
+
+
+def test_an_interrupt_before_a_command_has_begun_is_a_sentence_too(monkeypatch, capsys):
+    """While the commands are put together, outside of all of them."""
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(gc, "set_threshold", lambda *_: None)
+    monkeypatch.setattr(atexit, "register", lambda _: None)
+    monkeypatch.setattr("eppanalysis.cli.commands.app", interrupted)
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert (end.value.code, capsys.readouterr().err) == (130, "Interrupted: nothing is kept.\n")
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ import pytest
 import xarray
 from typer.testing import CliRunner
 
-from eppanalysis.cli import app
+from eppanalysis.cli.commands import app
 from eppanalysis.cli.sweep import Design, Kind, Run
 from eppanalysis.sweep import open_sweep
 from eppanalysis.sweep.analyses import PREFIX, Analysis

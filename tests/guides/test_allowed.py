@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import eppanalysis as epp
-from eppanalysis.cli import app
+from eppanalysis.cli.commands import app
 from eppanalysis.guides.result import Region
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.bounds.regions import own_runs, smallest_trigger

@@ -17,8 +17,8 @@ from hypothesis import given, strategies as st
 from typer.testing import CliRunner
 
 import eppanalysis as epp
-from eppanalysis.cli import app
 from eppanalysis.cli.bounds import sentences as bounds_sentences
+from eppanalysis.cli.commands import app
 from eppanalysis.guides.files import FILES
 from eppanalysis.guides.manual import limit_grid
 from eppanalysis.guides.result import Guide, GuideRow, Region

@@ -15,7 +15,7 @@ from hypothesis import given, strategies as st
 from typer.testing import CliRunner
 
 import eppanalysis as epp
-from eppanalysis.cli import app
+from eppanalysis.cli.commands import app
 from eppanalysis.errors import EppError
 from eppanalysis.guides.result import Guide, GuideRow
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
 import eppanalysis as epp
-from eppanalysis.cli import app
+from eppanalysis.cli.commands import app
 from eppanalysis.identify import sampling, step, with_estimates
 from eppanalysis.identify.estimate import BenchFit, Estimate
 from eppanalysis.results import Status

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from eppanalysis.cli import app
+from eppanalysis.cli.commands import app
 from tests.benches import base_case
 from tests.reference.benches import FIELDS, nominal, simulate_reference, step_response
 

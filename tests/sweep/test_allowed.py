@@ -12,7 +12,7 @@ import xarray
 from typer.testing import CliRunner
 
 import eppanalysis as epp
-from eppanalysis.cli import app
+from eppanalysis.cli.commands import app
 from eppanalysis.results import Status
 from eppanalysis.sweep.analyses import NOT_RUN, Allowance
 from eppanalysis.sweep.picture import plot_design_map, plot_slices, plot_sweep

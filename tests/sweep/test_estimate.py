@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 import eppanalysis as epp
-from eppanalysis.cli import app
+from eppanalysis.cli.commands import app
 from eppanalysis.sweep.work import Work
 
 CASE = epp.case("fig8a_original").with_values({"run.t_end": "0.3 s"})

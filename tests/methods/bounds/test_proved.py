@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import eppanalysis as epp
-from eppanalysis.cli import app
+from eppanalysis.cli.commands import app
 
 pytest.importorskip("flint")
 GAIN, THRESHOLD = "loop.gain", "relay_dead_zone.threshold"
