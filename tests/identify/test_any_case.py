@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import eppanalysis as epp
 from eppanalysis.cli.commands import app
-from eppanalysis.identify import sampling, step, with_estimates
+from eppanalysis.identify import with_estimates
 from eppanalysis.identify.estimate import BenchFit, Estimate
 from eppanalysis.results import Status
 
@@ -129,14 +129,6 @@ def test_the_result_is_a_case_for_all_that_takes_one(found, tmp_path):
     assert measured.mark == "measured" and measured.unit == "kg*m^2"
     assert measured.tolerance == pytest.approx(found["J_load"].tolerance, rel=1e-9)
     assert again.with_values({"J_load": "25 g*m^2"}).value("J_load") == pytest.approx(0.025)
-
-
-@pytest.fixture
-def few_draws(monkeypatch):
-    """Enough to see what happens, not to rely on intervals."""
-    monkeypatch.setattr(step, "STARTS", 30)
-    monkeypatch.setattr(step, "ROUNDS", 1)
-    monkeypatch.setattr(sampling, "TURNS", 20)
 
 
 def test_a_model_that_is_wrong_elsewhere_is_said_and_what_would_mend_it(tmp_path, few_draws):

@@ -9,7 +9,6 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.cases import shipped_cases_folder
-from eppanalysis.identify import sampling, step
 from eppanalysis.identify.columns import Role
 from eppanalysis.identify.plausible import moves
 from eppanalysis.identify.response import Channel
@@ -23,11 +22,7 @@ def bench() -> Bench:
     return step_response(6, t_end=1.0)
 
 
-@pytest.fixture(autouse=True)
-def few_draws(monkeypatch):
-    monkeypatch.setattr(step, "STARTS", 30)
-    monkeypatch.setattr(step, "ROUNDS", 1)
-    monkeypatch.setattr(sampling, "TURNS", 20)
+pytestmark = pytest.mark.usefixtures("few_draws")
 
 
 def refusal(bench: Bench, folder, *, header: tuple[str, ...] | None = None, **columns) -> str:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.identify import sampling, step
 from eppanalysis.identify.step import DEFAULT
 from eppanalysis.results import Status
 from tests.reference.benches import Bench, step_response
@@ -65,14 +64,6 @@ def test_a_response_that_settles_identifies_the_drive_too(tmp_path, few_draws):
     fit = epp.identify(base(bench), step=bench.write(tmp_path / "s.csv"), fit=FAST).fits[0]
     for name in FAST[:2]:
         assert fit[name].low * 0.98 <= bench.truth[name] <= fit[name].high * 1.02
-
-
-@pytest.fixture
-def few_draws(monkeypatch):
-    """Enough to see what happens, not to rely on intervals."""
-    monkeypatch.setattr(step, "STARTS", 30)
-    monkeypatch.setattr(step, "ROUNDS", 1)
-    monkeypatch.setattr(sampling, "TURNS", 20)
 
 
 def test_what_a_coarse_record_cannot_identify_is_named(tmp_path, few_draws):
