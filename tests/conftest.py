@@ -29,13 +29,17 @@ settings.load_profile("fixed")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-#: Calls the kernels that most tests need: those of runs, and beside them those of predictions, balances and orbits.
+#: Calls the kernels that most tests need: those of runs and of smooth elements' orbits, and beside them those of
+#: predictions, balances and orbits.
 RUNS = """
 import eppanalysis as epp
 
 epp.simulate(epp.case("relay_deadzone"))
 print("the engine is there", flush=True)
 epp.sweep(epp.case("relay_deadzone"), {"relay_dead_zone.threshold": [1.0]}, progress=False)
+smooth = epp.case("van_der_pol_mu1")
+orbit = epp.exact_orbit(smooth, epp.predict_limit_cycles(smooth)[-1])
+epp.continue_branch(smooth, "cube.scale", 0.33, 0.3, cycle=orbit, n_points=2, n_others=0)
 """
 ORBITS = """
 import eppanalysis as epp
@@ -49,8 +53,6 @@ epp.harmonic_balance(elbow, epp.predict_limit_cycles(elbow)[-1])
 input()
 orbit = epp.exact_orbit(case, predicted)
 epp.continue_branch(case, "relay_dead_zone.threshold", 1.0, 1.1, cycle=orbit, n_points=2, n_others=0)
-smooth = epp.case("van_der_pol_mu1")
-epp.exact_orbit(smooth, epp.predict_limit_cycles(smooth)[-1])
 """
 COMPILING = pytest.StashKey[list[subprocess.Popen[bytes]]]()
 
