@@ -128,7 +128,7 @@ def test_harmonic_balance_on_several_paths_is_that_of_the_model():
 
 @pytest.mark.parametrize(
     ("name", "draws"),
-    [("wheelchair", 40)] + [pytest.param(n, 60, marks=pytest.mark.slow) for n in CASES],
+    [("wheelchair", 40)] + [pytest.param(n, 20, marks=pytest.mark.slow) for n in CASES],
 )
 def test_intervals_cover_the_model_in_as_many_draws_as_they_say(name, draws):
     fewest, most = binom.ppf([0.002, 0.9995], draws, 0.95)

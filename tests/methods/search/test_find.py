@@ -493,8 +493,8 @@ def test_a_search_does_not_say_that_it_tried_what_it_left(monkeypatch: pytest.Mo
     [pytest.param(epp.Play(0.5), id="play", marks=pytest.mark.slow), pytest.param(epp.Relay(-1.0, 1.0), id="relay")],
 )
 def test_a_limiter_straight_behind_another_element_is_said_to_chatter(before, monkeypatch):
-    # Of the 60,000 events after which a run of a search ends, a tenth shows the same.
-    monkeypatch.setattr("eppanalysis.methods.search.ends.MOST_EVENTS", 6_000)
+    # Of the 60,000 events after which a run of a search ends, a fiftieth shows the same.
+    monkeypatch.setattr("eppanalysis.methods.search.ends.MOST_EVENTS", 1_200)
     loop = epp.LureSystem.from_blocks([([1.0], [1.0, 1.0, 0.0]), before, epp.RateLimiter(1.0)])
     run, found = epp.simulate(loop, t_end=30.0), epp.find_limit_cycles(loop)
     why = "as another element acts straight on it"
