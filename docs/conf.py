@@ -6,12 +6,16 @@ import inspect
 import math
 import re
 import sys
+from collections.abc import Iterator
 from enum import Enum
+from itertools import groupby
 from pathlib import Path
 from typing import ClassVar
 
+from docutils import nodes
 from pygments.lexers.shell import BashLexer
 from pygments.token import Name
+from sphinx.transforms import SphinxTransform
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -102,10 +106,51 @@ class Commands(BashLexer):
     }
 
 
+_SYMBOL = r"(?:[nµμmckMG]?(?:Hz|rad|lbf|m|s|g|N|V|A|W|B|Ω)|[KMG]iB|deg|dB|ohm|min|lb|px|%)[²³]?"
+#: The space between a number and its unit.
+_BEFORE_UNIT = rf"(?<=[\d⁰¹²³⁴-⁹°]) (?=(?:{_SYMBOL}(?:[·/]{_SYMBOL})*|per cent)(?![\w·/]))"
+_VERBATIM = nodes.FixedTextElement, nodes.literal, nodes.math, nodes.math_block, nodes.raw
+
+
+class OneLine(SphinxTransform):
+    """No line ends between a number and its unit, or between a formula in a sentence and what touches it.
+
+    A browser may break a line on either side of a formula, also before a full stop.
+    """
+
+    default_priority = 900  # quotation marks have been made by then
+
+    def apply(self, **options) -> None:
+        """Put no-break spaces before units, and formulas into one piece with what touches them."""
+        for text in list(self.document.findall(nodes.Text)):
+            if not isinstance(text.parent, _VERBATIM):
+                before = text.parent[max(text.parent.index(text) - 1, 0)]
+                number = "0" * isinstance(before, nodes.math)  # as which a formula counts
+                held = re.sub(_BEFORE_UNIT, "\N{NO-BREAK SPACE}", f"{number}{text}").removeprefix(number)
+                text.parent.replace(text, nodes.Text(held))
+        for parent in {id(formula.parent): formula.parent for formula in self.document.findall(nodes.math)}.values():
+            parent[:] = list(_in_runs(parent))
+
+
+def _in_runs(parent: nodes.Element) -> Iterator[nodes.Node]:
+    """The children of a node, with each run without a space in it that holds a formula as one."""
+    pieces = []
+    for child in parent.children:
+        split = re.split(r"([ \t\n]+)", child) if isinstance(child, nodes.Text) else [child]
+        pieces += [nodes.Text(piece) if isinstance(piece, str) else piece for piece in split if piece != ""]
+    for space, run in groupby(pieces, lambda piece: isinstance(piece, nodes.Text) and piece.isspace()):
+        together = list(run)
+        if not space and len(together) > 1 and any(isinstance(piece, nodes.math) for piece in together):
+            yield nodes.inline("", "", *together, classes=["together"])
+        else:
+            yield from together
+
+
 def setup(app) -> None:
-    """Register the maker of pictures and tables, what lists of attributes leave out, and how commands are coloured."""
+    """Register the maker of pictures and tables, what lists of attributes leave out, how commands and lines look."""
     for name in ("sh", "bash"):  # commands that the tests run, and others
         app.add_lexer(name, Commands)
+    app.add_transform(OneLine)
     app.connect("builder-inited", make_pages)
     app.connect("autodoc-skip-member", leave_out)
     app.connect("autodoc-process-signature", as_read)

@@ -127,7 +127,8 @@ def table() -> tuple[list[str], list[list[str]]]:
                 lines.append(_line(name, rungs))
         if alone:
             low, high = (f(r.frequency for r in alone) for f in (min, max))
-            lines.append([f"`{name}`", f"{len(alone)} unstable", f"{low:.4g} to {high:.4g}", "", "", "by search", ""])
+            span = " to ".join(dict.fromkeys((f"{low:.4g}", f"{high:.4g}")))
+            lines.append([f"`{name}`", f"{len(alone)} unstable", span, "", "", "by search", ""])
         lines += [_line(name, [r]) for r in own if r.exact < 0 and np.isfinite(r.frequency)]
         if not any(np.isfinite(r.frequency) for r in own):
             lines.append([f"`{name}`", "no cycle", "", *[""] * len(METHODS)])
@@ -150,7 +151,7 @@ def _cell(rungs: Sequence[Row]) -> str:
     if not rungs:
         return ""
     rung = rungs[0]
-    took = f"{1e3 * rung.seconds:.3g} ms"
+    took = _time(rung.seconds)
     order = rung.method.split(", ")[-1].replace("order ", "n = ") + ", " if rung.method.startswith("harmonic") else ""
     if rung.method.startswith("exact"):
         return "by search" if rung.note else took
@@ -160,9 +161,16 @@ def _cell(rungs: Sequence[Row]) -> str:
     return f"{order}{errors}{took}"
 
 
+def _time(seconds: float) -> str:
+    """A time to three digits, in the unit that needs no power of ten."""
+    return f"{seconds:.3g} s" if seconds >= 0.9995 else f"{1e3 * seconds:.3g} ms"
+
+
 def _percent(error: float) -> str:
     """Two digits of a relative error in per cent; "0" where it is rounding."""
-    return "0" if abs(error) < 1e-9 else f"{100.0 * error:+.2g}"
+    if abs(error) < 1e-9:
+        return "0"
+    return f"{100.0 * error:+.2g}" if abs(error) >= 1e-5 else "< 0.001"
 
 
 if __name__ == "__main__":

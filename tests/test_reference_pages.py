@@ -120,9 +120,42 @@ def test_an_example_imports_what_it_uses(name):
     assert {node.id for node in named} <= bound
 
 
-def test_signatures_of_blocks_begin_with_what_must_be_given_and_hide_what_is_no_plain_value():
-    read = runpy.run_path(str(DOCS / "conf.py"))["as_read"]
+@pytest.fixture(scope="module")
+def configuration():
+    pytest.importorskip("sphinx")
+    return runpy.run_path(str(DOCS / "conf.py"))
+
+
+def test_signatures_of_blocks_begin_with_what_must_be_given_and_hide_what_is_no_plain_value(configuration):
+    read = configuration["as_read"]
     shown, _ = read(None, "class", "", epp.blocks.PI, None, str(inspect.signature(epp.blocks.PI)), None)
     assert shown.startswith("(*, kp, ti=None, ki=None, delay=0.0,")
     assert read(None, "class", "", epp.Cuts, None, "(names, F=<factory>, _own=1)", None) == ("(names, F=...)", None)
     assert read(None, "function", "", epp.identify, None, f"(wrap={math.pi})", None) == ("(wrap=pi)", None)
+
+
+LINES = """\
+Off by +11.6 % at 8.84 Hz, 0.867 deg or 2·10⁻⁵ kg·m², by 20 per cent of 3 rows.
+
+The gain ($K_p$) is 5 times $10^{-6}$ N·m/rad, so $x$ rests, $a$-$b$; ``2 mm`` and $y = 2 s$.
+"""
+
+
+def test_no_line_ends_before_a_unit_or_beside_a_formula(tmp_path, configuration):
+    from docutils import nodes
+    from sphinx.application import Sphinx
+    from sphinx.util.docutils import docutils_namespace, patch_docutils
+
+    (tmp_path / "index.md").write_text(f"# Title\n\n{LINES}", encoding="utf-8")
+    settings = {"extensions": ["myst_parser"], "myst_enable_extensions": ["dollarmath"]}
+    with patch_docutils(), docutils_namespace():
+        app = Sphinx(tmp_path, None, tmp_path / "out", tmp_path / "tree", "dummy", settings, status=None, warning=None)
+        app.add_transform(configuration["OneLine"])
+        app.build()
+        page = app.env.get_doctree("index")
+    plain, formulas = page.findall(nodes.paragraph)
+    held = "Off by +11.6~% at 8.84~Hz, 0.867~deg or 2·10⁻⁵~kg·m², by 20~per cent of 3 rows."
+    assert plain.astext() == held.replace("~", "\N{NO-BREAK SPACE}")
+    runs = [run.astext() for run in formulas.findall(nodes.inline)]
+    assert runs == ["(K_p)", "10^{-6}\N{NO-BREAK SPACE}N·m/rad,", "a-b;", "y = 2 s."]
+    assert [code.astext() for code in formulas.findall(nodes.literal)] == ["2 mm"]

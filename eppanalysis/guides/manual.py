@@ -100,7 +100,8 @@ def _of_guide(guide: Guide, given: float | None) -> ManualTable:
     what = "Largest" if not up else "Smallest"
     named = guide.case.title or guide.case.name
     title = f"{what} {in_words(guide.limit)} {guide.without(_OSCILLATION)}: {named}"
-    notes = _notes([row.cell for row in guide.rows], _how_rounded(up, steps), guide.allowed)
+    found = [row.cell for row in guide.rows]
+    notes = _notes(found, _how_rounded("Values", found, up, steps), guide.allowed)
     said = [c.note for c in beside if c.note] + ([guide.not_covered] if guide.not_covered else [])
     made_by = source(guide)
     return ManualTable(title, heads, tuple(rows), (*notes, *said, *more, made_by), _shades(r.cell for r in guide.rows))
@@ -211,10 +212,6 @@ def _holds_from_below(cells: Iterable[BoundCell]) -> bool:
     return up
 
 
-def _way(up: bool) -> str:
-    return "up" if up else "down"
-
-
 def _shades(cells: Iterable[BoundCell]) -> tuple[Shade, ...]:
     """The shade of each row, by how its limit is known."""
     return tuple(_SHADES[cell.known] for cell in cells)
@@ -243,15 +240,19 @@ def _of_bounds(bounds: DesignBounds, given: float | None) -> ManualTable:
     )
     cycle = _OSCILLATION if bounds.allowed is None else bounds.allowed.exceeded
     title = f"Limits on {name} without a {cycle}: {words(bounds.case)}"
-    said = f"The {name} is rounded {_way(up)}, in steps of {step} {y_unit}".rstrip() + "."
+    said = _how_rounded(f"{_capital(name)}, {side}", found, up, [f"{step} {y_unit}".rstrip()])
     notes = (*_notes(list(bounds), said, bounds.allowed), *([bounds.not_covered] if bounds.not_covered else []))
     made_by = _source(bounds.provenance, bounds.case)
     return ManualTable(title, heads, tuple(rows), (*notes, made_by), _shades(bounds))
 
 
+def _is_tested(cell: BoundCell) -> bool:
+    return math.isfinite(cell.safe_value)
+
+
 def _tested(limit: float, cell: BoundCell) -> float:
     """A limit, or where the design was tested on the safe side of it."""
-    if not math.isfinite(cell.safe_value) or not math.isfinite(limit):
+    if not _is_tested(cell) or not math.isfinite(limit):
         return limit
     return min(limit, cell.safe_value) if cell.sign > 0 else max(limit, cell.safe_value)
 
@@ -301,10 +302,10 @@ def _checked(cell: BoundCell) -> str:
     return "no"
 
 
-def _how_rounded(up: bool, steps: Iterable[str]) -> str:
+def _how_rounded(what: str, cells: Iterable[BoundCell], up: bool, steps: Iterable[str]) -> str:
     """Where the values of a table come from."""
-    tested = "Values are where tests took place, on the safe side of each limit"
-    return f"{tested}, rounded {_way(up)}, in steps of {', '.join(steps)}."
+    tested = "as tested on the safe side of the computed limit" if any(map(_is_tested, cells)) else "as computed"
+    return f"{what}: {tested}, rounded {'up' if up else 'down'}, in steps of {', '.join(steps)}."
 
 
 def _notes(cells: Iterable[BoundCell], rounding: str, allowed: Allowed | None) -> tuple[str, ...]:
@@ -319,8 +320,8 @@ def _notes(cells: Iterable[BoundCell], rounding: str, allowed: Allowed | None) -
         rest, larger = "came to rest or stayed within what is allowed", " larger than that"
     if len(bounds) > unchecked and not searched:
         notes.append(
-            f"Checked (second column): on the safe side of the limit all simulations {rest} and no oscillation{larger} "
-            f"was found; on the other side an oscillation{larger} exists."
+            f"Checked: on the safe side of the computed limit all simulations {rest} and no oscillation{larger} was "
+            f"found; on the other side an oscillation{larger} exists."
         )
     if unchecked:
         are, them = ("is", "it") if unchecked == 1 else ("are", "them")

@@ -46,7 +46,8 @@ def _verdict(holds: bool) -> str:
 
 
 def _percent(found: float, said: float) -> str:
-    return f"{round(100 * (found / said - 1), 1) + 0.0:+.1f} %"
+    apart = f"{100 * (found / said - 1):+.1f} %"
+    return "none" if float(apart.split()[0]) == 0 else apart
 
 
 def _cycle(result: epp.Trajectory) -> str:

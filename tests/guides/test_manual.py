@@ -131,6 +131,17 @@ def test_a_limit_from_below_is_rounded_up(bounds):
         epp.manual_table(replace(bounds, cells=(above, *bounds.cells)))
 
 
+def test_what_is_rounded_is_said_to_be_tested_only_where_it_was(bounds):
+    note = epp.manual_table(bounds).notes[0]
+    assert note.startswith(
+        "Lock pin backlash, at most: as tested on the safe side of the computed limit, rounded down,"
+    )
+    untested = replace(bounds, cells=tuple(replace(cell, safe_value=np.nan) for cell in bounds.cells))
+    table = epp.manual_table(untested)
+    assert "tested" not in table.notes[0] and "as computed, rounded down" in table.notes[0]
+    assert float(table.texts()[0][1]) > 0.97  # of the bound itself
+
+
 @given(st.floats(1e-6, 1e6), st.sampled_from(["1", "0.05", "0.002", "0.25", "2E+1"]), st.booleans())
 def test_rounding_is_safe_and_loses_less_than_a_step(value, text, up):
     step = Decimal(text)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from studies import ladder as study
@@ -31,3 +33,18 @@ def test_exact_orbits_and_long_runs_agree_wherever_both_exist():
             assert abs(row.error_period) < limit and abs(row.error_size) < limit, row.case
             agreed += 1
     assert agreed >= 25
+
+
+def test_numbers_of_the_table_are_written_as_people_write_them():
+    cells = [cell for line in study.table()[1] for cell in line]
+    assert not [cell for cell in cells if re.search(r"\de[+-]?\d", cell)]
+    spans = [cell.split(" to ") for cell in cells if " to " in cell]
+    assert all(float(low) < float(high) for low, high in spans)
+    for seconds, text in (
+        (0.0123456, "12.3 ms"),
+        (0.9994, "999 ms"),
+        (0.9996, "1 s"),
+        (1.164, "1.16 s"),
+        (72.0, "72 s"),
+    ):
+        assert study._time(seconds) == text

@@ -40,6 +40,11 @@ def test_verdicts_are_those_that_the_pages_speak_of(rows: dict[str, tables.Row])
     assert len(verdict[tables.AGREES]) == 12
 
 
+def test_no_difference_has_no_sign() -> None:
+    assert [tables._percent(found, 2.0) for found in (2.0, 2.0009, 1.9991)] == ["none"] * 3
+    assert [tables._percent(found, 2.0) for found in (2.002, 1.998, 3.0)] == ["+0.1 %", "-0.1 %", "+50.0 %"]
+
+
 def test_statements_are_shown_once_and_known() -> None:
     keys = [row.key for row in tables.all_rows()]
     assert len(keys) == len(set(keys)) and set(keys) <= set(SAID)
