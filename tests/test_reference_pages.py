@@ -9,6 +9,7 @@ import inspect
 import math
 import re
 import runpy
+from enum import Enum
 
 import pytest
 
@@ -66,6 +67,12 @@ def test_every_field_of_a_loop_stands_on_its_page(model):
 
 def test_the_page_on_blocks_is_that_of_the_code():
     assert blocks.PAGE.read_text(encoding="utf-8") == blocks.page(), "run python -m studies.pages.blocks"
+
+
+@pytest.mark.parametrize("page", [blocks.PAGE, elements.PAGE], ids=["blocks", "elements"])
+def test_no_star_of_a_unit_is_read_as_emphasis(page):
+    text = re.sub(r"`[^`\n]*`", "", page.read_text(encoding="utf-8"))
+    assert "*" not in text.replace("**", "")
 
 
 @pytest.mark.parametrize("kind", BLOCKS)
@@ -159,3 +166,41 @@ def test_no_line_ends_before_a_unit_or_beside_a_formula(tmp_path, configuration)
     runs = [run.astext() for run in formulas.findall(nodes.inline)]
     assert runs == ["(K_p)", "10^{-6}\N{NO-BREAK SPACE}N·m/rad,", "a-b;", "y = 2 s."]
     assert [code.astext() for code in formulas.findall(nodes.literal)] == ["2 mm"]
+
+
+def _undescribed(function, *docstrings) -> set[str]:
+    """Arguments that none of the docstrings names in its list or between back ticks."""
+    words = {name for text in docstrings for name in re.findall(r"\w+", " ".join(_listed(text or "")))}
+    return {name for name in inspect.signature(function).parameters if name not in ("self", "cls")} - words
+
+
+def _listed(text: str) -> list[str]:
+    return re.findall(r"^ *[*]*\w[\w*, ]*(?= :|$)", inspect.cleandoc(text), re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", [name for name, value in _public().items() if inspect.isfunction(value)])
+def test_a_function_says_what_it_takes_and_returns(name):
+    function = _public()[name]
+    text = inspect.getdoc(function) or ""
+    assert not _undescribed(function, text)
+    assert inspect.signature(function).return_annotation == "None" or re.search(r"^(Returns|Yields)\n-", text, re.M)
+
+
+@pytest.mark.parametrize("name", [name for name, value in _public().items() if inspect.isclass(value)])
+def test_a_class_says_what_it_is_made_from(name):
+    made = _public()[name]
+    if issubclass(made, Enum | Exception | type(epp.blocks)) or getattr(made, "__init__", None) is object.__init__:
+        return
+    fields = {p for p in inspect.signature(made).parameters if not p.startswith("_")}
+    listed = re.search(r"^(Parameters|Attributes)\n-", inspect.getdoc(made) or "", re.M)
+    assert listed or not fields
+    for maker in ("from_tf", "from_blocks", "from_control", "from_csv", "build"):
+        method = getattr(made, maker, None)
+        assert method is None or not _undescribed(method, method.__doc__, made.__doc__)
+
+
+@pytest.mark.parametrize("name", [name for name, value in _public().items() if inspect.isclass(value)])
+def test_no_field_shows_the_docstring_of_a_type(name):
+    made = _public()[name]
+    own = vars(made) if not issubclass(made, Enum) else {}
+    assert not [field for field, value in own.items() if not field.startswith("_") and inspect.isclass(value)]

@@ -51,6 +51,10 @@ def read_case(path: str | Path) -> Case:
     path : str or Path
         The TOML file.
 
+    Returns
+    -------
+    Case
+
     Raises
     ------
     CaseError
@@ -90,6 +94,10 @@ def case_from_text(text: str, name: str = "case", folder: str | Path | None = No
     folder : str or Path, optional
         Where files that it names are looked for; only the cases that ship by default.
 
+    Returns
+    -------
+    Case
+
     Raises
     ------
     CaseError
@@ -114,6 +122,10 @@ def case(name: str) -> Case:
     ----------
     name : str
         Name of its file without the ending; :func:`shipped_cases` lists them.
+
+    Returns
+    -------
+    Case
 
     Raises
     ------

@@ -152,6 +152,10 @@ def shipped_cases_folder() -> Path:
 def shipped_cases() -> tuple[str, ...]:
     """Names of the cases that ship, in alphabetical order.
 
+    Returns
+    -------
+    tuple of str
+
     Examples
     --------
     >>> import eppanalysis as epp

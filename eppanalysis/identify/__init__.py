@@ -137,6 +137,11 @@ def identify(
     progress : callable, optional
         Called with what is done, of how much, and in words what is being done.
 
+    Returns
+    -------
+    Identification
+        The case with what the tests tell, and a fit for each test.
+
     Raises
     ------
     EppError

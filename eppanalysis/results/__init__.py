@@ -185,10 +185,10 @@ class LimitCycle(Result):
         return self
 
     def require_state(self, n: int) -> LimitCycle:
-        """The cycle itself, or EppError unless it tells the `n` states of a loop at its begin."""
+        """The cycle itself, or EppError unless it tells the `n` states of a loop at its start."""
         if self.state.size != n:
             raise EppError(
-                f"A limit cycle by {self.method} has {self.state.size} states at its begin; expected {n}, as a "
+                f"A limit cycle by {self.method} has {self.state.size} states at its start; expected {n}, as a "
                 "prediction, an exact orbit or a run of this loop has them."
             )
         return self
@@ -367,7 +367,7 @@ class Prediction(Listing[LimitCycle]):
     curves: Mapping[str, Any] = field(default_factory=dict)
     margins: Mapping[str, Any] = field(default_factory=dict)
     on_grid: bool = False
-    unseen: Callable[[], tuple[str, ...]] = tuple
+    unseen: Callable[[], tuple[str, ...]] = field(default_factory=lambda: tuple)
 
     parts = "cycles"
     in_json = "status message=status.value search warnings margins operating_point cycles provenance"

@@ -256,6 +256,11 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
     path : str or Path
         Zarr folder that :func:`sweep` has written.
 
+    Returns
+    -------
+    xarray.Dataset
+        As :func:`sweep` returns it.
+
     Raises
     ------
     EppError

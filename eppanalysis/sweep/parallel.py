@@ -46,6 +46,10 @@ def plot_parallel(
     most : int
         Of more cells than these, so many are drawn, spread evenly.
 
+    Returns
+    -------
+    matplotlib.figure.Figure
+
     Raises
     ------
     EppError

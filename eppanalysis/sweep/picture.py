@@ -107,6 +107,10 @@ def plot_design_map(
     ax : matplotlib.axes.Axes, optional
         Where to draw, without the name of the case; a figure of its own by default.
 
+    Returns
+    -------
+    matplotlib.figure.Figure
+
     Raises
     ------
     EppError
@@ -251,6 +255,10 @@ def plot_slices(
     at : mapping of str to int, optional
         Place along every dimension that is neither; the first one by default.
 
+    Returns
+    -------
+    matplotlib.figure.Figure
+
     Raises
     ------
     EppError
@@ -388,6 +396,10 @@ def plot_sweep(dataset: xarray.Dataset, curves: Sequence[Boundary] = ()) -> Figu
         From :func:`eppanalysis.sweep`.
     curves : sequence of Boundary
         For a map.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
 
     Raises
     ------

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
 from eppanalysis.models.diagrams import BLOCKS, Block
+from eppanalysis.readable import in_print
 from studies import DOCS
 
 PAGE = DOCS / "reference" / "blocks.md"
@@ -35,7 +36,8 @@ Every block takes these besides its own:
 
 """
 
-_PORTS_OF_MATRICES = "`in` and `out`, or `in1`, `in2`, ... where there are several, or those named"
+#: Of a block of matrices: one, several, or those that are given names.
+_PORTS_OF_MATRICES = "`{0}`; `{0}1`, `{0}2`, ... where there are several; or the names in `{0}put_names`"
 
 
 def page() -> str:
@@ -66,7 +68,7 @@ def _fields(fields: Iterable[tuple[str, Declared]], made: type[Block]) -> str:
 
 
 def _meaning(about: Declared) -> str:
-    unit = f" [{about.unit}]" if about.unit else ""
+    unit = f" [{in_print(about.unit)}]" if about.unit else ""
     words = f": {', '.join(f'`{word}`' for word in about.choices)}" if about.choices else ""
     held = {Form.NUMBERS: " (numbers)", Form.NAMES: " (a list)"}.get(about.form, "")
     least = "; more than zero" if about.above == 0 else "; zero or more" if about.at_least == 0 else ""
@@ -82,11 +84,11 @@ def _default(value: object) -> str:
 
 
 def _inputs(made: type[Block]) -> str:
-    return _PORTS_OF_MATRICES if made.kind == "state_space" else _listed(made.inputs)
+    return _PORTS_OF_MATRICES.format("in") if made.kind == "state_space" else _listed(made.inputs)
 
 
 def _outputs(made: type[Block]) -> str:
-    return "likewise" if made.kind == "state_space" else _listed(made.outputs)
+    return _PORTS_OF_MATRICES.format("out") if made.kind == "state_space" else _listed(made.outputs)
 
 
 def _listed(names: tuple[str, ...]) -> str:

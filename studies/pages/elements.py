@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 import re
+from collections.abc import Iterable
 from itertools import groupby
 
 from eppanalysis.cases.blocks import element_class
@@ -36,55 +37,6 @@ Besides its own fields every element takes
 An element of your own is `automaton`, with its modes, guards and resets as fields: {doc}`../howto/own_element`.
 """
 
-#: Fields of elements whose docstring says in its first sentence what they do; here their meaning with its unit.
-_MEANINGS = {
-    "saturation": {
-        "lower": "Least output [unit of the output].",
-        "upper": "Greatest output [unit of the output], above `lower`.",
-        "slope": "Between the limits, positive [unit of the output per unit of the input].",
-    },
-    "dead_zone": {
-        "lower": "Lower edge [unit of the input].",
-        "upper": "Upper edge [unit of the input], above `lower`.",
-        "slope": "Outside the edges, not zero [unit of the output per unit of the input].",
-    },
-    "relay": {
-        "low": "Output below the threshold [unit of the output].",
-        "high": "Output above it [unit of the output].",
-        "threshold": "[unit of the input]",
-    },
-    "relay_dead_zone": {
-        "threshold": "Half the width of the dead zone [unit of the input], positive.",
-        "level": "Output beyond it [unit of the output].",
-    },
-    "preload": {
-        "level": "Half the step at zero [unit of the output].",
-        "slope": "[unit of the output per unit of the input]",
-    },
-    "quantiser": {
-        "step": "Width and height of a step [unit of input and output], positive.",
-        "levels": "Steps on each side, a positive whole number.",
-    },
-    "coulomb": {"level": "Output while the input is positive [unit of the output]."},
-    "cube": {"scale": "[unit of the output per cubed unit of the input]"},
-    "sine": {"scale": "Greatest output [unit of the output]."},
-    "hysteresis_relay": {
-        "lower": "Where it goes low [unit of the input].",
-        "upper": "Where it goes high [unit of the input], at least `lower`.",
-        "low": "Output while low [unit of the output].",
-        "high": "Output while high [unit of the output].",
-    },
-    "hysteresis_relay_dead_zone": {
-        "on": "Where it switches on [unit of the input], positive.",
-        "off": "Where it switches off [unit of the input], from 0 to `on`.",
-        "level": "Output while on, positive [unit of the output].",
-    },
-    "play": {
-        "gap": "Total width, at least zero [unit of the input, which is that of the output]; the output stays within "
-        "`gap/2` of the input."
-    },
-}
-
 _PARAMETERS = re.compile(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+\n|\Z)", re.MULTILINE | re.DOTALL)
 _ENTRY = re.compile(r"^(\w[\w, ]*?) : [^\n]*\n((?:[ ]+[^\n]*\n?|\n)+)", re.MULTILINE)
 
@@ -95,14 +47,13 @@ def page() -> str:
 
 
 def meanings(kind: str) -> dict[str, str]:
-    """What each field of an element means, from its docstring where that lists them."""
+    """What each field of an element means, from its docstring."""
     section = _PARAMETERS.search((inspect.getdoc(element_class(kind)) or "") + "\n")
-    listed = {
+    return {
         name.strip(): " ".join(text.split())
         for names, text in (_ENTRY.findall(section[1]) if section else ())
         for name in names.split(",")
     }
-    return listed | _MEANINGS.get(kind, {})
 
 
 def _section(kind: str) -> str:
@@ -111,8 +62,8 @@ def _section(kind: str) -> str:
     says, known = (inspect.getdoc(made) or "").split("\n\n")[0], meanings(kind)
     fields = inspect.signature(made).parameters.values()
     rows = [
-        f"| {', '.join(f'`{p.name}`' for p in alike)} | {default} | {_markdown(meaning)} |"
-        for (default, meaning), alike in groupby(fields, key=lambda p: (_default(p), known[p.name]))
+        f"| {', '.join(f'`{p.name}`' for p in alike)} | {_defaults(alike)} | {_markdown(meaning)} |"
+        for meaning, alike in ((meaning, list(p)) for meaning, p in groupby(fields, key=lambda p: known[p.name]))
     ]
     if made.columns:
         named = " and ".join(f"`{column}`" for column in made.columns)
@@ -120,6 +71,11 @@ def _section(kind: str) -> str:
         rows.append(f"| `file` | none | {path}, in place of {named}: its first columns, with units in a header. |")
     head = ["| field | default | meaning [unit] |", "| --- | --- | --- |"]
     return "\n".join([f"## {kind}", "", _markdown(says).replace("\\|", "|"), "", *head, *rows]) + "\n"
+
+
+def _defaults(alike: Iterable[inspect.Parameter]) -> str:
+    """The defaults of parameters, in one word where they are the same."""
+    return ", ".join(dict.fromkeys(map(_default, alike)))
 
 
 def _default(parameter: inspect.Parameter) -> str:

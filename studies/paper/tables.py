@@ -47,7 +47,7 @@ def _verdict(holds: bool) -> str:
 
 def _percent(found: float, said: float) -> str:
     apart = f"{100 * (found / said - 1):+.1f} %"
-    return "none" if float(apart.split()[0]) == 0 else apart
+    return "none" if float(apart.removesuffix(" %")) == 0 else apart
 
 
 def _cycle(result: epp.Trajectory) -> str:

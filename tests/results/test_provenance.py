@@ -121,7 +121,7 @@ def test_searches_take_cycles_of_any_method(search):
 @pytest.mark.parametrize("loop", [LOOP, SAMPLED], ids=["continuous", "sampled"])
 def test_a_cycle_without_a_state_is_refused_in_a_sentence(loop):
     cycle = replace(epp.predict_limit_cycles(loop)[0], state=np.zeros(0))
-    with pytest.raises(epp.EppError, match="0 states at its begin; expected"):
+    with pytest.raises(epp.EppError, match="0 states at its start; expected"):
         epp.find_limit_cycles(loop, predicted=[cycle])
 
 

@@ -59,11 +59,15 @@ def _vector(values: ArrayLike, size: int) -> Array:
 class Mode:
     """One mode of an element.
 
-    Shapes of `from_input`, `from_memory`, `from_smooth` and `constant` are (n_outputs, n_inputs),
-    (n_outputs, n_memory), (n_outputs, n_smooth) and (n_outputs,).
-
-    A sticking mode keeps the first input at `level`. It exists only where the loop pulls back against the element's
-    jump there, that is where the input's rate falls as the output rises for an upward `jump` (and the reverse).
+    Parameters
+    ----------
+    name : str
+    from_input, from_memory, from_smooth : array, shapes (n_outputs, n_inputs), (.., n_memory) and (.., n_smooth)
+    constant : array, shape (n_outputs,)
+    sticking : bool
+        Whether it keeps the first input at `level`. Such a mode exists only where the loop pulls back against the
+        element's jump there: where the input's rate falls as the output rises for an upward `jump` (and the reverse).
+    level, jump : float
     """
 
     name: str
@@ -83,8 +87,15 @@ class Guard:
     With inputs z, outputs w and memory values h of the element,
     ``value = on_input @ z + on_rate @ dz/dt + on_memory @ h + on_output @ w + constant``. At the event the memory
     values become ``memory_from_input @ z + memory_from_memory @ h + memory_constant``, and the first output has an
-    impulse of the strength ``impulse @ z``, by which states jump that integrate it. Where the loop does not admit the
-    sticking mode that is the target, the event leads to `bypass`.
+    impulse of the strength ``impulse @ z``, by which states jump that integrate it.
+
+    Parameters
+    ----------
+    name : str
+    mode, target, bypass : int
+        The event leads to `bypass` where the target is a sticking mode that the loop does not admit.
+    on_input, on_rate, on_memory, on_output, impulse, constant : array or float
+    memory_from_input, memory_from_memory, memory_constant : array
     """
 
     name: str
@@ -104,13 +115,17 @@ class Guard:
 
 @dataclass(frozen=True)
 class Smooth:
-    """Smooth function of the inputs: ``sigma = scale * f(on_input @ z + constant)``.
+    """Smooth function of the inputs z: ``sigma = scale * f(on_input @ z + on_smooth @ earlier + constant)``.
 
-    The function f is called by its `kind`: sine, square, cube, fourth_power, fifth_power, tanh, arctan, gaussian,
-    exponential, logarithm (of the absolute value) or reciprocal_abs (``1/(1 + |u|)``).
-
-    With `on_smooth`, the weights of the functions that stand before it in the automaton, in their order, it is one of
-    these functions too: ``on_smooth @ sigma`` is added to the argument.
+    Parameters
+    ----------
+    kind : str
+        The function f: sine, square, cube, fourth_power, fifth_power, tanh, arctan, gaussian, exponential, logarithm
+        (of the absolute value) or reciprocal_abs (``1/(1 + |u|)``).
+    on_input : array, shape (n_inputs,)
+    constant, scale : float
+    on_smooth : tuple of float, optional
+        Weights of the functions that stand before it in the automaton, in their order.
     """
 
     kind: str
@@ -392,7 +407,13 @@ class AutomatonBuilder:
         )
 
     def build(self, start_mode: int = 0, start_memory: ArrayLike = 0.0) -> Automaton:
-        """The finished automaton."""
+        """The finished automaton.
+
+        Parameters
+        ----------
+        start_mode, start_memory : int and array_like, shape (n_memory,)
+            Mode and memory values at the start.
+        """
         return Automaton(
             self.n_inputs,
             self.n_outputs,

@@ -68,9 +68,9 @@ class HysteresisRelay(_Levels, kind="hysteresis_relay"):
     Parameters
     ----------
     lower, upper : float
-        Thresholds, `upper` at least `lower` [unit of the input].
+        Where it goes low and where it goes high, `upper` at least `lower` [unit of the input].
     low, high : float, optional
-        Levels [unit of the output].
+        Outputs while low and while high [unit of the output].
 
     Raises
     ------
@@ -145,9 +145,9 @@ class HysteresisRelayDeadZone(_Levels, kind="hysteresis_relay_dead_zone"):
     Parameters
     ----------
     on, off : float
-        Thresholds, ``0 <= off <= on`` [unit of the input].
+        Where it switches on and where it switches off, ``0 <= off <= on`` [unit of the input].
     level : float, optional
-        Positive [unit of the output].
+        Output while on, positive [unit of the output].
 
     Raises
     ------

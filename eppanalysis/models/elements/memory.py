@@ -39,7 +39,17 @@ from eppanalysis.models.elements.piecewise import UNITY
 
 
 class Slip(NamedTuple):
-    """Memory of an element that sticks: its value, which way it slides (1, -1, or 0 stuck) and the input it reached."""
+    """Memory of an element that sticks.
+
+    Parameters
+    ----------
+    value : array_like
+        What the output is, or sticks at.
+    direction : array_like
+        Which way it slides: 1, -1, or 0 where it is stuck.
+    reached : array_like
+        The input that it has reached.
+    """
 
     value: ArrayLike
     direction: ArrayLike = 0
@@ -71,7 +81,8 @@ class Play(Nonlinearity, kind="play"):
     Parameters
     ----------
     gap : float
-        Total width, at least zero; the output stays within ``gap/2`` of the input.
+        Total width, at least zero [unit of the input, which is that of the output]; the output stays within ``gap/2``
+        of the input.
 
     Raises
     ------

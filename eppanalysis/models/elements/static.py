@@ -1,7 +1,6 @@
 """Static elements: named shapes of the piecewise-linear map, and the sine.
 
-The named shapes only work out breakpoints, slopes and intercepts; everything they do is in
-:class:`~eppanalysis.models.elements.piecewise.PiecewiseLinear`.
+The named shapes only work out the pieces of :class:`~eppanalysis.models.elements.piecewise.PiecewiseLinear`.
 """
 
 from __future__ import annotations
@@ -111,7 +110,14 @@ class FiveBandLaw(PiecewiseLinear, kind="five_band_law"):
 @of_two_sides("lower", "upper")
 @dataclass(frozen=True)
 class Saturation(PiecewiseLinear, kind="saturation"):
-    """``y = slope*x``, limited to `lower` and `upper` (both in the unit of the output).
+    """``y = slope*x``, limited to `lower` and `upper`.
+
+    Parameters
+    ----------
+    lower, upper : float, optional
+        Least and greatest output [unit of the output].
+    slope : float, optional
+        Between the limits, positive [unit of the output per unit of the input].
 
     Raises
     ------
@@ -147,7 +153,7 @@ class DeadZone(PiecewiseLinear, kind="dead_zone"):
     lower, upper : float, optional
         Edges, ascending [unit of the input].
     slope : float, optional
-        Not zero [unit of the output per unit of the input].
+        Outside the edges, not zero [unit of the output per unit of the input].
 
     Raises
     ------
@@ -214,6 +220,13 @@ class DeadZoneSaturation(PiecewiseLinear, kind="dead_zone_saturation"):
 class Relay(PiecewiseLinear, kind="relay"):
     """`low` below `threshold`, `high` above it, halfway between the two at it.
 
+    Parameters
+    ----------
+    low, high : float, optional
+        Outputs below and above the threshold, not the same [unit of the output].
+    threshold : float, optional
+        Input at which it switches [unit of the input].
+
     Raises
     ------
     ModelError
@@ -236,6 +249,13 @@ class Relay(PiecewiseLinear, kind="relay"):
 class RelayDeadZone(PiecewiseLinear, kind="relay_dead_zone"):
     """Three levels: ``-level`` below ``-threshold``, 0 between, ``level`` above `threshold`.
 
+    Parameters
+    ----------
+    threshold : float
+        Half the width of the dead zone, positive [unit of the input].
+    level : float, optional
+        Output beyond it [unit of the output].
+
     Raises
     ------
     ModelError
@@ -255,6 +275,13 @@ class RelayDeadZone(PiecewiseLinear, kind="relay_dead_zone"):
 @dataclass(frozen=True)
 class Preload(PiecewiseLinear, kind="preload"):
     """``y = slope*x + level*sgn(x)``.
+
+    Parameters
+    ----------
+    level : float
+        Half the step at zero [unit of the output].
+    slope : float
+        On either side of the step [unit of the output per unit of the input].
 
     Raises
     ------
@@ -348,6 +375,13 @@ class Quantiser(PiecewiseLinear, kind="quantiser"):
 
     Halfway between two multiples it gives the one that is further from zero; there is no output between two levels.
 
+    Parameters
+    ----------
+    step : float
+        Width and height of a step, positive [unit of input and output].
+    levels : int
+        Steps on each side, a positive whole number.
+
     Raises
     ------
     ModelError
@@ -395,6 +429,11 @@ class Quantiser(PiecewiseLinear, kind="quantiser"):
 @dataclass(frozen=True)
 class Sine(Nonlinearity, kind="sine"):
     """``y = scale * sin(x)``, x in radians (gravity on a link, a pendulum).
+
+    Parameters
+    ----------
+    scale : float
+        Greatest output [unit of the output].
 
     Raises
     ------

@@ -67,7 +67,7 @@ class LureSystem(Responses):
         The named signals.
     B_input, D_input : array, shapes (n, nv) and (nz, nv)
         From the external inputs.
-    input_names : tuple of str
+    input_names, state_names : tuple of str
     constant_state, constant_input : array, shapes (n,) and (nz,)
         Constant terms.
     x0 : array, shape (n,)
@@ -147,7 +147,7 @@ class LureSystem(Responses):
 
         Where an element brings linear states of its own, what is given has the places of the signals before and behind
         it; its states are appended to those given. The memory of one that is described together with them is where they
-        start.
+        start. The arguments are the fields of the class.
 
         Raises
         ------
@@ -233,6 +233,9 @@ class LureSystem(Responses):
             Sign of the feedback.
         x0 : array, optional
             State of G at the start; by default all its states are 1, which leaves the equilibrium.
+        memory : optional
+            What the element remembers at the start; by default as it starts by itself.
+        name : str
 
         Raises
         ------
@@ -247,14 +250,8 @@ class LureSystem(Responses):
         >>> loop.A.shape
         (2, 2)
         """
-        return cls.from_blocks(
-            [as_element(element), as_state_space(plant)],
-            delay=delay,
-            feedback=feedback,
-            x0=x0,
-            memory=[memory],
-            name=name,
-        )
+        blocks = [as_element(element), as_state_space(plant)]
+        return cls.from_blocks(blocks, delay=delay, feedback=feedback, x0=x0, memory=[memory], name=name)
 
     @classmethod
     @checked
@@ -278,6 +275,8 @@ class LureSystem(Responses):
             (numerator, denominator) or a system of python-control or scipy.signal, in the direction of the signal.
         delay : float, optional
             Dead time [s]; the loop is linear up to the elements' place, so it is put behind the first element.
+        feedback, x0, memory, element_names, name : optional
+            As of :meth:`from_tf`; `memory` and `element_names` have one for each element.
 
         Raises
         ------

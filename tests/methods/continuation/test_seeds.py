@@ -32,7 +32,7 @@ def test_cycles_of_another_loop_are_refused(relay):
     cycle = epp.find_limit_cycles(relay).cycles[0]
     harmonics = {f"other_{name}": c for name, c in cycle.harmonics.items()}
     for foreign, what in (
-        (replace(cycle, state=np.zeros(7)), "has 7 states at its begin; expected 3"),
+        (replace(cycle, state=np.zeros(7)), "has 7 states at its start; expected 3"),
         (replace(cycle, harmonics=harmonics), "is of another loop"),
     ):
         for ask in (epp.exact_orbit, lambda case, c: epp.continue_branch(case, DEAD, 1.0, 1.1, cycle=c)):

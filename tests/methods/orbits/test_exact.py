@@ -90,7 +90,7 @@ def test_a_prediction_without_an_orbit_says_so():
 def test_a_start_without_state_is_refused():
     system = epp.case("relay_ideal_khalil79").to_system()
     guess = epp.predict_limit_cycles(system)[0]
-    with pytest.raises(EppError, match="has 0 states at its begin; expected 3"):
+    with pytest.raises(EppError, match="has 0 states at its start; expected 3"):
         epp.exact_orbit(system, replace(guess, state=np.zeros(0)))
 
 

@@ -27,9 +27,9 @@ class BilinearSpring(PiecewiseLinear, kind="bilinear_spring"):
     lower, upper : float
         Edges of the freeplay, ascending [unit of the input].
     outer : float
-        [unit of the output per unit of the input]
+        Slope beyond either edge [unit of the output per unit of the input].
     inner : float, optional
-        [unit of the output per unit of the input]
+        Slope between them [unit of the output per unit of the input].
     preload : float, optional
         Output that is added everywhere [unit of the output].
 

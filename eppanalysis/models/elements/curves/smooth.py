@@ -53,7 +53,7 @@ class Cube(_Power, kind="cube"):
     Parameters
     ----------
     scale : float, optional
-        [unit of the output per cubed unit of the input].
+        Output at an input of one [unit of the output per cubed unit of the input].
 
     Raises
     ------

@@ -29,7 +29,13 @@ class Tabulated(Nonlinearity):
 
     @classmethod
     def from_csv(cls, file: str | Path, beyond: Literal["line", "hold"] = "line") -> Self:
-        """The table in the first two columns of a file with commas; a first line that is no numbers is a heading.
+        """The table in the first two columns of a CSV file; a first line that does not hold numbers is its header.
+
+        Parameters
+        ----------
+        file : path
+        beyond : {"line", "hold"}
+            Beyond the table, as of the class.
 
         Raises
         ------

@@ -89,6 +89,10 @@ class MeasuredMatrix(Shown):
         unstable_poles : int
         name : str
 
+        Returns
+        -------
+        MeasuredMatrix
+
         Raises
         ------
         ModelError

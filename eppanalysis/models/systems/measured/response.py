@@ -157,7 +157,22 @@ class MeasuredResponse(Shown):
         unstable_poles: int = 0,
         name: str = "response",
     ) -> MeasuredResponse:
-        """From python-control's frequency response data; a point at frequency zero is the static gain.
+        """From python-control's frequency response data.
+
+        Parameters
+        ----------
+        data : control.FrequencyResponseData
+            With one input and one output; a point at frequency zero is the static gain where that is not given.
+        deviation : array_like or float, optional
+            As of the class; of as many points as `data` has.
+        static_gain : float, optional
+        unstable_poles : int
+        name : str
+            As of the class.
+
+        Returns
+        -------
+        MeasuredResponse
 
         Raises
         ------
