@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 _LONGEST_SHOWN = 80
 #: Packages that are not called as their modules are.
-_PACKAGES = {"docx": "python-docx", "flint": "python-flint"}
+_PACKAGES = {"dask_jobqueue": "dask-jobqueue", "docx": "python-docx", "flint": "python-flint"}
 
 
 def visible(text: str) -> str:

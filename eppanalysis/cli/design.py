@@ -72,7 +72,9 @@ def design(
         typer.Option("--front", metavar='"FIELD VALUES"', help='The optimum at each value, as in "play.gap 1,2,3".'),
     ] = None,
     verify: Annotated[bool, typer.Option("--verify/--no-verify", help="Confirm every optimum on both sides.")] = True,
-    margin: Annotated[float, typer.Option("--margin", help="Distance of the tests, relative to the objective.")] = 0.01,
+    margin: Annotated[
+        float, typer.Option("--margin", help="How far inside to test, as a share of the bounded parameter.")
+    ] = 0.01,
     starts: Annotated[int, typer.Option("--starts", help="Runs of each test.")] = 200,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the runs.")] = 20050901,
     as_json: Json = False,

@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from eppanalysis.arguments import check_counts
-from eppanalysis.errors import EppError
+from eppanalysis.errors import EppError, require_packages
 from eppanalysis.sweep.analyses import Columns, Task
 from eppanalysis.sweep.store import Bounds, MemoryStore, ZarrStore, cells_in
 from eppanalysis.sweep.work import Work
@@ -99,14 +99,11 @@ def _jobs(queue: str, workers: int | None) -> Iterator[Client]:
 
     What a job is given stands where dask-jobqueue reads it, in ``~/.config/dask/jobqueue.yaml``.
     """
-    try:
-        from dask import config
-        from distributed import Client
+    require_packages(f"sweep: scheduler {queue!r}", "queue", "dask", "distributed", "dask_jobqueue")
+    from dask import config
+    from distributed import Client
 
-        module = import_module("dask_jobqueue.local" if queue == "local" else "dask_jobqueue")
-    except ImportError as error:
-        extra = "an installation with the extra for queues (pip install -e '.[queue]')"
-        raise EppError(f"sweep: scheduler {queue!r} needs dask-jobqueue; expected {extra}.") from error
+    module = import_module("dask_jobqueue.local" if queue == "local" else "dask_jobqueue")
     if any(config.get(f"jobqueue.{queue}.{name}", None) is None for name in ("cores", "memory")):
         expected = f"cores, processes and memory of a job under jobqueue.{queue} in ~/.config/dask/jobqueue.yaml"
         raise EppError(f"sweep: scheduler {queue!r} is not described; expected {expected}.")
@@ -118,11 +115,8 @@ def _jobs(queue: str, workers: int | None) -> Iterator[Client]:
 @contextmanager
 def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
     """A client of local processes, of a queueing system's jobs, or of the cluster at an address."""
-    try:
-        from distributed import Client, LocalCluster
-    except ImportError as error:
-        extra = "an installation with the extra for sweeps (pip install -e '.[sweep]')"
-        raise EppError(f"sweep: scheduler {scheduler!r} needs dask.distributed; expected {extra}.") from error
+    require_packages(f"sweep: scheduler {scheduler!r}", "sweep", "distributed")
+    from distributed import Client, LocalCluster
 
     if scheduler == Scheduler.PROCESSES:
         with interrupts_wait():  # they are the parent's: a worker that hears one dies with a traceback

@@ -264,7 +264,8 @@ def draw_element(drawing: Drawing) -> Figure:
     amplitude = np.linspace(0.0, drawing.largest, 802)[1:]
     for (colour, width), (label, element) in zip(STYLES, drawing.elements.items(), strict=False):
         width = width if len(drawing.elements) > 1 else 1.3
-        x, y = loop_of(element, drawing)
+        # Closed, for a reset makes a jump where the period ends.
+        x, y = (np.append(values, values[0]) for values in loop_of(element, drawing))
         left.plot(x, y, color=colour, linewidth=width, label=label)
         _, gain = element.describing_function(amplitude, drawing.bias, drawing.omega)
         gain = gain[..., 0] if element.n_outputs > 1 else gain
@@ -289,12 +290,16 @@ def draw_element(drawing: Drawing) -> Figure:
 
 
 def _limit_poles(ax: Axes) -> None:
-    """Cut a describing function that grows without bound towards small amplitudes (relays)."""
+    """Cut a describing function that grows without bound, or far, towards small amplitudes (relays, stiff bristles)."""
     values = np.concatenate([np.asarray(line.get_ydata(), float) for line in ax.lines])
     values = values[np.isfinite(values)]
     top = float(np.quantile(np.abs(values), 0.97))
     if np.abs(values).max() > 3.0 * top:
-        ax.set_ylim(max(1.1 * values.min(initial=0.0), -1.3 * top), 1.3 * top)
+        low, high = ax.set_ylim(max(1.1 * values.min(initial=0.0), -1.3 * top), 1.3 * top)
+        for line in ax.lines:  # one that comes from outside begins there: what it did before would be a loose stroke
+            y = np.asarray(line.get_ydata(), float)
+            (outside,) = np.nonzero((y < low) | (y > high))
+            line.set_ydata(np.where(np.arange(y.size) < outside.max(initial=0), np.nan, y))
 
 
 def nyquist_play() -> Figure:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 
+import numpy as np
 import pytest
 
 from eppanalysis.plotting import figure_of
@@ -93,6 +94,18 @@ def test_numbers_of_a_drawing_of_an_element_stand_apart(name, drawing):
     figure = figures.draw_element(drawing)
     figure.draw_without_rendering()
     assert not list(touching(figure)), name
+
+
+@pytest.mark.parametrize(("name", "drawing"), figures.drawings().items())
+def test_lines_of_a_drawing_of_an_element_are_whole(name, drawing):
+    loops, functions = figures.draw_element(drawing).axes
+    for line in loops.lines[: len(drawing.elements)]:
+        assert tuple(line.get_xydata()[0]) == tuple(line.get_xydata()[-1])
+    low, high = functions.get_ylim()
+    for line in functions.lines:
+        y = np.asarray(line.get_ydata(), float)
+        (seen,) = np.nonzero((low <= y) & (y <= high))
+        assert not seen.size or (np.diff(seen) == 1).all()
 
 
 def test_what_the_checks_add_up_to_is_read_from_their_tables(tmp_path, monkeypatch):

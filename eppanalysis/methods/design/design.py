@@ -145,7 +145,7 @@ def design(
     verify : bool
         Confirm every optimum on both sides.
     margin : float
-        Distance of the tests from the active constraint, relative to the bounded parameter.
+        How far inside the active constraint the design is tested, as a share of the bounded parameter's value there.
     starts : int
         Runs of each test, from a seeded cloud of initial states and steps of the inputs; with tolerances as many again,
         each of a machine of its own.
