@@ -282,10 +282,10 @@ class Guide(Result):
         return [*rows, self.not_covered] if self.not_covered else rows
 
     def _kept(self, value: float, sign: float) -> str:
-        """On which side of a value the limited parameter is to be kept, rounded to the safe side in three digits."""
+        """On which side of a value the limited parameter is to be kept, rounded to the safe side as in tables."""
         factor = self.case.readable(self.limit)[1]
-        shown = cut(factor * value, 3, up=sign < 0)
-        return f"{'under' if sign > 0 else 'above'} {self.case.text(self.limit, shown / factor, 3)}"
+        shown = cut(factor * value, DIGITS, up=sign < 0)
+        return f"{'under' if sign > 0 else 'above'} {self.case.text(self.limit, shown / factor, DIGITS)}"
 
     def _place(self, row: GuideRow) -> str:
         """The design of a row in words."""

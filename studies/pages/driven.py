@@ -10,14 +10,14 @@ from eppanalysis.plotting import BLUE, GREY, VERMILLION, label_time, panels_of, 
 
 
 def yielding_spring() -> epp.Diagram:
-    """A mass on a spring whose force is limited: x'' + 0.2 x' = sat(force - x)."""
+    """A mass on a spring whose force is limited: x'' + 0.2 x' = sat(end - x)."""
     return epp.Diagram(
         parts={
             "spring": epp.Saturation(lower=-1.0, upper=1.0),
             "mass": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 0.2, 0.0]),
         },
-        connect=["force - mass -> spring", "spring -> mass"],
-        inputs=["force"],
+        connect=["end - mass -> spring", "spring -> mass"],
+        inputs=["end"],
         name="yielding spring",
     )
 

@@ -84,9 +84,9 @@ def test_numbers_are_rounded_to_the_safe_side(guide: Guide, tmp_path: Path) -> N
     """A bound of 0.45977 deg is not 0.46 deg, nor 0.4598 in a cell of a spreadsheet that shows four digits."""
     row = dataclasses.replace(guide.rows[0], allowed=0.45977 * DEGREE)
     changed = dataclasses.replace(guide, rows=(row,))
-    assert "keep backlash under 0.459 deg" in changed.sentences()[0]
+    assert "keep backlash under 0.4597 deg" in changed.sentences()[0]
     assert changed.rounded()["largest backlash [deg]"].tolist() == ["0.4597"]
-    assert str(changed).startswith("Keep backlash under 0.459 deg (at a profile range of 1.5 lbf)")
+    assert str(changed).startswith("Keep backlash under 0.4597 deg (at a profile range of 1.5 lbf)")
     changed.write(tmp_path / "g.xlsx")
     head, cell = pytest.importorskip("openpyxl").load_workbook(tmp_path / "g.xlsx")["guideline"]["B"]
     assert (cell.value, cell.number_format) == (0.4597, "General")
@@ -353,7 +353,7 @@ def test_a_limit_from_below_is_kept_above_and_rounded_up() -> None:
     guide = generic_guide(-1.0)
     assert limit_grid(guide)[2][1] == ["1.86", "1.86"] and guide.side == "above"
     assert guide.rounded()["smallest loop gain"].tolist() == ["1.926", "1.847"] * 2
-    assert str(guide).startswith("Keep loop gain above 1.93, the strictest of 4 bounds")
+    assert str(guide).startswith("Keep loop gain above 1.926, the strictest of 4 bounds")
     assert [row.region for row in guide.rows[:2]] == [Region.STRUCK, Region.UNKNOWN]
 
 
@@ -424,7 +424,7 @@ def test_under_tolerances_the_verdict_has_the_worst_case_and_no_bar_is_full_befo
     (row,) = guide.rows
     assert row.tolerance is not None
     assert row.tolerance.worst_case == pytest.approx(1.1 * row.cell.exact, rel=1e-6)
-    worst = math.ceil(100 * row.tolerance.worst_case) / 100  # rounded to the safe side
+    worst = math.ceil(1000 * row.tolerance.worst_case) / 1000  # rounded to the safe side
     assert str(guide).endswith(f"; above {worst:g} where every tolerance is used up.")
     shares = [done / of for done, of, _ in told if of is not None]
     assert len(shares) == len(told) and shares == sorted(shares) and shares[-1] < 1.0

@@ -125,7 +125,7 @@ class Design(Result):
     front_own : float
         Its value in the case itself [SI], to which `optimum` belongs.
     margin : float
-        Distance of the tests from the active constraint, relative to the objective.
+        How far inside the active constraint the design is tested, as a share of the bounded parameter's value there.
     allowed : Allowed or None
     readable : dict of str to (str, float)
         The unit that people use for each parameter, and the factor from SI to it.

@@ -114,8 +114,8 @@ def forced_response(
     ...         "spring": epp.Saturation(lower=-1.0, upper=1.0),
     ...         "mass": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 0.2, 0.0]),
     ...     },
-    ...     connect=["force - mass -> spring", "spring -> mass"],
-    ...     inputs=["force"],
+    ...     connect=["end - mass -> spring", "spring -> mass"],
+    ...     inputs=["end"],
     ... )
     >>> found = epp.forced_response(loop, amplitude=0.5, frequency=0.8 / (2 * np.pi))
     >>> [(round(r.cycle.peak_to_peak["mass"] / 2, 3), r.stable) for r in found]
