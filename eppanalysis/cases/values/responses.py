@@ -46,12 +46,12 @@ def read_response(
     the static gain. Separators are commas, semicolons or tabs; beside the latter two a decimal comma will do.
 
     Of several inputs and outputs each path has columns of its own: "magnitude 2/1" and "phase 2/1" are output 2 over
-    input 1. A path without columns is none.
+    input 1. A path without columns does not exist.
 
     Parameters
     ----------
     path : str or Path
-        A plain name that is no file here is one of those that ship.
+        A plain name that is not a file here is one of those that ship.
     static_gain : float, or array_like of the matrix's shape, optional
         Response at frequency zero [SI], where the file has none; infinite for a part that integrates.
     unstable_poles : int

@@ -71,7 +71,7 @@ def frequency_response(
     Raises
     ------
     EppError
-        As :func:`forced_response`, for a range that is none, and where no response is found.
+        As :func:`forced_response`, for a range that is not one, and where no response is found.
     ModelError
         If there is no such input or output.
 

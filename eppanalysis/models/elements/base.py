@@ -170,7 +170,7 @@ class Nonlinearity(ABC):
     same_unit : bool
         Whether the output has the unit of the input.
     input_is, output_is : str
-        "way" (a displacement) and "force", where a unit that is none is a mistake; empty where anything may be.
+        "way" (a displacement) and "force", where a unit that does not exist is a mistake; empty where anything may be.
     columns : tuple of str
         Fields that a case file may take from the columns of a CSV file.
     input_unit : str
@@ -360,7 +360,7 @@ class Nonlinearity(ABC):
     def under_dither(self, amplitude: float) -> Nonlinearity | None:
         """The element that slow signals find while a fast dither of that amplitude rides on its input.
 
-        None where it is no element of its own: without a memory it is a mean over the dither, with one unknown.
+        None where it is not an element of its own: without a memory it is a mean over the dither, with one unknown.
         """
         return None
 

@@ -379,7 +379,7 @@ class LureSystem(Responses):
         """The linear part as a python-control system with named signals, of which `from_control` makes the loop again.
 
         Its inputs are the outputs of the elements, then the external inputs; its outputs are the named signals but for
-        these, then those inputs of the elements that have no name. Dead time, constant terms and starts are no part of
+        these, then those inputs of the elements that have no name. Dead time, constant terms and starts are not part of
         it. Points in names, which python-control does not take, are underscores.
         """
         return linear_part(self)

@@ -75,7 +75,7 @@ class OperatingPoint:
         Raises
         ------
         ModelError
-            If a single motion meets a loop that has not exactly one input.
+            If a single motion meets a loop that does not have exactly one input.
         """
         start = dict(zip(system.input_names, np.asarray(system.v0, float).tolist(), strict=True))
         input_signals = {n: m for n, m in input_signals_by_name(system.input_names, input).items() if n in start}

@@ -121,15 +121,15 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
 
         Closed forms without a derivative; with one the map of a period is closed and its fixed point is found by
         Newton's method, to about 1e-12. Where none is found (a derivative many times the integral action, which
-        need not come to repeat itself) they are no numbers.
+        need not come to repeat itself) they are not numbers.
 
         A v that is beyond a limit throughout holds the integrator at that limit.
 
         Raises
         ------
         ModelError
-            If an amplitude or a frequency is negative, or `kd` has not the sign of kp: then the error that belongs to a
-            v grows without bound.
+            If an amplitude or a frequency is negative, or `kd` does not have the sign of kp: then the error that
+            belongs to a v grows without bound.
         """
         if self.kd * self.kp < 0:
             expected = "one of the sign of kp, or the exact orbit and the run"

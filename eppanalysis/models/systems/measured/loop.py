@@ -52,7 +52,7 @@ class MeasuredLoop:
         Of several elements a matrix: a row for each of their inputs, a column for each of their outputs. What follows
         from others has none: the rate of an input, a clock, a contact angle and the rate that it is the integral of.
     element : Nonlinearity or sequence of Nonlinearity
-        Linear states that an element brings itself are no part of the response. A :class:`SampledController` is taken
+        Linear states that an element brings itself are not part of the response. A :class:`SampledController` is taken
         with hold and delay, in the mean over where its samples fall; the response is that of the plant around it, in
         continuous time.
     feedback : {-1, 1}

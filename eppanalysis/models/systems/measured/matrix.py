@@ -76,7 +76,7 @@ class MeasuredMatrix(Shown):
         unstable_poles: int = 0,
         name: str = "responses",
     ) -> MeasuredMatrix:
-        """From python-control's frequency response data; a path that is zero throughout is none.
+        """From python-control's frequency response data; a path that is zero throughout counts as absent.
 
         Parameters
         ----------
