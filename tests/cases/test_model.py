@@ -368,6 +368,12 @@ def test_a_recording_beyond_all_numbers_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", shipped_cases())
+def test_how_a_published_number_is_known_is_said_in_one_of_three_ways(name):
+    known = {"read in a source", "not read in the source", "recomputed"}
+    assert {number.how_known for number in case(name).expected.published} <= known
+
+
+@pytest.mark.parametrize("name", shipped_cases())
 def test_shipped_case(name: str) -> None:
     found = case(name)
     system = found.to_system()
