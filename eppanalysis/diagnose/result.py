@@ -116,7 +116,7 @@ class Diagnosis(Listing[Explanation]):
     model_error : float
         Relative error that the model was taken to have.
     left_out : dict of str to str
-        Elements that were no candidates, and why.
+        Elements that were not candidates, and why.
     record : Record
     case : str
         Name of the case.
