@@ -14,7 +14,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from eppanalysis.methods.continuation.steps import Point, admissible, bend, make_point, near, point_across, step
+from eppanalysis.methods.continuation.steps import (
+    Point,
+    admissible,
+    bend,
+    make_point,
+    near,
+    point_across,
+    regular,
+    step,
+)
 from eppanalysis.methods.orbits.guess import Guess, make_guess
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, solve
 
@@ -107,6 +116,8 @@ def visit_ends(inside: Point, new: Point) -> Point:
         return inside
     if inside.orbit.arcs.event_sequence.at_once[found.arc] == 2:
         found = _limit(inside, found.arc) or inside
+    if not regular(found):  # of a contact that grazes: at no duration what switches there stands still
+        found = replace(inside, value=found.value)
     return found if abs(found.value - inside.value) < _BISECTED * inside.family.width else inside
 
 

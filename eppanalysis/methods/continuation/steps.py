@@ -403,11 +403,22 @@ def beyond(point: Point) -> tuple[Point | None, bool]:
         way = -sign if turns_back else sign
         for share in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3):
             value = point.value + way * share * width
-            found = _close_at(family, value, point.orbit.guess)
-            if found is None or _same_sequence(found, point.orbit) or not joins(found, value, point):
-                continue
-            return make_point(family, value, found, None, way), turns_back
+            for guess in _guesses(point, value):
+                found = _close_at(family, value, guess)
+                if found is not None and not _same_sequence(found, point.orbit) and joins(found, value, point):
+                    return make_point(family, value, found, None, way), turns_back
     return None, False
+
+
+def _guesses(point: Point, value: float) -> Iterator[Guess]:
+    """What an orbit at another value may be like: the one at hand, and what the engine makes of it there.
+
+    Where a visit that holds other events vanishes, the engine alone tells which of them are left.
+    """
+    yield point.orbit.guess
+    made = next_guess(replace(point.orbit, hybrid=point.family.at(value)))
+    if made is not None:
+        yield made
 
 
 def _close_at(family: Family, value: float, guess: Guess) -> Orbit | None:

@@ -133,3 +133,42 @@ def test_a_branch_does_not_go_on_with_another_cycle_where_its_own_ends() -> None
     assert "gauge falls through 33" in branch.ends[1] and branch.points["multiplier"][-1] > 100.0
     (gap,) = branch.missing
     assert gap.low == 2e-3 and gap.high == end.value and branch.ends[1] in gap.why
+
+
+def test_a_limit_that_is_just_touched_at_a_reversal_is_passed_from_both_sides() -> None:
+    """The drive's voltage is largest where the load turns back, within the friction's own events.
+
+    A branch to greater gains and two to smaller ones, of steps of their own: all pass the same place.
+    """
+    servo = epp.Diagram(
+        parts={
+            "controller": epp.blocks.Gain(gain=600.0),
+            "motor": epp.blocks.Motor(resistance=1.5, torque_constant=0.06, inertia=3e-5, ratio=40.0),
+            "load": epp.blocks.Inertia(inertia=0.08, damping=0.15),
+            "amplifier": epp.Saturation(-24.0, 24.0),
+            "gear": epp.LockPin(gap=math.radians(0.4), stiffness=1000.0, damping=2.0),
+            "bearing": epp.Friction(coulomb=0.15),
+        },
+        connect=[
+            "setpoint - load.angle -> controller",
+            "controller -> amplifier",
+            "amplifier -> motor.voltage",
+            "motor.angle - load.angle -> gear.twist",
+            "motor.speed - load.speed -> gear.rate",
+            "-gear -> motor.torque",
+            "gear - bearing -> load",
+            "load.speed -> bearing",
+        ],
+        inputs=["setpoint"],
+        signals={"load": "load.angle", "voltage": "controller"},
+    )
+    case = epp.Case.from_system(servo, name="servo", input=epp.inputs.Step(0.05))
+    options = {"n_points": 240, "max_step": 0.1, "n_others": 0}
+    touched = []
+    for start, stop in ((540.0, 900.0), (600.0, 540.0), (900.0, 540.0)):
+        branch = epp.continue_branch(case, "controller.gain", start, stop, **options)
+        assert sorted(branch.points["value"][[0, -1]]) == pytest.approx(sorted((start, stop)))
+        touched += [s.value for s in branch.special if "amplifier" in s.note]
+    assert touched == pytest.approx([touched[0]] * 3, rel=1e-6)
+    loop = epp.continue_branch(case, "controller.gain", 900.0, touched[0] * 1.0001, **options)
+    assert loop.points["voltage"][-1] == pytest.approx(48.0, rel=1e-3)
