@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -411,14 +412,12 @@ def beyond(point: Point) -> tuple[Point | None, bool]:
 
 
 def _guesses(point: Point, value: float) -> Iterator[Guess]:
-    """What an orbit at another value may be like: the one at hand, and what the engine makes of it there.
-
-    Where a visit that holds other events vanishes, the engine alone tells which of them are left.
-    """
+    """The orbit, and what the engine makes of it at another value: which events a visit that vanishes leaves."""
     yield point.orbit.guess
-    made = next_guess(replace(point.orbit, hybrid=point.family.at(value)))
-    if made is not None:
-        yield made
+    with suppress(EppError):  # of a value that the loop does not take
+        made = next_guess(replace(point.orbit, hybrid=point.family.at(value)))
+        if made is not None:
+            yield made
 
 
 def _close_at(family: Family, value: float, guess: Guess) -> Orbit | None:
