@@ -127,7 +127,7 @@ def _refused(error: ModelError, raw: RawCase) -> CaseError:
     found = error.found.removeprefix(f"{raw.name}: ")
     value = Connections() if field == "connect" else raw.typed(field)
     if not error.expected:
-        expected = f"a diagram that makes a loop ({found})"
+        expected = f"{'a place of the loop' if field == 'margins_at' else 'a diagram that makes a loop'} ({found})"
     else:
         expected = error.wanted() if error.has_value else f"{error.wanted()} ({found})"
     return CaseError(raw.origin(field), field, value, expected, error.fault)

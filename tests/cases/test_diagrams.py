@@ -275,7 +275,7 @@ def test_a_mistake_in_a_servo_is_named_with_its_field_and_what_was_expected(old,
 PLANT = 'kind = "transfer_function", num = ["K"], den = ["T^2", "2*T", 1, 0], start = [0.1, 0, 0]'
 OTHER_PLANTS = [
     ('kind = "gain", gain = "-K"', "connect", "the algebraic loop through valve has no unique answer"),
-    ('kind = "dead_time", delay = "1 ms"', "connect", "a block with states between them"),
+    ('kind = "dead_time", delay = "1 ms"', "connect", "a block with states in front of valve"),
     ('kind = "zero_pole_gain", poles = [[-1, 2], [-1, 2]]', "blocks.plant.poles", "beside its conjugate"),
     ('kind = "zero_pole_gain", poles = [[-1, 2, 3]]', "blocks.plant.poles", "pairs [real part, imaginary part]"),
     ('kind = "zero_pole_gain", zeros = [1], poles = []', "blocks.plant.zeros", "at most as many as the 0 poles"),

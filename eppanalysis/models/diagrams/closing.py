@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -45,11 +45,19 @@ def close(diagram: Drawn, wires: Mapping[Port, Terms], shown: Mapping[str, Terms
     ModelError
         If an algebraic loop has no unique answer, or a dead time acts straight on an element.
     """
+    system = _closed_loop(diagram, wires, shown)
+    if straight := _straight_delay(system):
+        _refuse_straight_delay(diagram, wires, shown, *straight)
+    require_unique(system)
+    return system
+
+
+def _closed_loop(diagram: Drawn, wires: Mapping[Port, Terms], shown: Mapping[str, Terms]) -> LureSystem:
     network = Network.of(diagram, wires, (port for terms in shown.values() for _, port in terms))
     closed = _Closed.of(network)
     A, B, B_input, constant_state = closed.rate
     C, D, D_input, constant_input = closed.to_elements
-    system = LureSystem.build(
+    return LureSystem.build(
         A,
         B,
         C,
@@ -73,9 +81,6 @@ def close(diagram: Drawn, wires: Mapping[Port, Terms], shown: Mapping[str, Terms
         margins_at=diagram.cuts or [port for port in diagram.controllers if port in closed.cuts.names][:1],
         name=diagram.name,
     )
-    _refuse_straight_delays(system)
-    require_unique(system)
-    return system
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +146,7 @@ class _Closed:
                 expected = "ports on the other side of their dead time, as a loop has only one of the two"
                 raise ModelError(diagram.name, diagram.signals[name], expected, field=f"signals.{name}")
         for name in diagram.units:
-            if name not in terms:
+            if name not in terms and name not in diagram.signals:
                 raise ModelError(diagram.name, name, f"a signal: {did_you_mean(name, list(known))}", field="units")
         rows = [self.row(sums) for sums in known.values()]
         C, D, D_input, constant = (
@@ -222,19 +227,35 @@ def _delay_of(network: Network, port: Port, C: Array, D: Array, E: Array) -> flo
     return waits.pop() if len(waits) == 1 and not np.any(C) and not np.any(E) else None
 
 
-def _refuse_straight_delays(system: LureSystem) -> None:
-    """A delayed output acts through states only: straight on an element it would act without its dead time."""
-    for j in np.flatnonzero(system.delays > 0):
-        rows = np.flatnonzero(system.D[:, j])
-        if rows.size:
-            late = next(
-                n for n, s in zip(system.element_names, system.output_slices, strict=True) if s.start <= j < s.stop
-            )
-            hit = next(
-                n for n, s in zip(system.element_names, system.input_slices, strict=True) if s.start <= rows[0] < s.stop
-            )
-            raise ModelError(
-                f"{system.name}: the dead time of {late.removesuffix('_delay')} acts straight on {hit}",
-                expected="a block with states between them",
-                field="connect",
-            )
+def _straight_delay(system: LureSystem) -> tuple[str, str] | None:
+    """An element with a late output and one on which that acts straight, where it would act without its dead time."""
+    for late, outputs in zip(system.element_names, system.output_slices, strict=True):
+        for hit, inputs in zip(system.element_names, system.input_slices, strict=True):
+            if np.any(system.D[inputs, outputs][:, system.delays[outputs] > 0]):
+                return late, hit
+    return None
+
+
+def _refuse_straight_delay(
+    diagram: Drawn, wires: Mapping[Port, Terms], shown: Mapping[str, Terms], late: str, hit: str
+) -> NoReturn:
+    """Say what a dead time that acts straight on an element lacks: states, or freedom from signals before it."""
+    part = max((name for name in diagram.parts if late.startswith(name)), key=len, default=late)
+    between = f"a block with states {f'between {part} and' if part != hit else 'in front of'} {hit}"
+    fixing = [name for name in shown if _goes_without(diagram, wires, {n: t for n, t in shown.items() if n != name})]
+    if not fixing and shown and _goes_without(diagram, wires, {}):
+        fixing = list(shown)
+    if not fixing:
+        said = f"{diagram.name}: the dead time of {part} acts straight on {hit}"
+        raise ModelError(said, expected=between, field="connect")
+    which = f"signal {fixing[0]}" if len(fixing) == 1 else f"signals {', '.join(fixing[:-1])} and {fixing[-1]}"
+    expected = f"no {which}, so that the dead time of {part} may stand elsewhere, or {between}"
+    raise ModelError(diagram.name, diagram.signals[fixing[0]], expected, field=f"signals.{fixing[0]}")
+
+
+def _goes_without(diagram: Drawn, wires: Mapping[Port, Terms], shown: Mapping[str, Terms]) -> bool:
+    """Whether the loop closes with these signals alone, without a dead time straight on an element."""
+    try:
+        return not _straight_delay(_closed_loop(diagram, wires, shown))
+    except ModelError:
+        return False

@@ -364,8 +364,19 @@ def test_dead_time_straight_on_an_element_is_refused():
         "valve": epp.Saturation(lower=-1.0, upper=1.0), "plant": Integrator(),
     }  # fmt: skip
     connect = ["-plant -> relay", "relay -> gain", "gain - plant -> valve", "valve -> plant"]
-    with pytest.raises(epp.ModelError, match="dead time of .* acts straight on valve"):
+    with pytest.raises(epp.ModelError, match="dead time of gain acts straight on valve; .* between gain and valve"):
         epp.Diagram(parts=parts, connect=connect).to_system()
+
+
+@pytest.mark.parametrize("signals", [{"level": "tank"}, {"level": "tank", "drive": "valve"}])
+def test_signals_that_hold_a_dead_time_in_place_are_named_and_without_them_it_may_stand(signals):
+    lag = epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0])
+    parts = {"valve": epp.HysteresisRelay(lower=-0.1, upper=0.1), "tank": lag, "pipe": epp.blocks.DeadTime(delay=0.2)}
+    drawn = {"parts": parts, "connect": ["goal - pipe -> valve", "valve -> tank", "tank -> pipe"], "inputs": ["goal"]}
+    with pytest.raises(epp.ModelError, match="level is 'tank'; expected no signal level, .* between pipe and valve"):
+        epp.Diagram(**drawn, signals=signals, units={"level": "m"}).to_system()
+    named = {name: of for name, of in signals.items() if name != "level"}
+    assert epp.Diagram(**drawn, signals=named).to_system().delays.tolist() == [0.2]
 
 
 def test_signals_are_those_of_all_ports_and_those_that_are_named():
