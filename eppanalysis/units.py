@@ -92,6 +92,9 @@ _BELOW = rf"\(\s*{_FACTOR}(?:\s*(?:\*(?!\*)|\s)\s*{_FACTOR})*\s*\)"
 #: The 1 of "1/s" stands apart from the number before it: "11/s" is no "1 1/s".
 _UNIT = rf"(?:(?<![\d.])1/{_BELOW}|(?:(?<![\d.])1/)?{_FACTOR})(?:\s*(?:\*(?!\*)|/|\s)\s*{_FACTOR}|\s*/\s*{_BELOW})*"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*({_UNIT})?\s*")
+#: Units as data sheets run them together, a force or a mass and a length: "mNm", "Nms", "gcm2".
+_TOGETHER = re.compile(r"(?<![A-Za-z_])([mkM]?N|k?g|lbf|ozf)(cm|mm|m|in|ft)(s)?(?:\^?(\d))?(?![A-Za-z_\d])")
+_COMMA = re.compile(r"^(\s*[+-]?\d+),(\d+)")
 SPELLINGS = str.maketrans({"°": "deg", "·": "*", "⋅": "*", "−": "-", "²": "^2", "³": "^3"})
 
 
@@ -150,6 +153,8 @@ def _as_pint_has_it(unit: str) -> tuple[float, str]:
     QuantityError
         If there is no such unit.
     """
+    if (parted := _parted(unit)) != unit:
+        raise UnknownUnit(f"a known unit in place of '{unit}': did you mean '{parted}'?")
     registry = _registry()
     try:
         parsed = registry.parse_units(unit)
@@ -159,6 +164,32 @@ def _as_pint_has_it(unit: str) -> tuple[float, str]:
     if two.magnitude != 2.0 * one.magnitude:
         raise QuantityError(f"a unit without offset or logarithm in place of '{unit}'")
     return float(one.magnitude), str(one.units)
+
+
+def _parted(text: str) -> str:
+    """A text with signs between units that are run together; below the line in brackets, as "V/Nm" means them."""
+
+    def parted(found: re.Match[str]) -> str:
+        length = found[2] + (f"^{found[4]}" if found[4] else "")
+        product = "*".join(filter(None, (found[1], length, found[3])))
+        return f"({product})" if text[: found.start()].rstrip().endswith("/") else product
+
+    return _TOGETHER.sub(parted, text)
+
+
+def meant(text: str) -> str:
+    """The quantity that a text probably means which is none; empty where it is no slip of a known kind.
+
+    Examples
+    --------
+    >>> meant("0,8 ohm"), meant("420 gcm\N{SUPERSCRIPT TWO}"), meant("5 apples")
+    ('0.8 ohm', '420 g*cm^2', '')
+    """
+    likely = _parted(_COMMA.sub(r"\1.\2", text.translate(SPELLINGS)))
+    try:
+        return likely if likely != text.translate(SPELLINGS) and parse_any(likely) else ""
+    except QuantityError:
+        return ""
 
 
 def _describe(unit: str) -> str:
@@ -172,7 +203,7 @@ def _split(text: str, unit: str | None) -> tuple[float, str]:
         raise QuantityError(f"{wanted}, at most {_LONGEST} characters long")
     match = _QUANTITY.fullmatch(text.translate(SPELLINGS))
     if match is None:
-        raise QuantityError(wanted)
+        raise QuantityError(f"{wanted}: did you mean {likely!r}?" if (likely := meant(text)) else wanted)
     number = float(match[1])
     if not math.isfinite(number):
         raise QuantityError(f"a finite number: {wanted}")

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from eppanalysis import units
+from eppanalysis.cases.values.expressions import parse
 from eppanalysis.errors import EppError
 from eppanalysis.units import KINDS, QuantityError, format_si, parse_any, parse_quantity, write_si
 
@@ -110,6 +111,16 @@ def test_written_text_gives_the_same_number(value: float, pair: tuple[str, str])
 @given(st.floats(-1e6, 1e6), st.sampled_from(FRIENDLY))
 def test_shown_text_gives_the_number_to_its_digits(value: float, pair: tuple[str, str]) -> None:
     assert parse_quantity(format_si(value, *pair), pair[0]) == pytest.approx(value, rel=5.1e-6)
+
+
+@pytest.mark.parametrize("unit", ["N*m", "mN*m/A", "N*cm", "N*m*s/rad", "g*cm^2", "kg*m^2", "V/(N*m)"])
+@pytest.mark.parametrize("read", [parse_any, lambda text: parse_quantity(text, "m"), parse])
+def test_units_run_together_and_decimal_commas_are_met_with_what_was_meant(unit: str, read) -> None:
+    together = unit.translate({ord(sign): None for sign in "*()"})
+    for slip in (f"6.25 {together}", f"6,25 {unit}", f"6,25 {together.replace('^2', '²')}"):
+        with pytest.raises(QuantityError) as caught:
+            read(slip)
+        assert str(caught.value).endswith((f"did you mean '6.25 {unit}'?", f"did you mean '{unit}'?")), slip
 
 
 @given(

@@ -234,6 +234,7 @@ SERVO_MISTAKES = [
         "blocks.controller.computation_delay",
         "less than sample_time",
     ),
+    ('gap = "0.1 deg"', 'gap = { value = "0.1 deg", tolerance = 25 }', "parameters.gap.tolerance", "such as '10 %' or"),
     ('gap = "0.1 deg"', 'gap = "-0.1 deg"', "elements.gear.gap", "zero or more: gap is -0.1 deg"),
     ('coulomb = "0.5 N*m"', 'coulomb = "5 %"', "elements.load_friction.coulomb", "a force or a torque"),
     ('static = "0.7 N*m"', 'static = "0.4 N*m"', "elements.load_friction.static", "at least coulomb (0.5 N*m)"),

@@ -19,7 +19,7 @@ from fractions import Fraction
 from functools import lru_cache
 
 from eppanalysis.errors import UnknownName
-from eppanalysis.units import SPELLINGS, QuantityError, UnknownUnit, dimensions, parse_any, unit_of
+from eppanalysis.units import SPELLINGS, QuantityError, UnknownUnit, dimensions, meant, parse_any, unit_of
 
 LONGEST = 200
 DEEPEST = 100
@@ -333,6 +333,8 @@ def parse(text: str) -> Expression:
 
 def _wanted(text: str) -> str:
     """What a text should be that is no expression; where a quantity stands in it, or begins it, how that is written."""
+    if likely := meant(text):
+        return f"a quantity: did you mean {likely!r}?"
     try:
         parse_any(text)
     except UnknownUnit as error:

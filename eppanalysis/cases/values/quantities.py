@@ -109,8 +109,11 @@ def _without_tolerance(raw: Any) -> tuple[Any, Mark, str]:
     return given, mark, note
 
 
-def _tolerance(raw: Any, value: float, unit: str) -> float | None:
-    """Tolerance in SI units; a percentage is of the value."""
+def _tolerance(raw: Any, value: float, unit: str, given: Any) -> float | None:
+    """Tolerance in SI units; a percentage is of the value.
+
+    A plain number is in SI units. Beside a value that was given with a unit, and larger than it, it was meant otherwise.
+    """
     if raw is None:
         return None
     try:
@@ -122,6 +125,8 @@ def _tolerance(raw: Any, value: float, unit: str) -> float | None:
         raise not_as_expected(f"a tolerance in per cent or {error.expected}", raw, "tolerance") from None
     if tolerance < 0:
         raise not_as_expected("a tolerance that is not negative", raw, "tolerance")
+    if unit and tolerance > abs(value) > 0.0 and typed_unit(given) and not typed_unit(raw):
+        raise not_as_expected(f"a tolerance with a unit, such as '10 %' or '1 {typed_unit(given)}'", raw, "tolerance")
     return tolerance
 
 
@@ -178,7 +183,7 @@ class Quantity(_Field):
             raise not_as_expected(error.expected, given) from None
         self._check_range(value, given)
         friendly = self.friendly or self.unit
-        return Parameter(value, self.unit, friendly, mark, note, _tolerance(tolerance, value, self.unit))
+        return Parameter(value, self.unit, friendly, mark, note, _tolerance(tolerance, value, self.unit, given))
 
     def _check_range(self, value: float, given: Any) -> None:
         expected = unmet(value, (self.above, self.at_least, self.at_most), self._text)
@@ -204,9 +209,8 @@ class AnyQuantity(_Field):
             value, unit = parse_any(given)
         except QuantityError as error:
             raise not_as_expected(error.expected, given) from None
-        return Parameter(
-            value, unit, typed_unit(given) or written(unit), mark, note, _tolerance(tolerance, value, unit)
-        )
+        tolerance = _tolerance(tolerance, value, unit, given)
+        return Parameter(value, unit, typed_unit(given) or written(unit), mark, note, tolerance)
 
     def schema(self) -> dict[str, Any]:
         """JSON schema of the plain value."""
