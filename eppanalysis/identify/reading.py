@@ -254,7 +254,8 @@ class _Table:
     def numbers(self, piece: bytes, line: int) -> Array:
         """Complete rows of a piece whose first line is number ``line + 1``, shape (rows, columns)."""
         text = _text(piece, self.source)
-        rows = self._fast(piece)
+        # Where semicolons or tabs separate the cells a comma can only stand for the decimal point.
+        rows = self._fast(piece if self.separator == "," else piece.replace(b",", b"."))
         if rows is None:
             rows = self._slow(text, line)
         rows = rows * self.factors
@@ -318,7 +319,7 @@ class _Table:
     def _cell(self, cell: str, column: Column, number: int) -> float:
         if not cell:
             return math.nan
-        value = _number(cell)
+        value = _number(cell if self.separator == "," else cell.replace(",", "."))
         if value is None or not math.isfinite(value):
             missing = value is not None and math.isnan(value)
             wanted = "a finite number; leave the cell empty where a sample is missing" if missing else "a finite number"

@@ -36,7 +36,12 @@ BAD = {
     "time missing": (HEADER + ROWS + b",1,3\n", "line 22, time is missing", "a time in every row"),
     "short row": (HEADER + ROWS + b"20,1\n", "line 22 is '2 cells long'", "3 cells"),
     "long row": (HEADER + ROWS + b"20,1,2,3\n", "line 22 is '4 cells long'", "3 cells"),
-    "decimal comma": (HEADER.replace(b",", b";") + b"0;1,5;2\n" * 20, "line 2, force is '1,5'", "a finite number"),
+    "two commas": (HEADER.replace(b",", b";") + b"0;1,500,5;2\n" * 20, "line 2, force is '1,500,5'", "a finite number"),
+    "point, comma": (
+        HEADER.replace(b",", b";") + b"0;1.500,5;2\n" * 20,
+        "line 2, force is '1.500,5'",
+        "a finite number",
+    ),
     "open quotation": (HEADER + ROWS + b'20,"1,2\n', "line 22", "quotation marks"),
     "holes": (HEADER + b"".join(b"%d,,\n" % i for i in range(40)), "40 of them with empty cells", "fewer than half"),
     "no header": (ROWS, "line 1 is '0,0,0.000'", "a header"),
@@ -83,6 +88,14 @@ def test_what_is_no_file_is_one_sentence(path):
         (HEADER + ROWS).replace(b"\n", b"\r\n"),
         (HEADER + ROWS).replace(b",", b";"),
         (HEADER + ROWS).replace(b",", b"\t"),
+        (HEADER + ROWS).replace(b",", b";").replace(b".", b","),
+        (HEADER + ROWS).replace(b",", b"\t").replace(b".", b","),
+        (HEADER + ROWS)
+        .replace(b",", b'";"')
+        .replace(b".", b",")
+        .replace(b"\n", b'"\n')
+        .replace(b"\n", b'\n"')[:-1]
+        .replace(b"time", b'"time', 1),
         b"# bench 3\n# ball bearing\n" + HEADER + b"\n" + ROWS + b"\n\n",
         HEADER.replace(b"[lbf]", b"(lbf)") + b"".join(b'"%d","%d","%d"\n' % (i, i, 2 * i) for i in range(20)),
     ],

@@ -112,7 +112,7 @@ def _without_tolerance(raw: Any) -> tuple[Any, Mark, str]:
 def _tolerance(raw: Any, value: float, unit: str, given: Any) -> float | None:
     """Tolerance in SI units; a percentage is of the value.
 
-    A plain number is in SI units. Beside a value that was given with a unit, and larger than it, it was meant otherwise.
+    A plain number is in SI units; one that is larger than a value with a unit was meant otherwise.
     """
     if raw is None:
         return None
