@@ -49,11 +49,10 @@ def return_map(A: Array, n_free: int) -> Array:
 
 
 def multipliers(P: Array, scale: Array, n_wanted: int) -> ComplexArray:
-    """Floquet multipliers, largest first; those that vanish are exactly zero.
+    """Floquet multipliers, largest first; those that vanish are exactly zero, and those of continua exactly one.
 
-    The eigenvalues of a rank-deficient matrix that should vanish come out of a QR iteration as roots of rounding
-    errors, so the null directions are taken off first: with ``P = U R`` (R of full row rank) the others are those of
-    ``R U``.
+    The eigenvalues of a defective matrix come out of a QR iteration as roots of rounding errors, so the null directions
+    of the map are taken off first, and then those of the map less one, which a chain of integrators has.
 
     Parameters
     ----------
@@ -64,18 +63,28 @@ def multipliers(P: Array, scale: Array, n_wanted: int) -> ComplexArray:
     n_wanted : int
         Number of states of the loop less one for the direction along the orbit; what the memory values add vanishes.
     """
-    Q = P * scale / scale[:, None]
-    while Q.size:
-        U, s, Vt = np.linalg.svd(Q)
-        rank = int(np.sum(s > VANISHED * max(1.0, s[0])))
-        if rank == Q.shape[0]:
-            break
-        Q = (s[:rank, None] * Vt[:rank]) @ U[:, :rank]
-    values = np.linalg.eigvals(Q).astype(complex) if Q.size else np.zeros(0, complex)
+    Q = _without_zeros(P * scale / scale[:, None])
+    moved = _without_zeros(Q - np.eye(len(Q)))
+    values = np.ones(len(Q), complex)
+    values[: len(moved)] += np.linalg.eigvals(moved)
     values = values[np.argsort(-np.abs(values), kind="stable")]
     found = np.zeros(n_wanted, complex)
     found[: min(n_wanted, values.size)] = values[:n_wanted]
     return found
+
+
+def _without_zeros(Q: Array, share: float = VANISHED) -> Array:
+    """A matrix with the eigenvalues of another but those that vanish, by a share of the largest singular value.
+
+    With ``Q = U R`` (R of full row rank) they are those of ``R U``, until that has full rank itself.
+    """
+    while Q.size:
+        U, s, Vt = np.linalg.svd(Q)
+        rank = int(np.sum(s > share * max(1.0, s[0])))
+        if rank == Q.shape[0]:
+            break
+        Q = (s[:rank, None] * Vt[:rank]) @ U[:, :rank]
+    return Q
 
 
 def drifts(P: Array, scale: Array) -> bool:
@@ -84,9 +93,9 @@ def drifts(P: Array, scale: Array) -> bool:
     A multiplier 1 that counts twice has one way to neighbouring cycles alone then (docs/theory/sampled.md): the other
     disturbance moves the motion along that way for ever.
     """
-    Q = P * scale / scale[:, None]
-    ones = int(np.sum(np.abs(np.linalg.eigvals(Q) - 1.0) < _NEUTRAL))
-    gains = np.linalg.svd(Q - np.eye(len(Q)), compute_uv=False)
+    moved = P * scale / scale[:, None] - np.eye(len(P))
+    ones = len(moved) - len(_without_zeros(moved, _STANDS))
+    gains = np.linalg.svd(moved, compute_uv=False)
     return ones > int(np.sum(gains <= _STANDS * np.maximum(1.0, gains.max(initial=0.0))))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import eppanalysis as epp
 from eppanalysis.methods.search.discrete import Runs, ready, starts_of
@@ -94,6 +95,15 @@ def test_no_cycle_of_two_integrators_in_a_chain_is_stable() -> None:
     aside = cycle.state + [1e-6, 0.0]
     np.testing.assert_allclose(turns(cycle.state, 100), cycle.state, atol=1e-12)
     np.testing.assert_allclose(turns(aside, 100) - turns(aside, 50), [0.0, 4.0 * 50.0 * 1e-6], atol=1e-12)
+
+
+@pytest.mark.slow  # 20 s; the multipliers that it hangs on are tested with the others
+def test_two_integrators_in_a_chain_have_continua_alone_in_any_form() -> None:
+    """Each cycle of a modulator of second order is one of many, whatever its states measure."""
+    found = epp.find_limit_cycles(
+        epp.LureSystem.from_tf(signal.dlti([2.0, -1.0], [1.0, -2.0, 1.0], dt=1.0), epp.Relay())
+    )
+    assert 0 < found.n_continua == len(found) < 20
 
 
 def test_each_cycle_of_a_digital_filter_is_listed() -> None:

@@ -12,7 +12,7 @@ from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.shooting import close_orbit, run_from
 from eppanalysis.methods.simulation.simulate import run_hybrid
-from eppanalysis.methods.simulation.stability import describe, is_stable, multipliers
+from eppanalysis.methods.simulation.stability import describe, drifts, is_stable, multipliers
 
 
 def orbit_of(name):
@@ -51,6 +51,23 @@ def test_return_map_agrees_with_differences_of_the_engine():
         found.append((ends[0] - ends[1]) / (2e-6 * orbit.scale[i]))
     measured = np.sort(np.abs(np.linalg.eigvals(np.array(found).T)))[::-1]
     assert measured[0] == pytest.approx(abs(orbit.multipliers[0]), rel=1e-6)
+
+
+@pytest.mark.parametrize("links", [1, 2, 3])
+@pytest.mark.parametrize("turns", [1, 6, 12])
+def test_chains_of_integrators_have_multipliers_that_are_exactly_one(links, turns):
+    """In any coordinates: QR iterations leave them off by roots of rounding."""
+    rng = np.random.default_rng(links)
+    chain = np.eye(links) + np.diag(np.ones(links - 1), -1)
+    others = np.diag([0.9, 0.0])
+    turned = np.linalg.qr(rng.standard_normal((links + 2, links + 2)))[0]
+    P = turned @ np.linalg.matrix_power(
+        np.block([[chain, np.zeros((links, 2))], [np.zeros((2, links)), others]]), turns
+    )
+    found = multipliers(P @ turned.T, np.ones(links + 2), links + 2)
+    assert found[:links].tolist() == [1.0] * links and found[-1] == 0.0
+    assert found[links] == pytest.approx(0.9**turns)
+    assert drifts(P @ turned.T, np.ones(links + 2)) is (links > 1)
 
 
 def test_sticking_wipes_out_directions():
