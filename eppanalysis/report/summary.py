@@ -242,7 +242,7 @@ def _known(
     proof: Certificate | CertifiedOrbit | None,
 ) -> Iterator[tuple[str, str]]:
     if ladder is not None:
-        yield "Predicted", str(ladder.agreement.value)
+        yield "Predicted", ladder.agreement.sentence(ladder.run.status)
     if cycles is not None:
         yield "Exact", str(cycles)
     yield "Simulated", str(run)

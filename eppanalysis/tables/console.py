@@ -413,7 +413,7 @@ def _exact_cycles(ladder: Ladder) -> str:
 def _first_sentences(ladder: Ladder) -> str:
     """What the ladder says, in few words."""
     if not ladder.errors:
-        return ladder.agreement.value
+        return ladder.agreement.sentence(ladder.run.status)
     f, a = ladder.errors["frequency"]["frequency"], ladder.errors.get(ladder.signal, {}).get("peak_to_peak")
     size = f", {signed_percent(a)} in {words(ladder.signal)}" if a is not None else ""
     how = "Agrees" if ladder.agreement.name == "AGREE" else "Is there, but far off"

@@ -59,6 +59,9 @@ if TYPE_CHECKING:
 _AGREES = 0.1
 
 
+_LEFT_OPEN = "; the run itself is undecided by its end"
+
+
 class Agreement(Enum):
     """What prediction and simulation mean together."""
 
@@ -88,22 +91,18 @@ class Agreement(Enum):
         "First order misses stable limit cycles that exist: the exact search finds what it does not predict. "
         "The run is on none of them by its end."
     )
-    CONFIRMED = (
-        "The exact search confirms what first order predicts; the run itself is undecided by its end, "
-        "so simulate for longer."
-    )
+    CONFIRMED = f"The exact search confirms what first order predicts{_LEFT_OPEN}, so simulate for longer."
     CONFIRMED_STABLE = (
         "The exact search confirms the stable cycle that first order predicts, but not every unstable one to within "
-        f"{100 * _AGREES:g} %; the run itself is undecided by its end, simulate for longer to see the stable one there."
+        f"{100 * _AGREES:g} %{_LEFT_OPEN}, simulate for longer to see the stable one there."
     )
     NONE_STABLE = (
         "First order predicts no stable cycle and the exact search finds none, but unstable ones differ by more than "
-        f"{100 * _AGREES:g} %; the run itself is undecided by its end, simulate for longer."
+        f"{100 * _AGREES:g} %{_LEFT_OPEN}, simulate for longer."
     )
     FOUND = (
         "The exact search finds the stable cycle that first order predicts, but first order is off by more than "
-        f"{100 * _AGREES:g} % in frequency or size; the run itself is undecided by its end, "
-        "simulate for longer to see it there."
+        f"{100 * _AGREES:g} % in frequency or size{_LEFT_OPEN}, simulate for longer to see it there."
     )
     UNDECIDED = (
         "The run is undecided by its end, so the prediction is neither confirmed nor refuted; simulate for longer."
@@ -112,6 +111,15 @@ class Agreement(Enum):
         "An input does not stand still, so the loop has no limit cycle of its own to predict; the run is all there is."
     )
     NO_PREDICTION = "An element has no describing function, so first order says nothing of this loop."
+
+    def sentence(self, status: Status) -> str:
+        """What is said beside a run that ends so: none that grows without bound has to be made longer."""
+        if status is not Status.DIVERGED:
+            return self.value
+        if self is Agreement.UNDECIDED:
+            return "The run grows without bound, so the prediction is neither confirmed nor refuted."
+        lead, left_open, _ = self.value.partition(_LEFT_OPEN)
+        return f"{lead}; the run itself grows without bound." if left_open else self.value
 
 
 @dataclass(frozen=True)
@@ -198,7 +206,7 @@ class Ladder(Result):
         cycle = self.run.limit_cycle
         run = str(self.run) if cycle is None else f"Oscillates: {cycle.size_of(self.signal)}."
         first = [*error_sentences(self.errors, self.signal), *missed_sentences(self.missed, self.search)]
-        return " ".join([*self._exactly(run), self.agreement.value, *first])
+        return " ".join([*self._exactly(run), self.agreement.sentence(self.run.status), *first])
 
     def _exactly(self, run: str) -> list[str]:
         """What the run and the exact search find, and first what tells more: a cycle, or that there is none."""
@@ -306,7 +314,7 @@ def ladder(case: _ExpectingCase | LureSystem) -> Ladder:
     if agreement is Agreement.AGREE and not _agrees(errors, signal):
         agreement = Agreement.ROUGH
     reasons = [why_not] if why_not and at.stands else []
-    sentences = [agreement.value, *reasons, *cycle_sentences(run.limit_cycle, errors, signal)]
+    sentences = [agreement.sentence(run.status), *reasons, *cycle_sentences(run.limit_cycle, errors, signal)]
     missed = missed_sentences(found.missed, found.search)
     return Ladder(
         signal=signal,

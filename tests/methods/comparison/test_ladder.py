@@ -372,3 +372,23 @@ def test_in_discrete_time_a_run_at_rest_does_not_confirm_a_prediction_that_misse
     assert result.run.status is epp.Status.SETTLED and len(result.prediction) == 0
     assert result.search.stable and "First order misses stable limit cycles that exist" in str(result)
     assert result.search.stable[0].period == round(result.search.stable[0].period)
+
+
+@pytest.mark.parametrize(
+    ("plant", "element", "start"),
+    [
+        (([6.0], [0.2 / 40**3, 1.0 / 40**2, -0.2 / 40, -1.0]), epp.Saturation(), 1.0),
+        (([12.0], [1.0 / 40**3, 3.0 / 40**2, 2.0 / 40, 0.0]), epp.DeadZone(), 100.0),
+    ],
+)
+def test_of_a_run_that_grows_without_bound_no_longer_one_is_asked_for(plant, element, start) -> None:
+    result = epp.ladder(epp.LureSystem.from_tf(plant, element, x0=[start, 0.0, start]))
+    assert result.run.status is Status.DIVERGED
+    assert "grows without bound" in str(result) or "grew without bound" in str(result)
+    assert "undecided" not in str(result).lower() and "longer" not in str(result)
+
+
+@pytest.mark.parametrize("agreement", list(Agreement))
+def test_no_sentence_beside_a_run_without_bound_calls_it_undecided(agreement) -> None:
+    assert "undecided" not in agreement.sentence(Status.DIVERGED)
+    assert agreement.sentence(Status.UNDECIDED) == agreement.value
