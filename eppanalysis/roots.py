@@ -19,8 +19,8 @@ _MOST_STEPS = 60
 def between(f: Numbered, low: Array, high: Array) -> Array:
     """Roots of ``f(x, number)`` in brackets (n,), each with its number; not-a-number without a change of sign.
 
-    By false position in which an end that stays counts half (the Illinois rule), every third step a halving. Where f is
-    zero over a stretch, a point of it.
+    By Chandrupatla's rule: the parabola of x over f through the last three points, where that is monotone between them,
+    else a halving. Where f is zero over a stretch, a point of it.
 
     Examples
     --------
@@ -28,27 +28,39 @@ def between(f: Numbered, low: Array, high: Array) -> Array:
     >>> between(lambda x, i: x * x - np.array([2.0, 9.0])[i], np.zeros(2), np.full(2, 5.0)).round(9).tolist()
     [1.414213562, 3.0]
     """
-    low, high = low.copy(), high.copy()
     every = np.arange(low.size)
     f_low, f_high = f(low, every), f(high, every)
     out = np.where(f_low == 0, low, np.where(f_high == 0, high, np.nan))
     todo = np.flatnonzero(f_low * f_high < 0)
-    for step in range(2 * _MOST_STEPS):
+    # The last point, that on the other side of the root, and what either replaced.
+    x, other, fx, f_other = (v[todo] for v in (low, high, f_low, f_high))
+    share = np.clip(fx / (fx - f_other), 1e-3, 1.0 - 1e-3)
+    for _ in range(2 * _MOST_STEPS):
         if not todo.size:
             break
-        share = np.clip(f_low[todo] / (f_low[todo] - f_high[todo]), 1e-3, 1 - 1e-3) if step % 3 else 0.5
-        x = low[todo] + share * (high[todo] - low[todo])
-        value = f(x, todo)
-        left = (value < 0) == (f_low[todo] < 0)
-        f_low[todo], f_high[todo] = (
-            np.where(left, value, 0.5 * f_low[todo]),
-            np.where(left, 0.5 * f_high[todo], value),
-        )
-        low[todo], high[todo] = np.where(left, x, low[todo]), np.where(left, high[todo], x)
-        out[todo] = x
-        narrow = high[todo] - low[todo] <= 4e-16 * np.maximum(np.abs(low[todo]), np.abs(high[todo]))
-        todo = todo[(value != 0) & ~narrow]
+        new = x + share * (other - x)
+        value = f(new, todo)
+        same = (value < 0) == (fx < 0)
+        before, f_before = np.where(same, x, other), np.where(same, fx, f_other)
+        other, f_other = np.where(same, other, x), np.where(same, f_other, fx)
+        x, fx = new, value
+        out[todo] = best = np.where(np.abs(f_other) < np.abs(fx), other, x)
+        left = other - x
+        least_share = 4e-16 * np.abs(best) / np.abs(left)
+        kept = np.flatnonzero((fx != 0) & (least_share < 0.5))
+        share = np.clip(_share(x, other, before, fx, f_other, f_before), least_share, 1.0 - least_share)
+        todo, x, other, fx, f_other, share = todo[kept], x[kept], other[kept], fx[kept], f_other[kept], share[kept]
     return out
+
+
+@np.errstate(all="ignore")
+def _share(x: Array, other: Array, before: Array, f: Array, f_other: Array, f_before: Array) -> Array:
+    """Of the way from a point to that on the other side of a root: where the root is taken to be."""
+    place, height = (x - other) / (before - other), (f - f_other) / (f_before - f_other)
+    monotone = (height**2 < place) & ((1.0 - height) ** 2 < 1.0 - place)
+    inverse = f / (f_other - f) * f_before / (f_other - f_before)
+    inverse += (before - x) / (other - x) * f / (f_before - f) * f_other / (f_before - f_other)
+    return np.where(monotone, inverse, 0.5)
 
 
 def least(f: Numbered, x: Array, y: Array, wanted: Callable[[Array, Array], BoolArray]) -> tuple[Array, Array]:

@@ -20,6 +20,18 @@ def test_a_root_at_an_end_and_a_jump():
     assert ends[0] == 0.0 and abs(ends[1] - 0.3) < 1e-12
 
 
+def test_roots_of_smooth_functions_take_few_values():
+    counted = []
+
+    def f(x, i):
+        counted.append(x.size)
+        return np.array([np.exp(x) - 3.0, np.arctan(x - 1.3), x**5 - 7.0])[i, np.arange(x.size)]
+
+    roots = between(f, np.zeros(3), np.full(3, 2.0))
+    np.testing.assert_allclose(roots, [np.log(3.0), 1.3, 7.0**0.2], rtol=4e-16)
+    assert len(counted) <= 13
+
+
 def test_minima_are_bracketed_until_they_are_not_wanted_any_more():
     place = np.array([0.1, 0.7])
     x = np.array([[0.0, 0.0], [0.5, 0.5], [1.0, 1.0]])
