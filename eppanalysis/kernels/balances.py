@@ -58,65 +58,72 @@ def shift(X, places, pivot, of_outputs, relative, inputs, a, b, omega, steps):
 
 
 @njit(**_INNER)
-def balance_at(x, places, owner, pivot, static, of_elements, inputs, L, dL, J, R):
-    """Residual and Jacobian of one point; arguments are its shares of those of :func:`assemble`."""
+def balance_at(x, k, block, places, owner, pivot, static, of_elements, inputs, L, dL, J, R):
+    """Residual and Jacobian of one point and a block of elements, of what all elements give the share of number k.
+
+    Other arguments are its shares of those of :func:`assemble`.
+    """
     on_bias, on_mean, prescribed = static
     mean, gain, by_mean, by_gain = of_elements
     m, moves = places.size, len(dL) > 0
-    for r in range(m):
-        real, imaginary, level = J[r], J[m + r], J[2 * m + r]
-        front = (math.exp(x[3 * m]) if r == pivot else 1.0) / inputs[r]
+    # Entries by their indices: a row as an array of its own takes longer than what is done with it.
+    for r in block:
+        i, s = m + r, 2 * m + r
+        for c in range(3 * m + 1):
+            J[r, c], J[i, c], J[s, c] = 0.0, 0.0, 0.0
+        # By its conjugate: the division that guards against overflow takes as long as all the rest.
+        z = inputs[k, r]
+        front = (math.exp(x[3 * m]) if r == pivot else 1.0) / (z.real * z.real + z.imag * z.imag)
         total, off = complex(0.0, 0.0), -prescribed[r]
         for j in range(owner.size):
             o, share = owner[j], on_mean[r, j]
             place = places[o]
             if share != 0.0:
-                off += share * mean[j]
-                level[place] += share * by_mean[0, j]
-                level[2 * m + o] += share * by_mean[1, j]
+                off += share * mean[k, j]
+                J[s, place] += share * by_mean[0, k, j]
+                J[s, 2 * m + o] += share * by_mean[1, k, j]
                 if moves:
-                    level[1] += share * by_mean[2, j]
+                    J[s, 1] += share * by_mean[2, k, j]
             # Of the few outputs of a loop fewer yet act on an input.
             if L[r, j] == 0.0 and not (moves and dL[r, j] != 0.0):
                 continue
-            z = inputs[o]
-            response = L[r, j] * front
-            output = gain[j] * z
-            loop = response * output
+            # Relative to the input that the response is for.
+            turned = inputs[k, o] * complex(front * z.real, -front * z.imag)
+            response = L[r, j] * turned
+            loop = response * gain[k, j]
             total += loop
             # By the logarithm of an amplitude and by a phase an output changes by itself, and by itself times j:
             # what the slope of the gain adds is all that has to be differenced (docs/theory/index.md, Several
             # elements).
             if o != pivot:
-                real[place + 1] -= loop.imag
-                imaginary[place + 1] += loop.real
-            response *= z
-            by = response * by_gain[0, j] + loop
-            real[place] += by.real
-            imaginary[place] += by.imag
-            by = response * by_gain[1, j]
-            real[2 * m + o] += by.real
-            imaginary[2 * m + o] += by.imag
+                J[r, place + 1] -= loop.imag
+                J[i, place + 1] += loop.real
+            by = response * by_gain[0, k, j] + loop
+            J[r, place] += by.real
+            J[i, place] += by.imag
+            by = response * by_gain[1, k, j]
+            J[r, 2 * m + o] += by.real
+            J[i, 2 * m + o] += by.imag
             if moves:
-                by = response * by_gain[2, j] + dL[r, j] * front * output
-                real[1] += by.real
-                imaginary[1] += by.imag
-        real[places[r]] -= total.real
-        imaginary[places[r]] -= total.imag
+                by = response * by_gain[2, k, j] + dL[r, j] * turned * gain[k, j]
+                J[r, 1] += by.real
+                J[i, 1] += by.imag
+        J[r, places[r]] -= total.real
+        J[i, places[r]] -= total.imag
         if r == pivot:
-            real[3 * m], imaginary[3 * m] = total.real, total.imag
+            J[r, 3 * m], J[i, 3 * m] = total.real, total.imag
         else:
-            real[places[r] + 1] += total.imag
-            imaginary[places[r] + 1] -= total.real
-        for k in range(m):
-            off += on_bias[r, k] * x[2 * m + k]
-            level[2 * m + k] += on_bias[r, k]
-        R[r], R[m + r], R[2 * m + r] = total.real - 1.0, total.imag, off
+            J[r, places[r] + 1] += total.imag
+            J[i, places[r] + 1] -= total.real
+        for e in range(m):
+            off += on_bias[r, e] * x[2 * m + e]
+            J[s, 2 * m + e] += on_bias[r, e]
+        R[r], R[i], R[s] = total.real - 1.0, total.imag, off
 
 
 @njit(**_COMPILED)
 def assemble(X, places, owner, pivot, static, of_elements, inputs, L, dL, J, R):
-    """Fill the residuals R (n, 3 m) and Jacobians J (n, 3 m, 3 m + 1), which are zeros, of n balances.
+    """Fill the residuals R (n, 3 m) and Jacobians J (n, 3 m, 3 m + 1) of n balances.
 
     Parameters
     ----------
@@ -130,17 +137,58 @@ def assemble(X, places, owner, pivot, static, of_elements, inputs, L, dL, J, R):
         Responses of the linear part and their derivatives by ln omega; none of these, (0, m, nw), where omega stands
         still.
     """
-    mean, gain, by_mean, by_gain = of_elements
-    none = np.empty((0, 0), np.complex128)
+    every, none = np.arange(places.size), np.empty((0, 0), np.complex128)
     for i in range(len(R)):
-        at = mean[i], gain[i], by_mean[:, i], by_gain[:, i]
-        balance_at(X[i], places, owner, pivot, static, at, inputs[i], L[i], dL[i] if len(dL) else none, J[i], R[i])
+        slope = dL[i] if len(dL) else none
+        balance_at(X[i], i, every, places, owner, pivot, static, of_elements, inputs, L[i], slope, J[i], R[i])
+
+
+@njit(**_COMPILED)
+def drive(L, gains, owner, others, pivot, inputs):
+    """Inputs of all elements but the pivot, for given gains and input of the pivot: linear equations.
+
+    Parameters
+    ----------
+    L : complex array, shape (n, m, nw)
+        Response of the linear part.
+    gains : complex array, shape (n, nw)
+    owner, others : int array, shapes (nw,), (m - 1,)
+        Element of each output, and all elements but the pivot.
+    pivot : int
+    inputs : complex array, shape (n, m)
+        Phasors, of which those of the others are filled.
+    """
+    n = others.size
+    place, matrix = np.full(n + 1, n), np.empty((n, n + 1), np.complex128)
+    place[others] = np.arange(n)
+    for i in range(len(L)):
+        matrix[:] = 0.0
+        for r in range(n):
+            matrix[r, r] = 1.0
+            for j in range(owner.size):
+                c, loop = place[owner[j]], L[i, others[r], j] * gains[i, j]
+                matrix[r, c] += loop * inputs[i, pivot] if c == n else -loop
+        for k in range(n):
+            best, most = k, -1.0
+            for r in range(k, n):
+                size = abs(matrix[r, k].real) + abs(matrix[r, k].imag)
+                if size > most:
+                    best, most = r, size
+            for c in range(k, n + 1):
+                matrix[k, c], matrix[best, c] = matrix[best, c], matrix[k, c]
+            for r in range(n):
+                factor = matrix[r, k] / matrix[k, k]
+                if r != k and factor != 0.0:
+                    for c in range(k + 1, n + 1):
+                        matrix[r, c] -= factor * matrix[k, c]
+        for k in range(n):
+            inputs[i, others[k]] = matrix[k, n] / matrix[k, k]
 
 
 @njit(**_INNER)
 def room_for(size):
-    """Workspace for a linear system: its matrix, the right side as one column more, zeros up to a multiple of four."""
-    return np.zeros((size, size + 4 - size % 4))
+    """Workspace for a linear system: its matrix, the right side as one column more."""
+    return np.zeros((size, size + 1))
 
 
 @njit(**_INNER)
@@ -148,20 +196,18 @@ def _take(J, R, rows, columns, border, edge, matrix):
     """Rows and columns of a linear system, and its border, each divided by its largest entry; False if one is zeros."""
     n = columns.size
     for r in range(n):
-        size, row = 0.0, matrix[r]
-        row[n] = R[rows[r]] if r < rows.size else edge
-        line = J[rows[r]] if r < rows.size else border
+        size, own = 0.0, r < rows.size
+        matrix[r, n] = R[rows[r]] if own else edge
         for c in range(n):
-            value = line[columns[c]]
-            row[c] = value
-            value = abs(value)
-            size = value if value > size else size
+            value = J[rows[r], columns[c]] if own else border[columns[c]]
+            matrix[r, c] = value
+            size = max(size, abs(value))
         # What is not a number, or infinite, is found in the solution.
         if not size > 0.0:
             return False
         share = 1.0 / size
-        for c in range(row.size):
-            row[c] *= share
+        for c in range(n + 1):
+            matrix[r, c] *= share
     return True
 
 
@@ -178,23 +224,17 @@ def _eliminate(matrix):
             size = abs(matrix[r, k])
             if size > most:
                 best, most = r, size
-        top = matrix[k]
         if best != k:
-            row = matrix[best]
-            for c in range(width):
-                top[c], row[c] = row[c], top[c]
-        if top[k] == 0.0:
-            top[k] = _SINGULAR
-        share = 1.0 / top[k]
+            for c in range(k, width):
+                matrix[k, c], matrix[best, c] = matrix[best, c], matrix[k, c]
+        if matrix[k, k] == 0.0:
+            matrix[k, k] = _SINGULAR
+        share = 1.0 / matrix[k, k]
         for r in range(k + 1, n):
-            row = matrix[r]
-            factor = row[k] * share
+            factor = matrix[r, k] * share
             if factor != 0.0:
-                # Four at a time, all of them before the first is written: that is one instruction each.
-                for c in range((k + 1) // 4 * 4, width, 4):
-                    first, second = row[c] - factor * top[c], row[c + 1] - factor * top[c + 1]
-                    third, fourth = row[c + 2] - factor * top[c + 2], row[c + 3] - factor * top[c + 3]
-                    row[c], row[c + 1], row[c + 2], row[c + 3] = first, second, third, fourth
+                for c in range(k + 1, width):
+                    matrix[r, c] -= factor * matrix[k, c]
 
 
 @njit(**_INNER)
@@ -238,16 +278,16 @@ def solve(J, R, rows, columns, border, edge, step, regular):
 
 
 @njit(**_INNER)
-def move_at(x, places, step, longest):
-    """One of the steps of :func:`move`; returns its whole length and whether the point is sound."""
+def move_at(x, columns, places, step, longest):
+    """One of the steps of :func:`move`, in some columns; returns its whole length and whether the point is sound."""
     m, length, far = places.size, 0.0, 0.0
-    for c in range(3 * m + 1):
+    for c in columns:
         size = 3.0 if c == 3 * m else 1.0
         if 2 * m <= c < 3 * m:
             size = math.exp(x[places[c - 2 * m]]) + 0.1 * abs(x[c])
         length = max(length, abs(step[c]) / size)
     share = min(1.0, longest / max(length, 1e-300))
-    for c in range(3 * m + 1):
+    for c in columns:
         x[c] -= step[c] * share
         far = max(far, abs(x[c])) if c < 2 * m else far
         far = far if math.isfinite(x[c]) else math.inf
@@ -269,5 +309,6 @@ def move(X, places, step, longest, largest, sound):
     largest, sound : array and bool array, shape (n,)
         Are filled: lengths of the whole steps, and whether a point has numbers that can be worked with.
     """
+    every = np.arange(X.shape[1])
     for i in range(len(X)):
-        largest[i], sound[i] = move_at(X[i], places, step[i], longest)
+        largest[i], sound[i] = move_at(X[i], every, places, step[i], longest)

@@ -21,21 +21,22 @@ _AT_ONCE = 64
 
 
 @njit(**_INNER)
-def _describe(X, points, places, pivot, relative, elements, free, row, inputs, of_elements):
-    """Inputs of all elements at some points, and what they make of them; not `free`, pivot and omega stand still.
+def _describe(X, points, begin, block, places, pivot, relative, elements, free, row, inputs, of_elements):
+    """Inputs of some elements at some points, and what they make of them; not `free`, pivot and omega stand still.
 
-    Arguments are those of :func:`newton`, workspace for numbers of all points, and what is filled.
+    Arguments are those of :func:`newton`, workspace for numbers of all points, and what is filled, from the point
+    `begin` on.
     """
     first, (breakpoints, slopes, intercepts, jumps), pins = elements
     mean, gain, by_mean, by_gain = of_elements
     n, m = points.size, places.size
     size, bias, level, share, by = row[0, :n], row[1, :n], row[2, :n], row[3, :n], row[4:, :n]
-    for e in range(m):
-        for k in range(n):
-            x = X[points[k]]
-            size[k], bias[k] = math.exp(x[places[e]]), x[2 * m + e]
+    for e in block:
+        for i in range(n):
+            x, k = X[points[i]], points[i] - begin
+            size[i], bias[i] = math.exp(x[places[e]]), x[2 * m + e]
             phase = x[places[e] + 1] if e != pivot else 0.0
-            inputs[k, e] = complex(size[k] * math.cos(phase), size[k] * math.sin(phase))
+            inputs[k, e] = complex(size[i] * math.cos(phase), size[i] * math.sin(phase))
             for by_what in range(3):
                 by_mean[by_what, k, e], by_gain[by_what, k, e] = 0.0, complex(0.0, 0.0)
         gap, stiffness, damping, unilateral = pins[e, 0], pins[e, 1], pins[e, 2], pins[e, 3]
@@ -43,13 +44,15 @@ def _describe(X, points, places, pivot, relative, elements, free, row, inputs, o
             i, j = first[e], first[e + 1]
             table = breakpoints[i:j], slopes[i + e : j + e + 1], intercepts[i + e : j + e + 1], jumps[i:j]
             describe(table[0], table[1], table[2], table[3], size, bias, level, share, by)
-            for k in range(n):
-                mean[k, e], gain[k, e] = level[k], complex(share[k], 0.0)
-                by_mean[0, k, e], by_gain[0, k, e] = by[1, k] * size[k], complex(2.0 * (by[0, k] - share[k]), 0.0)
-                by_mean[1, k, e], by_gain[1, k, e] = by[0, k], complex(by[1, k] * (2.0 / size[k]), 0.0)
+            for i in range(n):
+                k = points[i] - begin
+                mean[k, e], gain[k, e] = level[i], complex(share[i], 0.0)
+                by_mean[0, k, e], by_gain[0, k, e] = by[1, i] * size[i], complex(2.0 * (by[0, i] - share[i]), 0.0)
+                by_mean[1, k, e], by_gain[1, k, e] = by[0, i], complex(by[1, i] * (2.0 / size[i]), 0.0)
             continue
-        for k in range(n):
-            a, b, omega = max(size[k], 1e-150), bias[k], math.exp(X[points[k], 1])
+        for i in range(n):
+            k = points[i] - begin
+            a, b, omega = max(size[i], 1e-150), bias[i], math.exp(X[points[i], 1])
             beside = b + (relative * a + 1e-12 * abs(b))
             mean[k, e], gain[k, e] = lock_pin_at(gap, stiffness, damping, unilateral != 0.0, a, b, omega)
             for by_what in range(0 if free or e != pivot else 1, 3 if free else 2):
@@ -66,7 +69,7 @@ def _describe(X, points, places, pivot, relative, elements, free, row, inputs, o
 
 
 @njit(**_COMPILED)
-def newton(X, normal, iterations, limits, parts, places, pivot, static, elements, linear, L, residual, jacobian, found):
+def newton(X, normal, iterations, limits, parts, places, pivot, static, elements, linear, L, around, jacobian, found):
     """Bring points to solutions, of some equations for some of their unknowns.
 
     Parameters
@@ -77,8 +80,8 @@ def newton(X, normal, iterations, limits, parts, places, pivot, static, elements
     limits : tuple of float
         Relative step of the differences, longest step, that of a point that may be lost, and how many of these in a
         row; last step of a point that has converged, and the larger of two in a row that are as good.
-    parts : int arrays rows, columns
-        Equations and unknowns.
+    parts : int arrays block, rows, columns
+        Elements, and their equations and unknowns; all that the others give stands still.
     places, pivot, static
         As of :func:`eppanalysis.kernels.balances.assemble`.
     elements : first (m + 1,), arrays of :func:`~eppanalysis.kernels.describing.piecewise.biased_sinusoid`, pins (m, 4)
@@ -88,15 +91,17 @@ def newton(X, normal, iterations, limits, parts, places, pivot, static, elements
         State space from all outputs to the first inputs.
     L : complex array, shape (n, m, m)
         Its responses, where the amplitude of the pivot and omega stand still; else of length zero.
-    residual, jacobian, found : array, array and bool array, shapes (n, 3 m), (n or 1, 3 m, 3 m + 1), (n,)
-        Are filled: those with which a point has made its last step, and whether it has converged. A single Jacobian is
-        workspace.
+    around : complex array, shape (n,)
+        Is filled with the gain once around the loop, cut at the pivot's input, where these responses are given.
+    jacobian, found : array and bool array, shapes (n or 1, 3 m, 3 m + 1), (n,)
+        Are filled: that with which a point has made its last step, and whether it has converged. A single Jacobian is
+        workspace. Before, `found` says which points are to be moved.
     """
     relative, longest, far, most, tolerance, as_good = limits
-    rows, columns = parts
+    block, rows, columns = parts
     A, B, C, D = linear
     m, n, free, still = places.size, len(A), len(L) == 0, np.empty((0, 0), np.complex128)
-    owner, step, matrix = np.arange(m), np.empty(3 * m + 1), room_for(columns.size)
+    every, R, step, matrix = np.arange(m), np.empty(3 * m), np.empty(3 * m + 1), room_for(columns.size)
     answer, room = np.empty((2, 1, m, m), np.complex128), room_for_answers(n, m)
     most_points = min(len(X), _AT_ONCE)
     row, inputs = np.empty((6, most_points)), np.empty((most_points, m), np.complex128)
@@ -106,18 +111,18 @@ def newton(X, normal, iterations, limits, parts, places, pivot, static, elements
     for begin in range(0, len(X), _AT_ONCE):
         count = 0
         for i in range(begin, min(begin + _AT_ONCE, len(X))):
-            found[i], settled[i - begin], lost[i - begin] = False, False, 0.0
-            if np.all(np.isfinite(X[i])):
+            if found[i] and np.all(np.isfinite(X[i])):
                 points[count] = i
                 count += 1
-        for _ in range(iterations):
+            found[i], settled[i - begin], lost[i - begin] = False, False, 0.0
+        for turn in range(iterations):
             if count == 0:
                 break
             todo, count = points[:count], 0
-            _describe(X, todo, places, pivot, relative, elements, free, row, inputs, (mean, gain, by_mean, by_gain))
-            for k in range(todo.size):
-                i = todo[k]
-                x, R, J = X[i], residual[i], jacobian[i if len(jacobian) > 1 else 0]
+            of, of_elements = block if turn else every, (mean, gain, by_mean, by_gain)
+            _describe(X, todo, begin, of, places, pivot, relative, elements, free, row, inputs, of_elements)
+            for i in todo:
+                x, k, J = X[i], i - begin, jacobian[i if len(jacobian) > 1 else 0]
                 if free:
                     omega = math.exp(x[1])
                     answer_at(A, B, C, complex(0.0, omega), complex(0.0, 1.0), room, answer[:, 0])
@@ -126,16 +131,18 @@ def newton(X, normal, iterations, limits, parts, places, pivot, static, elements
                             answer[0, 0, r, c] += D[r, c]
                             answer[1, 0, r, c] *= omega
                 here, slope = (answer[0, 0], answer[1, 0]) if free else (L[i], still)
-                J[:] = 0.0
-                at = mean[k], gain[k], by_mean[:, k], by_gain[:, k]
-                balance_at(x, places, owner, pivot, static, at, inputs[k], here, slope, J, R)
+                balance_at(x, k, block, places, every, pivot, static, of_elements, inputs, here, slope, J, R)
                 regular = solve_at(J, R, rows, columns, normal[i], 0.0, matrix, step)
-                length, sound = move_at(x, places, step, longest)
-                lost[i - begin] = lost[i - begin] + 1.0 if length > far else 0.0
-                alive = regular and sound and lost[i - begin] < most
+                length, sound = move_at(x, columns, places, step, longest)
+                lost[k] = lost[k] + 1.0 if length > far else 0.0
+                alive = regular and sound and lost[k] < most
                 small = regular and length < as_good
-                found[i] = alive and ((regular and length < tolerance) or (small and settled[i - begin]))
-                settled[i - begin] = small
+                found[i] = alive and ((regular and length < tolerance) or (small and settled[k]))
+                settled[k] = small
+                if found[i] and not free:
+                    around[i] = complex(0.0, 0.0)
+                    for j in range(m):
+                        around[i] += here[pivot, j] * gain[k, j] * inputs[k, j] / inputs[k, pivot]
                 if alive and not found[i]:
                     points[count] = i
                     count += 1

@@ -10,15 +10,23 @@ _INNER = {**PART, "error_model": "numpy"}
 
 @njit(**_INNER)
 def _subtracted(A, s, beside, matrix):
-    """Fill a matrix with ``s + j beside - A``; returns its largest entry."""
-    n, size = len(A), 0.0
+    """Fill a matrix with ``s + j beside - A``."""
+    n = len(A)
     for r in range(n):
         for c in range(n):
             matrix[r, c] = complex(-A[r, c], 0.0)
         matrix[r, r] += s + complex(0.0, beside)
-        for c in range(n):
-            size = max(size, abs(matrix[r, c].real), abs(matrix[r, c].imag))
-    return size
+
+
+@njit(**_INNER)
+def _beside(A, s):
+    """Rounding of the largest entry of ``s - A``."""
+    size = 0.0
+    for r in range(len(A)):
+        for c in range(len(A)):
+            entry = (s if r == c else 0.0) - A[r, c]
+            size = max(size, abs(entry.real), abs(entry.imag))
+    return 2.0**-52 * (size if size > 0.0 else 1.0)
 
 
 @njit(**_INNER)
@@ -79,12 +87,10 @@ def answer_at(A, B, C, s, ds, room, out):
     """One of the answers of :func:`response_and_slope`, with workspace from :func:`room_for_answers`."""
     matrix, pivots, x = room
     n, w = B.shape
-    beside = 0.0
-    for _ in range(2):
-        size = _subtracted(A, s, beside, matrix)
-        if _factored(matrix, pivots):
-            break
-        beside = 2.0**-52 * (size if size > 0.0 else 1.0)
+    _subtracted(A, s, 0.0, matrix)
+    if not _factored(matrix, pivots):
+        _subtracted(A, s, _beside(A, s), matrix)
+        _factored(matrix, pivots)
     for turn in range(len(out)):
         for r in range(n):
             for j in range(w):
@@ -93,10 +99,12 @@ def answer_at(A, B, C, s, ds, room, out):
         _substitute(matrix, pivots, x)
         for r in range(len(C)):
             for j in range(w):
-                total = complex(0.0, 0.0)
-                for c in range(n):
-                    total += C[r, c] * x[c, j]
-                out[turn, r, j] = total
+                out[turn, r, j] = complex(0.0, 0.0)
+            for c in range(n):
+                share = C[r, c]
+                if share != 0.0:
+                    for j in range(w):
+                        out[turn, r, j] += complex(share * x[c, j].real, share * x[c, j].imag)
 
 
 @njit(**_COMPILED)

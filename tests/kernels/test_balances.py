@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import eppanalysis as epp
+from eppanalysis.kernels.balances import drive
 from eppanalysis.methods.describing.balance import Balance, moved, scales, solved, solved_in_part
 
 RANDOM = np.random.default_rng(5)
@@ -56,6 +57,18 @@ def test_one_system_that_cannot_be_solved_leaves_the_others_alone() -> None:
     assert found[0].tolist() == [1.0, 1.0, 1.0]
     assert not found[1].any()
     assert np.abs(found[2]).max() > 1e9
+
+
+def test_inputs_for_given_gains_are_those_of_linear_algebra() -> None:
+    owner, others, pivot = np.array([0, 1, 1, 2]), np.array([0, 2]), 1
+    L, gains = (RANDOM.normal(size=(2, 7, *shape)) for shape in ((3, 4), (4,)))
+    L, gains = L[0] + 1j * L[1], gains[0] + 1j * gains[1]
+    L[3, :, 0] = 0.0
+    Z = np.tile([0.0, 1.5, 0.0], (7, 1)).astype(complex)
+    drive(L, gains, owner, others, pivot, Z)
+    returns = (L * (gains * Z[:, owner])[:, None]).sum(-1)
+    assert np.all(Z[:, pivot] == 1.5)
+    assert np.allclose(returns[:, others], Z[:, others], rtol=1e-12)
 
 
 def test_steps_are_shortened_by_their_largest_part_in_its_own_scale() -> None:

@@ -7,7 +7,13 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.methods.describing.balance import Balance, newton_and_jacobian, scales
-from eppanalysis.methods.describing.multi import choose_pivot, inner_newton, search_several
+from eppanalysis.methods.describing.multi import (
+    _solve_block,
+    choose_pivot,
+    inner_newton,
+    search_several,
+    start_points,
+)
 
 RANDOM = np.random.default_rng(11)
 N_POINTS = 60
@@ -56,6 +62,33 @@ def test_the_rest_of_a_loop_is_solved_alike_where_amplitude_and_frequency_of_its
     assert 0.2 < found[2].mean() < 0.9
     assert np.array_equal(found[2], wanted[2])
     assert all(np.array_equal(a[found[2]], b[found[2]]) for a, b in zip(found, wanted, strict=True))
+
+
+@pytest.mark.parametrize("case", ["fig8a_original", "fig6a_original_pulley", "two_mass_damped_shaft_classical"])
+def test_block_by_block_all_is_found_that_is_found_at_once(case: str) -> None:
+    """And solves all equations but those of the pivot's input."""
+    balance = a_balance(case)
+    a, omega = RANDOM.uniform(-9.0, 1.0, 400), RANDOM.uniform(0.0, 7.0, 400)
+    L = balance.linear(np.exp(omega))
+    start = start_points(balance, np.stack([a, omega], -1), L, balance.operating_bias, 1.0)
+    X, loop, done = inner_newton(balance, start, L)
+    at_once, around, every = start.copy(), loop.copy(), np.ones(len(X), bool)
+    _solve_block(balance, np.arange(balance.m), at_once, L, around, every)
+    assert every.mean() > 0.1 and not np.any(every & ~done)
+    same = np.abs(X - at_once)[every] <= 1e-6 * scales(balance, X[every])
+    assert same.all(1).mean() > 0.99
+    R, p = balance.residual(X[done])[0], balance.pivot
+    assert np.allclose(loop[done], R[:, p] + 1.0 + 1j * R[:, balance.m + p], rtol=1e-6)
+    R[:, [p, balance.m + p]] = 0.0
+    assert np.all(np.abs(R).max(1) < 1e-6 * (1.0 + np.exp(X[done][:, balance.places]).max(1)))
+
+
+def test_what_acts_on_nothing_is_a_block_of_its_own() -> None:
+    """The elbow's friction has no mean, as its mean speed is zero, and acts on the input of the pivot alone."""
+    balance = a_balance("fig8a_original")
+    acts = balance.linear(np.ones(1))[0] != 0
+    assert balance.solved is not None
+    assert [block.tolist() for block in balance.solved.blocks(acts)] == [[0, 1, 2], [3]]
 
 
 @pytest.mark.parametrize("case", ["sat_plus_backlash", "relay_fopdt_closed", "backlash_discrete_pi"])

@@ -11,7 +11,7 @@ equations leave curves; the limit cycles are the points of these curves with lam
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.means import StaticBalance, static_balance, without_rounding
+from eppanalysis.models.systems.means import CANCELLED, StaticBalance, static_balance, without_rounding
 from eppanalysis.readable import number, readable
 
 _STEP = 1e-7  # relative step of the forward differences; it only slows Newton, it does not bias its answer
@@ -33,6 +33,8 @@ _LOST, _LONG = 3, 100.0
 _AS_GOOD = 1e-9
 #: Last step of Newton's method for points of a curve that are only steps on the way to a limit cycle.
 ON_THE_WAY = 1e-7
+#: Amplitudes of any size.
+_ANY_SIZE = np.geomspace(1e-40, 1e40, 161)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +137,13 @@ class Balance:
         return np.concatenate(means, -1), np.concatenate(gains, -1)
 
     @np.errstate(all="ignore")
-    def slopes(self, X: Array, free_pivot: bool = True) -> Slopes:
-        """What the elements do at nb points; without `free_pivot` amplitude of pivot and omega stand still."""
+    def slopes(
+        self, X: Array, free_pivot: bool = True, known: tuple[NDArray[np.intp], Array, ComplexArray] | None = None
+    ) -> Slopes:
+        """What the elements do at nb points; without `free_pivot` amplitude of pivot and omega stand still.
+
+        With `known` only those that it lists are asked; means and gains of the others stand still, and are given there.
+        """
         from eppanalysis.kernels.balances import shift
 
         m, n, nw = self.m, len(X), self.owner.size
@@ -146,6 +153,9 @@ class Balance:
         shift(X, self.places, self.pivot, self.owner, _STEP, Z, a, b, omega, steps)
         for i, e in enumerate(self.system.elements):
             out, used = self.system.output_slices[i], self._shifts(i, free_pivot)
+            if known is not None and i not in known[0]:
+                mean[:, out], gain[:, out] = known[1][:, out], known[2][:, out]
+                continue
             exact = e.described_with_slopes(a[i, 0], b[i, 0])
             if exact is not None:
                 o = out.start
@@ -194,7 +204,7 @@ class Balance:
         from eppanalysis.kernels.balances import assemble
 
         n, m = len(X), self.m
-        J, R = np.zeros((n, 3 * m, 3 * m + 1)), np.empty((n, 3 * m))
+        J, R = np.empty((n, 3 * m, 3 * m + 1)), np.empty((n, 3 * m))
         elements = s.means, s.gains, s.by_means, s.by_gains
         assemble(X, self.places, self.owner, self.pivot, self._of_means, elements, s.Z, L, dL, J, R)
         return R, J
@@ -211,24 +221,24 @@ class Balance:
         normal: Array,
         iterations: int,
         limits: tuple[float, ...],
-        parts: tuple[NDArray[np.intp], NDArray[np.intp]],
+        parts: tuple[NDArray[np.intp], ...],
         L: ComplexArray,
+        around: ComplexArray,
         jacobian: Array,
         found: BoolArray,
-    ) -> Array | None:
-        """Newton's method in one kernel, see :func:`eppanalysis.kernels.newton.newton`; returns the residuals.
+    ) -> bool:
+        """Newton's method in one kernel, see :func:`eppanalysis.kernels.newton.newton`.
 
-        None, with nothing done, where an element or the linear part has no closed form.
+        False, with nothing done, where an element or the linear part has no closed form.
         """
         if self.closed_forms is None:
-            return None
+            return False
         from eppanalysis.kernels.newton import newton
 
         # Of numbers of one type, or it would be compiled anew.
-        numbers, residual = (_STEP, *map(float, limits)), np.full((len(X), 3 * self.m), np.nan)
-        of_balance = self.places, self.pivot, self._of_means, *self.closed_forms
-        newton(X, normal, iterations, numbers, parts, *of_balance, L, residual, jacobian, found)
-        return residual
+        numbers, of_balance = (_STEP, *map(float, limits)), (self.places, self.pivot, self._of_means)
+        newton(X, normal, iterations, numbers, parts, *of_balance, *self.closed_forms, L, around, jacobian, found)
+        return True
 
     @cached_property
     def closed_forms(self) -> tuple[tuple[Any, ...], tuple[Array, ...]] | None:
@@ -241,6 +251,43 @@ class Balance:
         maps = tuple(np.concatenate(part) for part in zip(*(form.pieces for form in known), strict=True))
         linear = tuple(np.array(part, float, order="C") for part in (s.A, s.B, s.C[self.rows], s.D[self.rows]))
         return (first, maps, np.array([form.pin for form in known], float)), linear
+
+    @cached_property
+    def solved(self) -> Balance | None:
+        """The same with an equation of means for each element, without mean outputs that a fixed mean input makes zero.
+
+        None where the static balance cannot be brought there.
+        """
+        static = self.static.solved(self.owner)
+        if static is None:
+            return None
+        for i, e in enumerate(self.system.elements):
+            if np.any(static.on_mean[i]) or np.count_nonzero(static.on_bias[i]) > 1:
+                continue
+            bias = np.full(_ANY_SIZE.shape, static.prescribed[i] / static.on_bias[i, i])
+            mean, gain = describe(e, _ANY_SIZE, bias, np.ones(_ANY_SIZE.shape))
+            if np.all(np.abs(mean) <= CANCELLED * np.abs(gain) * _ANY_SIZE[:, None]):
+                static.on_mean[:, self.owner == i] = 0.0
+        return replace(self, static=static)
+
+    def blocks(self, acts: BoolArray) -> list[NDArray[np.intp]]:
+        """Elements that can only be solved for together, each block behind all that it needs.
+
+        Amplitude of the pivot and frequency are given, and the balance is one that is :attr:`solved`.
+
+        Parameters
+        ----------
+        acts : bool array, shape (m, nw)
+            Which outputs act on which inputs.
+        """
+        acts = acts & (np.arange(self.m) != self.pivot)[:, None] | (self.on_mean != 0)
+        needs = np.stack([acts[:, self.owner == i].any(1) for i in range(self.m)], 1)
+        needs |= (self.on_bias != 0) | np.eye(self.m, dtype=bool)
+        for _ in range(self.m):
+            needs = needs @ needs
+        order = np.argsort(needs.sum(1), kind="stable")
+        together = [np.flatnonzero(needs[i] & needs[:, i]) for i in order]
+        return [block for i, block in zip(order, together, strict=True) if block[0] == i]
 
     def _static(self, b: Array, mean: Array) -> Array:
         return b @ self.on_bias.T + mean @ self.on_mean.T - self.prescribed
@@ -294,11 +341,12 @@ def newton_and_jacobian(
 ) -> tuple[Array, NDArray, Array]:
     """:func:`newton`, and the Jacobian (nb, 3 m, 3 m + 1) with which each point made its last step."""
     jacobian = np.zeros((len(X), 3 * balance.m, X.shape[1]))
-    X, done = X.copy(), np.zeros(len(X), bool)
+    X, done = X.copy(), np.ones(len(X), bool)
     limits, every = (_LARGEST_STEP, _LONG, _LOST, tolerance, _AS_GOOD), np.arange(X.shape[1])
-    moving = np.empty((0, balance.m, balance.m), complex)
-    if balance.newton_compiled(X, normal, iterations, limits, (every[:-1], every), moving, jacobian, done) is not None:
+    parts, moving = (every[: balance.m], every[:-1], every), np.empty((0, balance.m, balance.m), complex)
+    if balance.newton_compiled(X, normal, iterations, limits, parts, moving, moving[:, 0, 0], jacobian, done):
         return X, done, jacobian
+    done[:] = False
     settled, lost = np.zeros(len(X), bool), np.zeros(len(X), int)
     alive = np.all(np.isfinite(X), -1)
     with np.errstate(all="ignore"):

@@ -380,6 +380,8 @@ def start_points(balance: Balance, grid: Array, L: ComplexArray, bias: Array, le
     They begin at a level, over the amplitudes that go with the loop. With an infinite one, elements that read what the
     pivot reads have its amplitude and phase, as they have where all is balanced.
     """
+    from eppanalysis.kernels.balances import drive
+
     m, p, o, n = balance.m, balance.pivot, balance.others, len(grid)
     a: Array = np.tile((level if np.isfinite(level) else 1.0) * usual_amplitudes(balance), (n, 1))
     a[:, p] = np.exp(grid[:, 0])
@@ -388,33 +390,16 @@ def start_points(balance: Balance, grid: Array, L: ComplexArray, bias: Array, le
     omega = np.exp(grid[:, 1])
     # With the pivot's input given the others are driven: linear equations for fixed gains, and gains anew at what these
     # give.
-    elements, starts = balance.system.elements, [s.start for s in balance.system.output_slices]
-    gains = [describe(e, a[:, i], b[:, i], omega)[1] for i, e in enumerate(elements)]
-    driven = L[:, o]
+    gains = balance.evaluate(a, b, omega)[1]
     for turn in range(6 if len(o) else 0):
         for i in o if turn else ():
-            gains[i] = describe(elements[i], a[:, i], b[:, i], omega)[1]
-        G: ComplexArray = driven * np.concatenate(gains, -1)[:, None, :]
-        if balance.owner.size > m:
-            G = np.add.reduceat(G, starts, axis=-1)
-        matrix = np.eye(len(o)) - G[:, :, o]
-        right = G[:, :, p] * a[:, [p]]
-        Z[:, o] = _complex_solve(matrix, right)
+            gains[:, balance.owner == i] = describe(balance.system.elements[i], a[:, i], b[:, i], omega)[1]
+        drive(L, gains, balance.owner, o, p, Z)
         a[:, o] = np.maximum(np.abs(Z[:, o]), 1e-300)
     if np.isinf(level):
         a[:, _beside(balance)] = a[:, [p]]
         Z[:, _beside(balance)] = a[:, [p]]
     return balance.pack(a, np.angle(Z), b, omega, np.ones(n))
-
-
-def _complex_solve(matrix: ComplexArray, right: ComplexArray) -> ComplexArray:
-    good = np.all(np.isfinite(matrix), (1, 2)) & np.all(np.isfinite(right), 1)
-    safe = np.where(good[:, None, None], matrix, np.eye(matrix.shape[-1]))
-    try:
-        out = np.linalg.solve(safe, np.where(good[:, None], right, 0.0)[..., None])[..., 0]
-    except np.linalg.LinAlgError:
-        out = np.einsum("nij,nj->ni", np.linalg.pinv(safe), np.where(good[:, None], right, 0.0))
-    return np.where(good[:, None], out, np.nan)
 
 
 def inner_newton(balance: Balance, X: Array, L: ComplexArray) -> tuple[Array, ComplexArray, NDArray]:
@@ -425,30 +410,44 @@ def inner_newton(balance: Balance, X: Array, L: ComplexArray) -> tuple[Array, Co
     (X, loop, converged) : array (nb, 3 m + 1), complex array (nb,), bool array (nb,)
         `loop` is the gain once around the loop, cut at the pivot's input.
     """
-    m, p = balance.m, balance.pivot
-    rows = np.array([r for r in range(3 * m) if r not in (p, m + p)])
-    columns, still = np.arange(2, 3 * m), np.empty((0, *L.shape[1:]), complex)
-    X, loop, done = X.copy(), np.full(len(X), np.nan, complex), np.zeros(len(X), bool)
-    alive = np.all(np.isfinite(X), -1)
+    X, loop, done = X.copy(), np.full(len(X), np.nan, complex), np.ones(len(X), bool)
+    solved = balance.solved
+    # What does not come back to an element is known once all is that it needs: few unknowns at a time.
+    for block in [np.arange(balance.m)] if solved is None else solved.blocks(np.any(L, axis=0)):
+        _solve_block(solved or balance, block, X, L, loop, done)
+    return X, loop, done
+
+
+def _solve_block(
+    balance: Balance, block: NDArray[np.intp], X: Array, L: ComplexArray, loop: ComplexArray, done: BoolArray
+) -> None:
+    """Solve for a block of elements at the points that are `done` but for it; those that are after it stay marked."""
+    m, p, free = balance.m, balance.pivot, block[block != balance.pivot]
+    rows = np.concatenate([free, m + free, 2 * m + block])
+    columns = np.concatenate([balance.places[free], balance.places[free] + 1, 2 * m + block])
     limits, workspace = (1.0, np.inf, np.inf, 1e-7, 0.0), np.empty((1, 3 * m, 3 * m + 1))
-    R = balance.newton_compiled(X, X, _INNER_STEPS, limits, (rows, columns), L, workspace, done)
-    if R is not None:
-        return X, R[:, p] + 1.0 + 1j * R[:, m + p], done
+    if balance.newton_compiled(X, X, _INNER_STEPS, limits, (block, rows, columns), L, loop, workspace, done):
+        return
     # The same steps for elements that no kernel knows.
+    alive, still = done & np.all(np.isfinite(X), -1), np.empty((0, *L.shape[1:]), complex)
+    done[:] = False
+    means, gains = np.empty((len(X), balance.owner.size)), np.empty((len(X), balance.owner.size), complex)
     with np.errstate(all="ignore"):
-        for _ in range(_INNER_STEPS):
+        for turn in range(_INNER_STEPS):
             todo = np.flatnonzero(alive & ~done)
             if not todo.size:
                 break
             x = X[todo]
-            R, J = balance.assemble(x, balance.slopes(x, free_pivot=False), L[todo], still)
+            s = balance.slopes(x, False, (block, means[todo], gains[todo]) if turn else None)
+            means[todo], gains[todo] = s.means, s.gains
+            R, J = balance.assemble(x, s, L[todo], still)
             loop[todo] = R[:, p] + 1.0 + 1j * R[:, m + p]
             step, regular = solved_in_part(J, R, rows, columns, x)
             size, sound = moved(balance, x, step, 1.0)
             X[todo] = x
             alive[todo] = regular & sound
             done[todo] = (size < 1e-7) & regular
-    return X, loop, done & alive
+    done &= alive
 
 
 def _lend(

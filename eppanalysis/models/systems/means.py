@@ -30,6 +30,36 @@ class StaticBalance(NamedTuple):
     on_mean: Array
     prescribed: Array
 
+    def solved(self, owner: NDArray[np.intp]) -> StaticBalance | None:
+        """The same balance with each equation solved for a mean of one element, in the order of the elements.
+
+        These are mean inputs where possible, as they often are prescribed. None where it cannot be brought there.
+
+        Parameters
+        ----------
+        owner : int array, shape (nw,)
+            Element of each output.
+        """
+        m = len(self.rows)
+        table, of = np.column_stack([*self[1:]]), np.concatenate([np.arange(m), owner])
+        solved = np.full(m, -1)
+        for columns in (np.arange(m), np.arange(m, of.size)):
+            for _ in range(m):
+                size = np.abs(table[:, columns]) / np.abs(table).max(1, keepdims=True)
+                size[solved >= 0] = size[:, np.isin(of[columns], solved)] = 0.0
+                r, c = np.unravel_index(np.argmax(size), size.shape)
+                if not size[r, c] > 0:
+                    break
+                solved[r] = of[columns[c]]
+                table[r] /= table[r, columns[c]]
+                taken = table[:, [columns[c]]] * table[r]
+                taken[r] = 0.0
+                table = without_rounding(table - taken, np.abs(table) + np.abs(taken), CANCELLED)
+        if np.any(solved < 0):
+            return None
+        table = np.ascontiguousarray(table[np.argsort(solved)])
+        return StaticBalance(self.rows, table[:, :m], table[:, m:-1], table[:, -1])
+
 
 def static_balance(system: LureSystem, value: Array) -> StaticBalance:
     """Static balance of a system with the external inputs at `value` (nv,).

@@ -7,6 +7,7 @@ import pytest
 import scipy.linalg
 
 import eppanalysis as epp
+from eppanalysis.models.systems.means import StaticBalance
 from tests.stress.families import turned
 
 OSCILLATOR = epp.LureSystem.from_tf(([0.2, 2.0], [1.0, -0.1, 1.0]), epp.Saturation())
@@ -26,3 +27,29 @@ def test_integrators_that_no_element_sees_leave_a_prediction_as_it_is(row, drive
     assert cycle.elements["saturation"]["amplitude"] == pytest.approx(
         alone.elements["saturation"]["amplitude"], rel=1e-9
     )
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_solved_for_means_a_balance_holds_for_the_same_ones(seed):
+    """Three elements, the last with two outputs; the second's mean input alone is prescribed, but not in one row."""
+    draw = np.random.default_rng(seed)
+    mixed = draw.normal(size=(3, 3)) @ np.diag(10.0 ** draw.uniform(-3, 3, 3))
+    on_bias, on_mean = np.array([[0.0, 0, 2.0], [0, 1.0, 0], [0, 0, 0]]), draw.normal(size=(3, 4))
+    on_mean[1] = 0.0
+    static = StaticBalance(np.arange(3), mixed @ on_bias, mixed @ on_mean, mixed @ np.array([0.3, 0.7, 0.0]))
+    owner = np.array([0, 1, 2, 2])
+    solved = static.solved(owner)
+    assert solved is not None
+    table, own = (np.column_stack(part[1:3]) for part in (static, solved))
+    exact = np.linalg.lstsq(table.T, own.T, rcond=None)[0].T
+    assert np.allclose(exact @ table, own, atol=1e-7) and np.allclose(exact @ static.prescribed, solved.prescribed)
+    of = np.append(np.arange(3), owner)
+    for i in range(3):
+        alone = (of == i) & (np.count_nonzero(own, axis=0) == 1)
+        assert np.any(own[i, alone] == 1.0)
+    assert np.count_nonzero(own[1]) == 1 and solved.prescribed[1] == pytest.approx(0.7, rel=1e-9)
+
+
+def test_a_balance_without_an_equation_for_each_element_is_not_solved():
+    static = StaticBalance(np.arange(2), np.zeros((2, 2)), np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), np.zeros(2))
+    assert static.solved(np.array([0, 0, 1])) is None
