@@ -94,6 +94,12 @@ class Polynomial:
         return np.asarray(chebyshev.chebder(self.coefficients), float)
 
 
+def constant(values: Array, x: float) -> Polynomial:
+    """A vector that is known at one place alone."""
+    none = np.zeros(0)
+    return Polynomial(x, 0.0, values, np.zeros(0, np.intp), np.zeros((1, 0)), none)
+
+
 def polynomial(function: Callable[[float], Array | None], low: float, high: float) -> Polynomial | None:
     """The polynomial of a vector of functions between two places.
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from eppanalysis.kernels.compiling import KERNEL, njit
+from eppanalysis.kernels.compiling import KERNEL, PART, njit
 
 
-@njit(**KERNEL)
+@njit(**PART)
 def size_of_motion(F, starts, ends, inner, tau, scale):
     """Fill `scale` (N,) with the size of the motion in each place of y; never zero.
 

@@ -141,7 +141,7 @@ def _guard_equation(at_once, tau, value, row, E, A, r, place):
         A[place] -= r[0] / tau
 
 
-@njit(**KERNEL)
+@njit(**PART)
 def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, most, starts, ends, A, r, speed):
     """Run along the arcs from y0, and set up Newton's equations for the free part of y0 and the dwell times.
 

@@ -19,7 +19,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.orbit import Orbit, residual_slope
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.polynomials import Polynomial, polynomial, polynomial_at
+from eppanalysis.polynomials import Polynomial, constant, polynomial, polynomial_at
 
 #: Largest difference of a system from its stand-in, relative to the largest value that an entry takes over the range.
 _AGREEMENT = 4e-15
@@ -102,6 +102,14 @@ class Family:
             known = self._arcs[key] = _arcs_over(self.at, orbit, value, self.width, part)
         return _slope_from(orbit, known, value)
 
+    def numbers(self, value: float, arcs: Arcs) -> Polynomial:
+        """The numbers of arcs over a part of the range that holds a value, or at that value alone."""
+        known = self._arcs.get((arcs.event_sequence.key, self._part(value)))
+        if known is not None and known.covers(value):
+            return known
+        hybrid = self.at(value)
+        return constant(_flat_numbers(hybrid, Arcs.build(hybrid, arcs.event_sequence, arcs)), value)
+
     def _part(self, value: float) -> tuple[float, float] | None:
         """The part of the range of the stand-in that a value is in; None where it is in none."""
         stand_in = self._standing_in(value)
@@ -140,7 +148,7 @@ def _arcs_over(
         # Modes and guards of an orbit are numbers of rows: in a system of another structure they are none.
         if not _same_structure(orbit.hybrid, hybrid):
             return None
-        return np.concatenate([a.ravel() for a in _numbers_of(hybrid, Arcs.build(hybrid, like.event_sequence, like))])
+        return _flat_numbers(hybrid, Arcs.build(hybrid, like.event_sequence, like))
 
     found = None
     if limits is not None:
@@ -157,6 +165,10 @@ def _numbers_of(hybrid: HybridSystem, arcs: Arcs) -> tuple[Array, ...]:
     c = arcs.channels
     smooth = c.smooth_x, c.smooth_H, c.smooth_s, c.smooth_scale
     return arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.shift, *smooth, hybrid.x0[hybrid.n_plant :]
+
+
+def _flat_numbers(hybrid: HybridSystem, arcs: Arcs) -> Array:
+    return np.concatenate([a.ravel() for a in _numbers_of(hybrid, arcs)])
 
 
 def _slope_from(orbit: Orbit, numbers: Polynomial, value: float) -> Array:

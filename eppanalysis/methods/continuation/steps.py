@@ -13,19 +13,15 @@ import numpy as np
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.continuation.families import Family
-from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
+from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.cycle import gained, orbit_shape
 from eppanalysis.methods.orbits.guess import Guess
-from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, solve
+from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, effort_of, room_for, solve
 from eppanalysis.methods.orbits.shooting import close_orbit, is_met, next_guess
+from eppanalysis.methods.simulation.effort import spend
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 
-#: A corrector has converged when the residual, relative to the motion, is below this and Newton has stopped moving.
-TOLERANCE = 1e-11
-_MOST_ITERATIONS = 9
-#: Change of the unknowns that is rounding.
-_STILL = 1e-11
 #: A test function this far below its first value may be stopped by rounding.
 _NOISE = 1e-6
 #: Largest predicted bend of the branch over a step, relative to the step.
@@ -43,14 +39,6 @@ _NEAR, _NEARER = 0.1, 0.25
 #: A step along a branch is not made shorter than this; one that turns the direction by more than this is lost, or leads
 #: so many times as far as along the direction in which it began.
 LEAST_STEP, _MOST_BEND, _MOST_LENGTH = 1e-6, 0.4, 2.0
-
-
-def evaluate_at(
-    family: Family, event_sequence: EventSequence, value: float, y: Array, tau: Array, like: Arcs | None = None
-) -> Orbit:
-    """Residual and derivative at a value; what the system itself sets in y (its inputs) is taken from it."""
-    hybrid = family.at(value)
-    return evaluate(hybrid, Arcs.build(hybrid, event_sequence, like), _with_inputs(hybrid, y), tau)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,33 +184,31 @@ class _Found(NamedTuple):
 @np.errstate(over="ignore", invalid="ignore")  # an iterate that has gone astray has an infinite residual
 def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _Found | None:
     """Newton from u to the orbit in a plane across `row`, at a distance from a point."""
-    family, like = point.family, point.orbit.arcs
-    m = like.free.size
-    best = np.inf
-    for i in range(_MOST_ITERATIONS):
-        y = point.orbit.y.copy()
-        y[like.free] = u[:m]
+    from eppanalysis.kernels.orbits.newton import ARRIVED, LOST, WANTS_STEP, Curve, Plane, correct
+
+    family, old, like = point.family, point.orbit, point.orbit.arcs
+    plane = Plane(row, point.unknowns, ds, slope, _MOST_LARGER * old.scale.max(), _MOST_LONGER * old.period)
+    inputs = old.hybrid.n_plant, old.hybrid.x0.size - old.hybrid.n_plant
+    u, here, progress = u.copy(), room_for(like, old.y, old.tau), np.array([0.0, np.inf])
+    while True:
+        value = float(u[-1])
         try:
-            orbit = evaluate_at(family, like.event_sequence, float(u[-1]), y, u[m:-1], like)
+            numbers = family.numbers(value, like)
+            curve = Curve(numbers.middle, numbers.half, numbers.base, numbers.places, numbers.coefficients)
+            code, used = correct(like.acting, like.chain, curve, *inputs, effort_of(like), plane, progress, u, here)
+            spend(used)
+            if code == LOST:
+                return None
+            if code == ARRIVED:
+                hybrid = family.at(float(u[-1]))
+                found = Orbit(hybrid, Arcs.build(hybrid, like.event_sequence, like), *here)
+                return _Found(float(u[-1]), found, u)
         except (EppError, ModelError):
             return None
-        far = orbit.scale.max() > _MOST_LARGER * point.orbit.scale.max()
-        if far or not (orbit.residual < 1e3 and 0.0 < orbit.period < _MOST_LONGER * point.orbit.period):
-            return None
-        right = -np.concatenate([orbit.r, [row @ (u - point.unknowns) - ds]])
-        change = bordered(orbit, slope, row, right)
-        size = float(np.max(np.abs(change[:-1]) / orbit.column_scale))
-        # Rounding limits either the residual or the step; whichever it is, a step that no longer shrinks is the last
-        # one.
-        still = (orbit.residual < TOLERANCE and size < 1e-9) or size < _STILL
-        if orbit.residual < CONVERGED and (still or size > 0.5 * best):
-            return _Found(float(u[-1]), orbit, u)
-        # A step that grows again after Newton has had his start will not converge.
-        if i > 3 and size > best:
-            return None
-        best = min(best, size)
-        u = u + change
-    return None
+        if code == WANTS_STEP:
+            missed = row @ (u - point.unknowns) - ds
+            change = bordered(Orbit(old.hybrid, like, *here), slope, row, -np.append(here.r, missed))
+            u, progress = u + change, progress + [1.0, 0.0]
 
 
 def point_at(old: Point, new: Point, value: float) -> Point | None:

@@ -21,6 +21,7 @@ from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
 
 if TYPE_CHECKING:
     from eppanalysis.kernels.orbits.flow import Channels
+    from eppanalysis.kernels.orbits.newton import Chain
 
 #: Mark of an event that is caused by the one after it at the same instant.
 LETS_GO = 3
@@ -113,6 +114,14 @@ class Arcs:
     def acting(self) -> Channels | None:
         """The smooth channels, for kernels; None where none acts on any arc."""
         return self.channels if self.smooth.any() else None
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The arcs for kernels."""
+        from eppanalysis.kernels.orbits.newton import Chain
+
+        arrays = self.F, self.S, self.g, self.gs, self.J, self.smooth, self.event_sequence.at_once, self.free
+        return Chain(*arrays, self.shift, np.nan if self.duration is None else self.duration)
 
     @cached_property
     def memory(self) -> slice:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,22 +21,21 @@ from eppanalysis.methods.simulation.effort import left, spend
 from eppanalysis.methods.simulation.stability import multipliers, return_map
 from eppanalysis.models.systems.hybrid import HybridSystem
 
+if TYPE_CHECKING:
+    from eppanalysis.kernels.orbits.newton import Effort, Motion
+
 #: Residual, relative to the size of the motion, that counts as converged; Newton goes on to rounding.
 CONVERGED = 1e-9
 _MOST_ITERATIONS = 40
 #: Orbits of many arcs get fewer iterations, for one costs the square of the number of arcs: their sum is limited to
 #: this.
 _FEW_ITERATIONS, _MOST_PRODUCTS = 8, 400_000
-#: Shares of Newton's step that are tried, longest first.
-_SHARES = tuple(0.4**k for k in range(8))
 #: Share of the largest singular value of the scaled equations below which the smallest one is rounding.
 _SINGULAR = 1e-14
 #: A continuum of cycles is tested for below this share, at orbits so far beside the one found.
 _NEARLY, _BESIDE = 1e-7, 0.01
 #: Residual below which a motion of given period, beside another one, is one more.
 _CLOSES = 1e-12
-#: A solution this many times larger than its right-hand side is rounding.
-_STRAY = 1e9
 #: Steps of the engine that one sweep with its linear equations is worth: all at once, each arc, each entry of the
 #: equations, and each series of smooth motion with its derivative.
 _SWEEP, _ARC, _ENTRY, _SERIES = 200.0, 5.0, 0.1, 100.0
@@ -57,6 +57,8 @@ class Orbit:
     A: Array
     r: Array
     speed: Array  # (p,): rate at which each guard is crossed
+    scale: Array  # (N,): size of the motion in each place of y; never zero
+    row_scale: Array  # (m + p,): sizes of the residual's entries
     #: Where what is delayed moves: the motion itself, of which the start alone tells too little.
     motion: DelayedMotion | None = None
 
@@ -70,34 +72,9 @@ class Orbit:
         """The orbit as a start for the next one."""
         return Guess(self.arcs.event_sequence, self.y, self.tau)
 
-    @cached_property
-    def scale(self) -> Array:
-        """Size of the motion in each place of y, shape (N,); never zero."""
-        if self.motion is not None:
-            return self.motion.scale
-        from eppanalysis.kernels.orbits.sizes import size_of_motion
-
-        # F holds no contribution of smooth channels; what is driven may have no event but its begin.
-        within = np.flatnonzero(self.arcs.smooth) if self.arcs.duration is None else np.arange(self.tau.size)
-        if within.size and not (np.all(np.isfinite(self.starts)) and np.all(np.isfinite(self.ends))):
-            within = within[:0]
-        inner = np.array([middle(self, int(a)) for a in within]).reshape(-1, self.y.size)
-        scale = np.empty(self.y.size)
-        size_of_motion(self.arcs.F, self.starts, self.ends, inner, self.tau, scale)
-        return scale
-
     def grazes(self, share: float) -> BoolArray:
         """Which guards are crossed more slowly than this share of the movement across them in a period, shape (p,)."""
         return np.abs(self.speed) * self.period < share * (np.abs(self.arcs.g) @ self.scale)
-
-    @cached_property
-    def row_scale(self) -> Array:
-        """Sizes of the residual's entries, shape (m + p,)."""
-        from eppanalysis.kernels.orbits.sizes import sizes_of_residuals
-
-        rows, of = np.empty(self.r.size), self.arcs.event_sequence.at_once
-        sizes_of_residuals(self.arcs.g, of, self.arcs.free, self.scale, max(self.period, 1e-300), rows)
-        return rows
 
     @cached_property
     def column_scale(self) -> Array:
@@ -176,6 +153,8 @@ class Orbit:
 
     def correction(self, right: Array) -> Array:
         """Solution of the scaled linear equations for a right-hand side, in the units of the unknowns; nan for none."""
+        from eppanalysis.kernels.orbits.newton import STRAY
+
         A, b = self.scaled, right / self.row_scale
         if not (np.all(np.isfinite(A)) and np.all(np.isfinite(b))):
             return np.full_like(b, np.nan)  # LAPACK would complain on the terminal
@@ -183,7 +162,7 @@ class Orbit:
             step = np.linalg.solve(A, b)
         except np.linalg.LinAlgError:
             step = np.full_like(b, np.inf)
-        if not np.max(np.abs(step)) < _STRAY * np.max(np.abs(b)):
+        if not np.max(np.abs(step)) < STRAY * np.max(np.abs(b)):
             # A direction that is free to rounding, along a continuum of cycles: no step in it.
             step = np.linalg.lstsq(A, b, rcond=1e-11)[0]
         return step * self.column_scale
@@ -214,24 +193,41 @@ class Orbit:
 
 def evaluate(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Orbit:
     """Run along the arcs once."""
-    from eppanalysis.kernels.orbits.flow import MOST_SERIES
-    from eppanalysis.kernels.orbits.sweep import sweep
+    return _newton(hybrid, arcs, y, tau, 0)
+
+
+def _newton(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array, iterations: int) -> Orbit:
+    """At most so many steps of Newton's method."""
+    from eppanalysis.kernels.orbits.newton import newton
 
     if y.size != arcs.size:
         raise ModelError("orbit: the loop changes its structure: it has other states and memory values than the orbit.")
-    p, N, m = arcs.n_arcs, arcs.size, arcs.free.size
-    spend(_SWEEP + _ARC * p + _ENTRY * (m + p) ** 2)
-    most = int(min(MOST_SERIES, 1.0 + left() / _SERIES))
-    starts, ends = np.empty((p + 1, N)), np.empty((p, N))
-    A, r, speed = np.empty((m + p, m + p)), np.empty(m + p), np.empty(p)
-    made = sweep(
-        arcs.acting, arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.smooth, arcs.event_sequence.at_once, y, tau,
-        arcs.free, arcs.shift, most, starts, ends, A, r, speed,
-    )  # fmt: skip
-    spend(_SERIES * made)
-    if arcs.duration is not None:  # the last arc ends when the time is over
-        A[-1, m:], r[-1] = 1.0, tau.sum() - arcs.duration
-    return Orbit(hybrid, arcs, y, tau, starts, ends, A, r, speed)
+    here, step, share, steps = room_for(arcs, y, tau), np.empty(0), 0, iterations
+    while True:
+        steps, share, used = newton(arcs.acting, arcs.chain, effort_of(arcs), steps, step, here, share)
+        spend(used)
+        orbit = Orbit(hybrid, arcs, *here)
+        if steps == 0:
+            return orbit
+        step = -orbit.correction(orbit.r)
+
+
+def room_for(arcs: Arcs, y: Array, tau: Array) -> Motion:
+    """Room for a motion along arcs, with its start and dwell times."""
+    from eppanalysis.kernels.orbits.newton import Motion
+
+    p, N, n = arcs.n_arcs, arcs.size, arcs.free.size + arcs.n_arcs
+    ends = np.empty((p + 1, N)), np.empty((p, N))
+    equations = np.empty((n, n)), np.empty(n), np.empty(p), np.empty(N), np.empty(n)
+    return Motion(np.array(y, float), np.array(tau, float), *ends, *equations)
+
+
+def effort_of(arcs: Arcs) -> Effort:
+    """What sweeps along arcs may cost, and do."""
+    from eppanalysis.kernels.orbits.newton import Effort
+
+    p = arcs.n_arcs
+    return Effort(left(), _SWEEP + _ARC * p + _ENTRY * (arcs.free.size + p) ** 2, _SERIES)
 
 
 def residual_slope(orbit: Orbit, by: Arcs, start: Array) -> Array:
@@ -258,51 +254,8 @@ def residual_slope(orbit: Orbit, by: Arcs, start: Array) -> Array:
 
 def solve(hybrid: HybridSystem, guess: Guess, arcs: Arcs | None = None) -> Orbit:
     """Damped Newton on a fixed sequence of events, to rounding; the caller looks at the residual."""
-    orbit = evaluate(hybrid, arcs or guess.arcs(hybrid), guess.y, guess.tau)
-    k = 0
-    for _ in range(max(_FEW_ITERATIONS, min(_MOST_ITERATIONS, _MOST_PRODUCTS // guess.tau.size**2))):
-        if not np.isfinite(orbit.residual):
-            break
-        step = -orbit.correction(orbit.r)
-        # No step of more than half the motion's own size: of flows so far away the derivative says nothing.
-        size = float(np.max(np.abs(step) / orbit.column_scale))
-        if not np.isfinite(size):
-            break
-        new, k = _search(orbit, step, min(1.0, 0.5 / size) if size > 0 else 1.0, k)
-        if new is None or (new.residual < 1e-11 and new.residual > 0.3 * orbit.residual):
-            return orbit if new is None or orbit.residual <= new.residual else new
-        orbit = new
-    return orbit
-
-
-def _search(orbit: Orbit, step: Array, most: float, k: int) -> tuple[Orbit | None, int]:
-    """The orbit after the longest share of a step that lowers the residual, and the number of the share.
-
-    It is looked for from share `k` on, that of the step before, which is a neighbour as a rule.
-    """
-    new = _lower(orbit, step, most * _SHARES[k])
-    if new is None:
-        # Shorter shares first: Newton's direction lowers the residual over a short way, if at all.
-        for other in (*range(k + 1, len(_SHARES)), *range(k)):
-            new = _lower(orbit, step, most * _SHARES[other])
-            if new is not None:
-                return new, other
-        return None, k
-    # The range of Newton's method grows as the orbit is neared, by one share a step as a rule.
-    while k > 0:
-        longer = _lower(orbit, step, most * _SHARES[k - 1])
-        if longer is None:
-            break
-        new, k = longer, k - 1
-    return new, k
-
-
-def _lower(orbit: Orbit, step: Array, share: float) -> Orbit | None:
-    """The orbit after a share of a step; None where that does not lower the residual (near rounding any step will)."""
-    new = evaluate(orbit.hybrid, orbit.arcs, *orbit.moved(share * step))
-    size = float(np.max(np.abs(new.r) / orbit.row_scale))
-    lower = size < orbit.residual * (1.0 - 0.1 * share) or (size < 1e-11 and orbit.residual < 1e-11)
-    return new if lower else None
+    steps = max(_FEW_ITERATIONS, min(_MOST_ITERATIONS, _MOST_PRODUCTS // guess.tau.size**2))
+    return _newton(hybrid, arcs or guess.arcs(hybrid), guess.y, guess.tau, steps)
 
 
 def middle(orbit: Orbit, arc: int) -> Array:

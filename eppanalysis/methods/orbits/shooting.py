@@ -112,6 +112,8 @@ def _goes_along(guess: Guess, orbit: Orbit) -> bool:
 
 def _close_delayed(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
     """The exact orbit where what is delayed moves, begun at its longest arc."""
+    from eppanalysis.kernels.orbits.sizes import sizes_of_residuals
+
     first = int(np.argmax(guess.tau))
     it, tau = guess.event_sequence.rotated(first), np.roll(guess.tau, -first)
     try:
@@ -128,9 +130,11 @@ def _close_delayed(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
         return None
     m, p = motion.arcs.free.size, motion.tau.size
     r = np.concatenate([np.zeros(m), motion.guards])
+    rows, at_once = np.empty(m + p), motion.arcs.event_sequence.at_once
+    sizes_of_residuals(motion.arcs.g, at_once, motion.arcs.free, motion.scale, float(motion.tau.sum()), rows)
     orbit = Orbit(
         hybrid, motion.arcs, motion.starts[0], motion.tau, motion.starts, motion.ends, np.eye(m + p), r, motion.speed,
-        motion,
+        motion.scale, rows, motion,
     )  # fmt: skip
     return orbit if moves(orbit) else None
 

@@ -9,7 +9,8 @@ from scipy.linalg import expm
 
 import eppanalysis as epp
 from eppanalysis.kernels.orbits.flow import Channels, room
-from eppanalysis.kernels.orbits.sweep import along, sweep, sweep_by
+from eppanalysis.kernels.orbits.newton import newton
+from eppanalysis.kernels.orbits.sweep import along, sweep_by
 
 
 @pytest.mark.parametrize(("plant", "clocks", "memory"), [(2, 0, 1), (2, 40, 3), (9, 0, 2), (9, 60, 4), (1, 7, 1)])
@@ -48,7 +49,7 @@ def test_without_smooth_channels_an_arc_is_that_with_one_that_does_not_act() -> 
 def test_an_orbit_without_smooth_channels_needs_no_code_for_them() -> None:
     case = epp.case("relay_deadzone")
     epp.exact_orbit(case, epp.predict_limit_cycles(case)[-1])
-    assert types.none in [kinds[0] for kinds in sweep.signatures]
+    assert types.none in [kinds[0] for kinds in newton.signatures]
 
 
 @pytest.mark.parametrize("moves", ["rates", "constants"])

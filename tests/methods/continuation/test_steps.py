@@ -7,17 +7,26 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy.optimize
 
 import eppanalysis as epp
 from eppanalysis.methods.continuation.families import Family, slope_of
 from eppanalysis.methods.continuation.seeds import steady_case
-from eppanalysis.methods.continuation.steps import evaluate_at, locate, make_point, step
+from eppanalysis.methods.continuation.steps import locate, make_point, step
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
-from eppanalysis.methods.orbits.orbit import solve
+from eppanalysis.methods.orbits.orbit import CONVERGED, evaluate, solve
 from eppanalysis.methods.orbits.shooting import orbits_near
 
 RELAY = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0))
+
+
+def _evaluated(family, value, orbit, moved=0.0):
+    """The equations of an orbit's arcs at a value, with what the system itself sets in y, and unknowns moved."""
+    hybrid = family.at(value)
+    y, tau = orbit.moved(moved + np.zeros(orbit.r.size))
+    y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
+    return evaluate(hybrid, Arcs.build(hybrid, orbit.arcs.event_sequence, orbit.arcs), y, tau)
 
 
 def _power_law(half, at, twice, value):
@@ -125,10 +134,7 @@ def test_the_slope_through_smooth_elements_is_that_of_the_residual_over_a_range(
         family = Family(build, (0.98 * value, 1.02 * value), patience=1000)
         # The polynomial of the whole residual, run along the arcs anew at 17 values: rounding leaves 1e-12 of it.
         u = np.cos(np.pi * np.arange(17) / 16)
-        rows = [
-            evaluate_at(family, orbit.arcs.event_sequence, value * (1.0 + 0.003 * x), orbit.y, orbit.tau, orbit.arcs).r
-            for x in u
-        ]
+        rows = [_evaluated(family, value * (1.0 + 0.003 * x), orbit).r for x in u]
         fits = [np.polynomial.Chebyshev.fit(u, row, 16) for row in np.array(rows).T]
         # Over a wider range slip comes to the end of its curve before its time, and sixteen degrees leave 4e-8.
         assert all(np.abs(fit.coef[-2:]).max() <= 1e-12 * np.abs(fit.coef[1:]).sum() + 1e-15 for fit in fits)
@@ -159,14 +165,55 @@ def test_the_slope_through_powers_of_the_velocity(shape, varied):
     family = Family(build, (0.98 * value, 1.02 * value), patience=1000)
     # Beside rest a fractional power bends like its root: a difference comes near to the derivative as it shrinks.
     u, width = np.cos(np.pi * np.arange(9) / 8), 1e-3 if shape == round(shape) else 1e-5
-    rows = [
-        evaluate_at(family, orbit.arcs.event_sequence, value * (1.0 + width * x), orbit.y, orbit.tau, orbit.arcs).r
-        for x in u
-    ]
+    rows = [_evaluated(family, value * (1.0 + width * x), orbit).r for x in u]
     fits = [np.polynomial.Chebyshev.fit(u, row, 8) for row in np.array(rows).T]
     exact = np.array([fit.deriv()(0.0) for fit in fits]) / (width * value * orbit.row_scale)
     found = slope_of(build, orbit, value, value) / orbit.row_scale
     assert np.max(np.abs(found - exact)) < (1e-10 if shape == round(shape) else 1e-8) * np.max(np.abs(exact))
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter"),
+    [("fig8a_original", "lock_pin.backlash"), ("belt_leine", "friction.static"), ("relay_fopdt_closed", "loop.delay")],
+)
+@pytest.mark.parametrize("patience", [0, 1000])
+def test_a_step_leads_to_where_scipy_finds_the_orbit_in_the_same_plane(name, parameter, patience):
+    """With polynomials that stand in for the loop, and with the loop built anew at each value."""
+    case = epp.case(name)
+    value, orbit = case.value(parameter), _orbit(case)
+    limits = 0.98 * value, 1.02 * value
+    family = Family(lambda v: steady_case(case.with_values({parameter: float(v)})), limits, patience=patience)
+    point = make_point(family, value, orbit, None)
+    found, row = step(point, 0.1), point.weights * point.tangent
+    sizes = np.append(orbit.column_scale, family.width)
+
+    def equations(x):
+        u = x * sizes
+        at = _evaluated(family, u[-1], orbit, u[:-1] - point.unknowns[:-1])
+        return np.append(at.r / orbit.row_scale, row @ (u - point.unknowns) - 0.1)
+
+    independent = scipy.optimize.root(equations, (point.unknowns + 0.1 * point.tangent) / sizes, tol=1e-12)
+    assert np.max(np.abs(found.unknowns / sizes - independent.x)) < 1e-9
+    assert abs(found.value - value) > 1e-4 * value
+    assert found.orbit.residual < CONVERGED
+
+
+@pytest.mark.parametrize("name", ["fig8a_original", "belt_leine", "relay_fopdt_closed"])
+def test_newtons_method_leads_to_the_orbit_from_where_scipys_does(name):
+    orbit = _orbit(epp.case(name))
+    rng = np.random.default_rng(3)
+    y, tau = orbit.moved(1e-3 * rng.normal(size=orbit.r.size) * orbit.column_scale)
+    away = solve(orbit.hybrid, replace(orbit.guess, y=y, tau=tau), orbit.arcs)
+    assert np.max(np.abs(away.starts - orbit.starts) / orbit.scale) < 1e-9
+
+    def equations(x):
+        y, tau = orbit.moved(x * orbit.column_scale)
+        return evaluate(orbit.hybrid, orbit.arcs, y, tau).r / orbit.row_scale
+
+    begin = np.append(y[orbit.arcs.free] - orbit.y[orbit.arcs.free], tau - orbit.tau) / orbit.column_scale
+    assert np.max(np.abs(scipy.optimize.root(equations, begin, tol=1e-12).x)) < 1e-9
+    # Where a step moves nothing any more the method has ended, and without one it is the equations alone.
+    assert evaluate(orbit.hybrid, orbit.arcs, y, tau).residual > 1e3 * away.residual
 
 
 def test_an_orbit_is_refused_by_a_system_that_has_other_modes_or_states():
