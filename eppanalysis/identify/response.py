@@ -19,7 +19,7 @@ from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.devices.elbow.loop import elbow
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.inputs import InputSignal, Recorded, input_signals_by_name
+from eppanalysis.models.systems.inputs import InputSignal, Recorded, Sine, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import Strobe
 
@@ -165,11 +165,12 @@ class Response:
         system = self.system(q)
         times = self.time[self.time <= until]
         after = times[times >= 0]
-        run = _run(HybridSystem.from_lure(system, self.inputs), after)
+        driven = HybridSystem.from_lure(system, self.inputs)
+        run = _run(driven, after)
         done = int(run.stats[2])
         start = np.zeros((1, run.samples.shape[1]))
         if after.size < times.size:
-            start = _run(HybridSystem.from_lure(system), np.zeros(1)).samples
+            start = _run(self._undriven(system, driven), np.zeros(1)).samples
         out: dict[str, Array] = {}
         for channel in self.channels:
             place = system.signals.names.index(self.layout.signals[channel.role])
@@ -182,6 +183,12 @@ class Response:
                 raise EppError(f"{system.name}: {channel.role} grows beyond all range with these parameters.")
             out[channel.role] = values
         return out
+
+    def _undriven(self, system: LureSystem, driven: HybridSystem) -> HybridSystem:
+        """The loop before its inputs act; one that is driven by a sine has its oscillator in it."""
+        if any(isinstance(given, Sine) for given in self.inputs.values()):
+            return HybridSystem.from_lure(system)
+        return driven.held.begun(system.x0, system.memory)
 
     def candidates(self, places: Iterable[Array]) -> list[dict[str, Array]]:
         """Signals of the first few of the places that have a solution; the first one must.

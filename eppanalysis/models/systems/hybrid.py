@@ -336,7 +336,7 @@ class _Packer:
         x0, carrier = np.zeros(total), np.zeros(len(self.input_signals))
         x0[:n] = system.x0
         rows: list[tuple[float, int, float, int, float]] = []
-        at = 0
+        at, late = 0, bool(system.delays.any())
         for i, input_signal in enumerate(self.input_signals):
             if isinstance(input_signal, Sine):
                 # An oscillator's two states are the sine to rounding, so that nothing of it is sampled
@@ -351,7 +351,7 @@ class _Packer:
             x0[n + at] = system.v0[i]
             for time, value, slope in zip(*input_signal.breakpoints(), strict=True):
                 # An input that only goes on is no jump behind which what is late has another past.
-                if system.delays.any() and time <= 0.0 == value == slope:
+                if late and time <= 0.0 == value == slope:
                     continue
                 rows.append((time, n + at, system.v0[i] + value, self.i_slope + i, slope))
             at += 1
