@@ -10,6 +10,8 @@ from eppanalysis.methods.bounds.result import Finding
 
 SERVO = epp.case("azimuth_servo").with_values({"Kp": "50 V/rad", "run.t_end": "100 s"})
 NAMES = [name for name in SERVO.parameters if name != "encoder.levels"]
+#: Over these a branch is asked for more than there is of it; where it ends takes four times as long as the rest.
+TO_THE_END = {"Kp", "load_friction.coulomb"}
 #: Over this parameter a branch seeks its first cycle itself, at the far end; over the others it is given the servo's.
 OWN_SEARCH = "motor.torque_constant"
 
@@ -38,9 +40,9 @@ def cycle() -> epp.LimitCycle:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_branch_has_the_cycle_that_a_run_from_it_keeps(name: str, cycle: epp.LimitCycle) -> None:
-    value, said = SERVO.parameters[name].value, []
+    value, said, on = SERVO.parameters[name].value, [], 1.02 if name in TO_THE_END else 1.005
     branch = epp.continue_branch(
-        SERVO, name, value, 1.02 * value, n_points=2, max_step=0.5, n_others=0,
+        SERVO, name, value, on * value, n_points=2, max_step=0.5, n_others=0,
         cycle=None if name == OWN_SEARCH else cycle, progress=lambda *told: said.append(told),
     )  # fmt: skip
     assert said and len(branch) >= 2 and "The loop is sampled" in str(branch)

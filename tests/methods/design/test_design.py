@@ -73,6 +73,7 @@ def test_without_the_lead_the_turn_is_the_known_onset(servo: epp.Case) -> None:
     assert turn_from(servo.with_values({"T": 0.0}), 1.0, 2.3) == pytest.approx(ONSET, rel=5e-7)
 
 
+@pytest.mark.slow
 def test_the_largest_gain_over_the_lead_is_that_of_a_grid(servo: epp.Case, found: epp.Design) -> None:
     """A per cent above the optimum the exact search finds a cycle everywhere."""
     best = found.optimum.at
@@ -267,6 +268,7 @@ def lagging() -> epp.Case:
     return epp.case_from_text(LAGGING)
 
 
+@pytest.mark.slow
 def test_with_tolerances_a_design_holds_at_the_worst_corner(lagging: epp.Case) -> None:
     """Its bound is that of the worst of all corners, each found by itself, less its own tolerance."""
     found = epp.design(
