@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 import eppanalysis as epp
-from eppanalysis.kernels.engine import flow as steps, modes
-from eppanalysis.kernels.engine.workspace import make_workspaces
+from eppanalysis.kernels.engine import flow as steps
 from eppanalysis.kernels.simd.vectors import padded
+from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.workspaces import of_thread
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 Array = NDArray[np.float64]
@@ -26,21 +27,13 @@ Array = NDArray[np.float64]
 @pytest.fixture(scope="module")
 def kernels() -> dict[str, Callable[..., Any]]:
     """Functions of the kernels in ones that can be called from here."""
-    find_combination, compile_step, compile_long = modes.find_combination, steps.compile_step, steps.compile_long
-    flow, growth_rate = steps.flow, steps.growth_rate
-
-    def compile_all(model: Any, combinations: Any, work: Any, first: Any, step: float) -> int:
-        q = find_combination(model, combinations, work, first, step)
-        compile_step(combinations, work, q)
-        compile_long(combinations, work, q)
-        return q
-
+    flow, growth_rate, compile_long = steps.flow, steps.growth_rate, steps.compile_long
     made = {
         "flow": lambda M, h, rate, integral, power, half, term, work: flow(
             M, h, rate, integral, power, half, term, work
         ),
         "growth_rate": lambda M, P, Q: growth_rate(M, P, Q),
-        "compile_all": compile_all,
+        "compile_long": lambda combinations, work, q: compile_long(combinations, work, q),
     }
     return {name: njit(function) for name, function in made.items()}
 
@@ -84,14 +77,17 @@ def test_powers_grow_no_faster_than_their_bound_says(
 
 @pytest.fixture(scope="module", params=["fig8a_original", "two_mass_deadzone", "relay_hyst_servo"])
 def compiled(request: pytest.FixtureRequest, kernels: dict[str, Callable[..., Any]]) -> tuple[Any, int, int, float]:
-    """A loop's first combination of modes: its mode combinations, place and number of states, and the step."""
+    """A combination of modes that a run has met: all of them, its place, the number of states, and the step."""
     case = epp.case(request.param)
     system = case.to_system()
     inputs = {system.input_names[0]: case.input} if system.input_names else {}
     hybrid = HybridSystem.from_lure(system, inputs)
-    combinations, work, _ = make_workspaces(hybrid.model)
-    q = kernels["compile_all"](hybrid.model, combinations, work, hybrid.modes0, 2.0 * hybrid.time_scale)
-    return combinations, int(q), hybrid.x0.size, float(combinations.step[q])
+    base = 2.0 * hybrid.time_scale
+    run_hybrid(hybrid, case.t_end, np.zeros(0), base, 20_000, 1)
+    combinations, work, _ = of_thread.workspaces(hybrid, base)
+    q = int(np.flatnonzero(combinations.ready)[0])
+    kernels["compile_long"](combinations, work, q)
+    return combinations, q, hybrid.x0.size, float(combinations.step[q])
 
 
 def test_no_guard_strays_further_from_its_cubic_than_the_bound(compiled: tuple[Any, int, int, float]) -> None:
