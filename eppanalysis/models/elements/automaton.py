@@ -87,7 +87,7 @@ class Guard:
     With inputs z, outputs w and memory values h of the element,
     ``value = on_input @ z + on_rate @ dz/dt + on_memory @ h + on_output @ w + constant``. At the event the memory
     values become ``memory_from_input @ z + memory_from_memory @ h + memory_constant``, and the first output has an
-    impulse of the strength ``impulse @ z``, by which states jump that integrate it.
+    impulse of the strength ``impulse @ z``, by which states that integrate it jump.
 
     Parameters
     ----------
