@@ -88,7 +88,7 @@ class StepPicture:
         self.source, self.ghost = ColumnDataSource(data=_NOTHING), ColumnDataSource(data=_NOTHING)
         made = self.figure = _figure("Step response", "time [s]", with_unit(words(signal), unit), name="step")
         made.line("x", "y", source=self.source, color=BLUE, line_width=1.3, legend_label="now")
-        behind: dict[str, Any] = {"color": GREY, "line_width": 1.2, "alpha": 0.6, "level": "underlay"}
+        behind: dict[str, Any] = {"color": GREY, "line_width": 1.2, "alpha": 0.85, "level": "underlay"}
         made.line("x", "y", source=self.ghost, legend_label="before", **behind)
         self.now, self.before = made.legend[0].items
         self.kept, self.text = False, ""

@@ -1,5 +1,18 @@
 """How the page looks: colours of its widgets by day and by night, what is in focus, and names for those who listen."""
 
+#: The page's own colours, by day and by night.
+COLOURS = """
+:root { --paper: #fff; --ink: #1a1a1a; --line: #ccc; --warning: #a03000; --accent: #0072B2;
+  --background-color: var(--paper); --color: var(--ink); --border-color: var(--line); }
+@media (prefers-color-scheme: dark) {
+  :root { --paper: #16181c; --ink: #e8e8e8; --line: #50545c; --warning: #ffb080; --accent: #56B4E9; }
+}
+body { margin: 0; background: var(--paper); color: var(--ink);
+  font: 15px/1.45 system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
+h1 { font-size: 1.25rem; margin: 0.2rem 0 0; overflow-wrap: anywhere; }
+.verdict { font-weight: 600; font-size: 1.1rem; }
+"""
+
 #: Of every widget: the page's own colours, which are inherited, and an outline round what the keyboard is at.
 WIDGETS = """
 :host { color: var(--ink); }
@@ -9,7 +22,8 @@ select:not([multiple]).bk-input { background-image: url("data:image/svg+xml,%3Cs
 viewBox='0 0 8 8'%3E%3Cpath fill='%23808080' d='M0 2h8L4 7z'/%3E%3C/svg%3E"); background-size: 8px; }
 .bk-slider-title { overflow-wrap: anywhere; white-space: normal; }
 .noUi-target { background: var(--line); }
-:focus-visible, .noUi-handle:focus-visible { outline: 3px solid var(--accent); outline-offset: 2px; }
+.bk-input:focus-visible, .bk-btn:focus-visible, .noUi-handle:focus-visible {
+  outline: 3px solid var(--accent); outline-offset: 2px; }
 """
 
 #: Colours of the pictures after those of the page, now and when they change; names of the sliders' handles.
@@ -50,11 +64,17 @@ const paint = () => {
   }
 };
 const name = () => {
-  for (const root of doc.roots().filter((one) => one.tags.length && one.start !== undefined)) {
+  for (const root of doc.roots()) {
     const place = document.querySelector(`[data-root-id="${root.id}"]`);
     for (const handle of find(place, (node) => node.matches('.noUi-handle'))) {
       handle.setAttribute('aria-label', root.title);
       handle.setAttribute('aria-valuetext', `${root.title} ${+root.value.toPrecision(6)}`);
+    }
+    const parts = root.renderers ? find(place, (node) => node.tabIndex === 0) : [];
+    for (const part of parts) {
+      part.setAttribute('role', part.title ? 'button' : 'img');
+      part.style.setProperty('--highlight-color', 'var(--accent)'); // of its outline
+      part.setAttribute('aria-label', `${part.title || 'Picture'}: ${root.title.text}`);
     }
   }
 };

@@ -432,8 +432,8 @@ class Page:
 
     def _show_branch(self, over: Slider, here: Values, facts: slow.Facts) -> None:
         """The branch, and where its cycles begin on the map at the values `here` of its axes."""
-        none = facts.get("error") or ("" if facts["pieces"] else "none found")
-        self.branch.figure.title.text = f"Limit cycles: {none}" if none else "Limit cycles"
+        said = facts["error"] if "error" in facts else facts["doubts"]
+        self.branch.figure.title.text = ": ".join(filter(None, (_TITLES["branch"], said)))
         if "error" in facts:
             facts = {"pieces": [], "begins": []}
         self.branch.show_branch(facts, over.label(), 1.0 / over.per_unit, self.factor)

@@ -30,6 +30,7 @@ from tornado.web import ErrorHandler
 from eppanalysis.cases import Case
 from eppanalysis.errors import EppError, visible
 from eppanalysis.explorer import quick
+from eppanalysis.explorer.looks import COLOURS
 from eppanalysis.explorer.page import Page
 from eppanalysis.explorer.slow import Workshop
 
@@ -100,6 +101,7 @@ def serve(case: Case, port: int, ready: Callable[[str], None]) -> None:
         doc.template = _template()
         doc.template_variables.update(
             heading=case.title,
+            colours=COLOURS,
             sliders=[widget.name for widget in page.widgets.values()],
             pictures=[picture.figure.name for picture in page.pictures],
             titles=_TITLES,

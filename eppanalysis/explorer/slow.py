@@ -14,11 +14,15 @@ from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from eppanalysis.cases import Case, case_from_text
 from eppanalysis.errors import EppError
+from eppanalysis.readable import DIGITS
 from eppanalysis.workers import Workers
+
+if TYPE_CHECKING:
+    from eppanalysis.methods.continuation.result import Branch
 
 #: Plain data: what jobs take and give.
 Facts = dict[str, Any]
@@ -64,39 +68,39 @@ def all_cycles(given: Given) -> Facts:
 
 
 def branch(given: Given, over: str, low: float, high: float) -> Facts:
-    """The branch over a parameter between two values [SI], and where its cycles begin to exist.
+    """Branches over a parameter between two values [SI], where their cycles begin to exist, and what they leave out.
 
-    In pieces where no end has a cycle.
+    From the upper end in one piece; where there is none or it is lost, from the case's own value to both sides, too.
     """
     from eppanalysis.methods.bounds.exact import BORN
-    from eppanalysis.methods.continuation.branch import continue_branch
+    from eppanalysis.methods.continuation.labels import Change
 
     case = given.case()
-    middle = case.value(over)
-    reason = ""
-    # From the upper end in one piece; where that has no cycle, from the case's own value to both sides.
-    for ends in (((high, low),), ((middle, low), (middle, high))):
-        pieces = []
-        for start, stop in ends:
-            if start == stop:
-                continue
-            try:
-                pieces.append(continue_branch(case, over, start, stop, **_BRANCH))
-            except EppError as error:
-                reason = str(error)
-                break
-        if pieces:
-            return {
-                "pieces": [
-                    {"value": p.points["value"].tolist(), "stable": p.points["stable"].tolist()}
-                    | {"size": p.points[given.signal].tolist()}
-                    for p in pieces
-                ],
-                "begins": [
-                    [s.value, s.cycle.peak_to_peak[given.signal]] for p in pieces for s in p.special if s.kind in BORN
-                ],
-            }
-    return {"pieces": [], "begins": [], "reason": reason}
+    pieces = _followed(case, over, (high, low))
+    if not pieces or any(special.kind is Change.END for special in pieces[0].special):
+        pieces += _followed(case, over, (case.value(over), low), (case.value(over), high))
+    special = [special for piece in pieces for special in piece.special]
+    lost = [case.text(over, s.value, DIGITS) for s in special if s.kind is Change.END]
+    return {
+        "pieces": [
+            {"value": p.points["value"].tolist(), "stable": p.points["stable"].tolist()}
+            | {"size": p.points[given.signal].tolist()}
+            for p in pieces
+        ],
+        "begins": [[s.value, s.cycle.peak_to_peak[given.signal]] for s in special if s.kind in BORN],
+        "doubts": f"not followed beyond {' and '.join(lost)}" if lost else "" if pieces else "none found",
+    }
+
+
+def _followed(case: Case, over: str, *ends: tuple[float, float]) -> list[Branch]:
+    """Branches from one value to another each, where there is a cycle at the first."""
+    from eppanalysis.methods.continuation.branch import continue_branch
+
+    pieces = []
+    for start, stop in ends:
+        with suppress(EppError):
+            pieces.append(continue_branch(case, over, start, stop, **_BRANCH))
+    return pieces
 
 
 def design_map(given: Given, x: str, y: str, xs: tuple[float, float], ys: tuple[float, float]) -> Facts:

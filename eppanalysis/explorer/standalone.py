@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from typing import Any
 
 from bokeh.document import Document
 from bokeh.embed import file_html
-from bokeh.models.widgets import Div
+from bokeh.events import DocumentReady
+from bokeh.models import CustomJS
 from bokeh.resources import INLINE
 
 from eppanalysis.explorer.figures import DRAGGED
+from eppanalysis.explorer.looks import COLOURS, LOOKS
 
 #: Width of a picture [px]; a curve that is drawn wider looks flat.
 _WIDEST = 860
+_TEMPLATE = """
+{% block preamble %}<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">{% endblock %}
+{% block postamble %}<style>{{ colours }} main { padding: 0.6rem 0.8rem; }</style>{% endblock %}
+{% block contents %}<main><h1>{{ title | e }}</h1>
+{% for text in sentences %}<p{% if loop.first %} class="verdict"{% endif %}>{{ text | e }}</p>
+{% endfor %}{{ super() }}</main>{% endblock %}
+"""
 
 
 def standalone(doc: Document, heading: str, sentences: Sequence[str], pictures: Sequence[str]) -> str:
@@ -38,13 +47,11 @@ def standalone(doc: Document, heading: str, sentences: Sequence[str], pictures: 
     copy = Document.from_json(doc.to_json())
     shown: list[Any] = [model for name in pictures if (model := copy.get_model_by_name(name)) is not None]
     copy.clear()
-    texts = [html.escape(text) for text in sentences if text]
-    said = [f"<h1>{html.escape(heading)}</h1>", *(f"<p><strong>{text}</strong></p>" for text in texts[:1])]
-    said += [f"<p>{text}</p>" for text in texts[1:]]
-    copy.add_root(Div(text="".join(said), sizing_mode="stretch_width"))
     for picture in shown:
         picture.max_width = _WIDEST
         for item in (item for legend in picture.legend for item in legend.items):
             item.label = {"value": item.label.value.removesuffix(DRAGGED)}  # there is nobody to drag it for
         copy.add_root(picture)
-    return file_html(copy, INLINE, title=heading)
+    copy.js_on_event(DocumentReady, CustomJS(code=LOOKS))
+    variables = {"colours": COLOURS, "sentences": list(filter(None, sentences))}
+    return file_html(copy, INLINE, title=heading, template=_TEMPLATE, template_variables=variables)

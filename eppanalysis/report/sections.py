@@ -93,7 +93,8 @@ try:
         prediction = epp.predict_limit_cycles(case)
     if len(prediction):
         display(epp.table(prediction, case.named_signals))
-    display(prediction.plot().figure)
+    if "response" in prediction.curves or prediction.curves.get("branches"):
+        display(prediction.plot().figure)
     print(prediction, prediction.search)
 {nyquist}except epp.EppError as reason:
     print(reason)"""
@@ -164,7 +165,8 @@ else:
 _MAP = """\
 try:
     axes = {axes}
-    cells = epp.sweep(case.with_values({{"run.t_end": {t_end}}}), axes, progress=False)
+    t_end = max([{t_end}, *(8.0 * cycle.period for cycle in cycles or ())])
+    cells = epp.sweep(case.with_values({{"run.t_end": t_end}}), axes, progress=False)
     if not cells["outcome"].any():
         print("No map: none of", cells["outcome"].size, "runs around this design settles or repeats itself by its end;")
         print("longer ones may (run.t_end).")

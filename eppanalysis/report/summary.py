@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eppanalysis.cases import Case
+from eppanalysis.cases import Case, variation_of
 from eppanalysis.errors import EppError
 from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
 from eppanalysis.methods.certificates.result import Certificate
@@ -122,9 +122,9 @@ def _largest(run: Trajectory, cycles: CycleSearch | None, signal: str) -> LimitC
 def _verdict(run: Trajectory, cycles: CycleSearch | None, largest: LimitCycle | None, signal: str) -> str:
     if run.limit_cycle is not None:
         return f"Oscillates: {run.limit_cycle.size_of(signal)}."
-    if run.status is not Status.SETTLED and largest is not None:
-        return f"Can oscillate: {largest.size_of(signal)}. {run}"
-    if run.status is Status.UNDECIDED and cycles is not None:
+    if run.status is Status.UNDECIDED and largest is not None and cycles is not None:
+        return f"{cycles.headline()}. Its own run was on none of them by its end, after {quantity(run.end_time, 's')}."
+    if run.status is not Status.SETTLED and cycles is not None and (largest or run.status is Status.UNDECIDED):
         return f"{cycles.headline()}. {run}"
     if run.status is not Status.SETTLED:
         return str(run)
@@ -164,6 +164,8 @@ def _numbers(
             in_print(case.text(name, end.value, DIGITS)),
             f"exact: {end.kind} of its branch",
         )
+    elif branch is None and largest is not None:
+        yield "period of the oscillation", quantity(largest.period, "s"), how
     elif branch is not None:
         values = branch.points["value"]
         low, high = (in_print(case.text(branch.parameter, float(v), DIGITS)) for v in (values.min(), values.max()))
@@ -193,15 +195,18 @@ def _advice(
     there = run.limit_cycle is not None or bool(cycles)
     if not there:
         keep = "" if branch is None or end is None else f" {_beside(case, branch, end)}"
+        rests, opened = run.status is Status.SETTLED, cycles is not None and cycles.left_open
+        if opened or (cycles is None and not rests):
+            own = "Nothing from its own start; what others lead to is left open. " if rests else ""
+            return f"{own}Simulate for longer (run.t_end), or ask eppanalysis cycles.{keep}"
         # What was asked and refused is not advised.
         asks = ": eppanalysis certify --statement absence asks for one" if proof is None else ""
         proved = proof is not None and proof.proved
         searched = "" if cycles is None or proved else f" The search is thorough and no proof{asks}."
-        rests = run.status is Status.SETTLED or (cycles is not None and not cycles.left_open)
-        longer = "Simulate for longer (run.t_end), or ask eppanalysis cycles."
-        return f"Nothing, at these values.{keep}{searched}" if rests else longer
+        return f"Nothing, at these values.{keep}{searched}"
     if branch is None:
-        far = "eppanalysis bounds CASE --over FIELD --limit FIELD, or eppanalysis design"
+        limit, over = [*variation_of(case).over()[:2], "FIELD", "FIELD"][:2]
+        far = f"eppanalysis bounds CASE --over {over} --limit {limit}, or eppanalysis design"
         return f"Ask how far a parameter must go: {far}."
     if end is None:
         return (

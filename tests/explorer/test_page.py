@@ -247,6 +247,24 @@ def test_sliders_stay_in_view_and_have_names(browser, address, width, height):
     page.close()
 
 
+def test_all_that_the_keyboard_comes_to_has_a_name_and_an_outline(page):
+    page.keyboard.press("Tab")
+    met = []
+    while (
+        part := page.evaluate(
+            "(() => { let at = document.activeElement; while (at?.shadowRoot?.activeElement) at ="
+            " at.shadowRoot.activeElement; if (!at || at === document.body) return null; const style ="
+            " getComputedStyle(at), name = at.getAttribute('aria-label') || at.labels?.[0]?.textContent ||"
+            " at.textContent; return [name.trim(), at.tagName, style.outlineStyle, style.outlineColor]; })()"
+        )
+    ) is not None:
+        met.append(part)
+        page.keyboard.press("Tab")
+    assert len(met) > 25 and {"Undo", "Page", "Set any field", "Pan: Step response"} <= {name for name, *_ in met}
+    for name, tag, outline, colour in met:
+        assert name and outline != "none" and colour == "rgb(0, 114, 178)", (name, tag, outline, colour)
+
+
 def test_at_night_the_page_is_dark(browser, address):
     page = open_page(browser, address)
     assert (
@@ -265,13 +283,15 @@ def test_the_page_is_kept_as_a_file_that_needs_no_server(browser, page, tmp_path
         page.get_by_role("button", name="Page", exact=True).click()
     kept = save(tmp_path, waiting.value)
     (tmp_path / "kept.html").write_bytes(kept)
-    alone = browser.new_page()
+    alone = browser.new_page(color_scheme="dark")
     asked = []
     alone.on("request", lambda request: asked.append(request.url))
     alone.goto((tmp_path / "kept.html").as_uri())
     alone.wait_for_function("Bokeh.documents.length && Bokeh.documents[0].is_idle")
     assert alone.evaluate("Bokeh.documents[0].get_model_by_name('step').renderers[0].data_source.data.x.length") > 100
-    assert "1.5 deg" in alone.evaluate("Bokeh.documents[0].roots()[0].text")
+    assert "1.5 deg" in alone.inner_text("main")
+    wait(alone, "Bokeh.documents[0].roots().every((one) => one.border_fill_color === '#16181c')", 20.0)
+    assert alone.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(22, 24, 28)"
     assert all(url.startswith(("file:", "data:", "blob:")) for url in asked)
     alone.close()
 

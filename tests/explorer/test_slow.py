@@ -13,3 +13,12 @@ def test_a_branch_says_where_cycles_begin_without_a_fold():
     facts = slow.branch(slow.Given.of(case, "x"), "loop.gain", 0.8, 1.2)
     ((value, _),) = facts["begins"]
     assert value == pytest.approx(0.92267, rel=1e-4)  # there the period grows without bound
+
+
+def test_a_branch_that_is_lost_says_where_and_is_sought_from_the_case_too():
+    case = epp.case("level_valve")
+    (signal, *_), own = case.to_system().signals.names, case.value("linkage.gap")
+    facts = slow.branch(slow.Given.of(case, signal), "linkage.gap", 2e-3, 4e-3)
+    assert facts["doubts"].startswith("not followed beyond 3.364 mm")
+    values = [value for piece in facts["pieces"] for value in piece["value"]]
+    assert min(values) <= own < 3.3638e-3 < max(values)

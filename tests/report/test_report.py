@@ -11,6 +11,7 @@ import sys
 import time
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import nbformat
 import numpy as np
@@ -156,8 +157,21 @@ def test_a_design_map_of_which_nothing_is_known_is_a_sentence(capsys):
     """Runs that are too short say nothing: a map would be grey from end to end."""
     short = epp.case("backlash_servo_unseen").with_values({"run.t_end": "0.01 s"})
     drawn = []
-    exec(sections._map(short), {"epp": epp, "case": short, "display": drawn.append})
+    exec(sections._map(short), {"epp": epp, "case": short, "cycles": None, "display": drawn.append})
     assert "No map: none of 81 runs" in capsys.readouterr().out and not drawn
+
+
+def test_runs_of_a_design_map_are_long_enough_for_the_slowest_cycle_that_was_found(monkeypatch):
+    case, asked = epp.case("backlash_servo_unseen"), []
+
+    def sweep(asked_for, *others, **options):
+        asked.append(asked_for.t_end)
+        raise epp.EppError("enough")
+
+    monkeypatch.setattr(epp, "sweep", sweep)
+    for cycles in (None, [SimpleNamespace(period=0.1 * case.t_end), SimpleNamespace(period=10.0 * case.t_end)]):
+        exec(sections._map(case), {"epp": epp, "case": case, "cycles": cycles})
+    assert asked == [4.0 * case.t_end, 80.0 * case.t_end]
 
 
 def test_a_full_report_has_the_guideline_at_several_gains():
@@ -291,7 +305,7 @@ def test_command_line_and_interrupt(folder, after):
 def test_a_design_that_takes_longer_to_settle_than_the_case_is_no_unknown_one_on_the_map(name):
     """At low gains and with little backlash a joint creeps to rest for longer than the case's own run goes on."""
     case, drawn = epp.case(name), []
-    left: dict[str, object] = {"epp": epp, "case": case, "display": drawn.append}
+    left: dict[str, object] = {"epp": epp, "case": case, "cycles": None, "display": drawn.append}
     exec(sections._map(case), left)
     own = epp.sweep(case, left["axes"], progress=False)["outcome"].values
     shown = left["cells"]["outcome"].values

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 import eppanalysis as epp
@@ -59,3 +61,24 @@ def test_a_proof_that_was_refused_is_not_advised():
     assert not refused.proved and not len(cycles)
     asked, unasked = (epp.first_page(case, run, cycles=cycles, proof=proof).advice for proof in (refused, None))
     assert "no proof." in asked and "certify" not in asked and "certify --statement absence" in unasked
+
+
+def test_a_run_that_is_too_short_does_not_take_back_what_the_search_found():
+    case = epp.case("sat_khalil710").with_values({"run.t_end": "1 s"})
+    run, cycles = epp.simulate(case), epp.find_limit_cycles(case)
+    page = epp.first_page(case, run, cycles=cycles)
+    assert run.status is epp.Status.UNDECIDED and cycles.headline().startswith("Oscillates")
+    assert page.verdict == f"{cycles.headline()}. Its own run was on none of them by its end, after 1 s."
+    assert dict(page.known)["Exact"].startswith(cycles.headline())
+    assert [value.split()[-1] for _, value, _ in page.numbers[1:]] == ["Hz", "s"]
+    assert page.advice.startswith("Ask how far a parameter must go: eppanalysis bounds CASE --over ")
+
+
+def test_what_a_search_left_open_is_no_all_clear():
+    case = epp.case("virtual_spring")
+    run, cycles = epp.simulate(case), epp.find_limit_cycles(epp.case("fig8b_reduced_backlash"))
+    opened = replace(cycles, left_open=("1 run neither settled nor repeated itself",))
+    assert opened.left_open and not cycles.left_open and not len(cycles)
+    sure, unsure = (epp.first_page(case, run, cycles=search).advice for search in (cycles, opened))
+    assert sure.startswith("Nothing, at these values. The search is thorough")
+    assert unsure.startswith("Nothing from its own start; what others lead to is left open.")
