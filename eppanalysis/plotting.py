@@ -31,6 +31,8 @@ BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE, GREY = (
     "#CC79A7",
     "#7F7F7F",
 )
+#: The two light ones as lines and small marks, which are to stand out from paper by three to one, by day and by night.
+DARK_ORANGE, DARK_SKY = "#B87F00", "#3A93C9"
 #: Grey letters that are still read with ease.
 DARK = "#4D4D4D"
 #: Every picture is so wide [inch]: 12 cm. Print it at 8 cm, and its smallest letters are of 6 points.

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 import eppanalysis as epp
@@ -16,10 +17,13 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.comparison.picture import plot_ladder
 from eppanalysis.methods.continuation.picture import plot_branch
 from eppanalysis.methods.continuation.result import Branch
+from eppanalysis.methods.driven import picture as driven_picture
+from eppanalysis.methods.search import picture as search_picture
 from eppanalysis.plotting import figure_of_height, lines_of, put_verdict
 from eppanalysis.results import Status
 from eppanalysis.results.picture import plot_limit_cycle, plot_nyquist, plot_trajectory
 from eppanalysis.results.provenance import Provenance
+from eppanalysis.sweep import parallel, picture as sweep_picture
 from tests.shared import cycles_of, of_unknown_response, said_above
 from tests.synthetic import cycle, prediction, prediction_of_several, trajectory
 
@@ -41,6 +45,30 @@ def test_trajectory_has_one_panel_a_signal_with_its_unit():
 def test_marks_and_shades_of_a_run_are_explained(status, shade):
     (legend,) = plot_trajectory(trajectory(status)).legends
     assert [text.get_text() for text in legend.get_texts()] == ["switch of an element", f"{shade} (from 0.5 s on)"]
+
+
+def stands_out(colour) -> float:
+    """Contrast to paper, the lesser of that by day and that by night, where pages turn pictures about (WCAG 2.2)."""
+    day = np.array(to_rgb(colour))
+    # The filter of pages, invert(0.92) and then hue-rotate(180deg), as CSS Filter Effects writes them.
+    turned = 2.0 * np.array([[0.213, 0.715, 0.072]]).repeat(3, axis=0) - np.eye(3)
+    night = np.clip(turned @ (0.92 - 0.84 * day), 0.0, 1.0)
+
+    def luminance(rgb):
+        return np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+    return min(1.05 / (luminance(day) + 0.05), (luminance(night) + 0.05) / (luminance(np.full(3, 0.08)) + 0.05))
+
+
+def test_every_line_stands_out_from_paper_by_day_and_by_night(relay_ladder):
+    search = cycles_of("relay_deadzone").plot().figure
+    lines = [line for made in (plot_ladder(relay_ladder), search) for ax in made.axes for line in ax.lines]
+    drawn = {line.get_color() for line in lines} | set(sweep_picture._LINE_COLOURS) - {"#000000"}
+    drawn |= {colour for kind in (True, False) for colour, _ in parallel._LINES[kind]} - {"#000000"}
+    drawn |= {*search_picture._STABLE, *search_picture._UNSTABLE, *(colour for colour, _ in driven_picture._STABLE)}
+    assert len(drawn) > 5
+    for colour in drawn:
+        assert stands_out(colour) >= 3.0, colour
 
 
 def letters(text: str) -> list[str]:

@@ -13,8 +13,8 @@ from eppanalysis.identify import Identification
 from eppanalysis.identify.estimate import BenchFit, Estimate
 from eppanalysis.plotting import (
     BLUE,
+    DARK_ORANGE,
     GREY,
-    ORANGE,
     SMALL,
     VERMILLION,
     figure_of_height,
@@ -95,7 +95,7 @@ def _draw_intervals(ax: Axes, estimates: tuple[Estimate, ...]) -> None:
         size = abs(estimate.value) or max(abs(estimate.high), abs(estimate.low)) or 1.0
         ends = [100.0 * (e - estimate.value) / size for e in (estimate.low, estimate.high)]
         low, high = (float(np.clip(e, -_WIDEST, _WIDEST)) for e in ends)
-        colour = BLUE if estimate.identified else ORANGE
+        colour = BLUE if estimate.identified else DARK_ORANGE
         ax.plot([low, high], [i, i], color=colour, linewidth=2.2, linestyle="-" if estimate.identified else ":")
         ax.plot([0.0], [i], "o" if estimate.identified else "s", color=colour, markersize=5)
         identified = "" if estimate.identified else ", not identified by these data"

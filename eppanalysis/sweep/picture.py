@@ -17,10 +17,10 @@ from matplotlib.patches import Patch
 from eppanalysis.errors import EppError
 from eppanalysis.plotting import (
     BLUE,
+    DARK_SKY,
     GREEN,
     GREY,
     ORANGE,
-    SKY,
     SMALL,
     VERMILLION,
     figure_of_height,
@@ -59,7 +59,7 @@ _BORDERS = {
 }
 #: The line at the size that is allowed.
 _MOST: dict[str, Any] = {"color": VERMILLION, "linewidth": 1.0, "linestyle": "-."}
-_LINE_COLOURS = ("#000000", BLUE, GREEN, SKY, GREY)
+_LINE_COLOURS = ("#000000", BLUE, GREEN, DARK_SKY, GREY)
 _LINES = ("-", "--", "-.", ":")
 #: Curves of fewer points show each of them.
 _FEW = 60

@@ -13,6 +13,8 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.result import DesignBounds, Turn
 from eppanalysis.plotting import (
     BLUE,
+    DARK_ORANGE,
+    DARK_SKY,
     GREEN,
     GREY,
     ORANGE,
@@ -76,8 +78,8 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
 def _draw_approximate(ax: Axes, over: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:
     """The lines of first order and of harmonic balance."""
     for name, text, colour, style in (
-        ("first_order", "first order", ORANGE, ":"),
-        ("harmonic", "harmonic balance", SKY, "--"),
+        ("first_order", "first order", DARK_ORANGE, ":"),
+        ("harmonic", "harmonic balance", DARK_SKY, "--"),
     ):
         if not np.any(np.isfinite(bounds.array(name))) and (bounds.allowed is not None or bounds.not_covered):
             continue  # a higher harmonic balance is not asked for sizes, none of a sampled loop

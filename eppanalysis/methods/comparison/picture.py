@@ -12,6 +12,8 @@ from eppanalysis.arrays import Array
 from eppanalysis.methods.comparison.ladder import Ladder
 from eppanalysis.plotting import (
     BLUE,
+    DARK_ORANGE,
+    DARK_SKY,
     GREEN,
     GREY,
     ORANGE,
@@ -112,9 +114,9 @@ def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
         ax.plot(both, factor * _in_phase(ladder, guess, name, both), "--", color=VERMILLION, lw=1.3, label="predicted")
     balance = ladder.balance
     if balance is not None:
-        ax.plot(both, factor * _in_phase(ladder, balance, name, both), ":", color=ORANGE, lw=1.6, label="balanced")
+        ax.plot(both, factor * _in_phase(ladder, balance, name, both), ":", color=DARK_ORANGE, lw=1.6, label="balanced")
     for other in _others(ladder):
-        colour, style = (SKY, "-") if other.stable else (GREY, "--")
+        colour, style = (DARK_SKY, "-") if other.stable else (GREY, "--")
         text = f"exact, {STABILITY[other.stable]}"
         ax.plot(both, factor * _in_phase(ladder, other, name, both), style, color=colour, lw=1.0, label=text, zorder=1)
     if ladder.oscillations > 2:

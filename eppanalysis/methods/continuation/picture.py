@@ -13,9 +13,9 @@ from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.plotting import (
     BLUE,
+    DARK_ORANGE,
     GREEN,
     GREY,
-    ORANGE,
     STABILITY,
     VERMILLION,
     chosen,
@@ -31,7 +31,7 @@ from eppanalysis.readable import readable, with_unit, words
 
 #: Filled marks of special points that have one of their own; all others are open squares.
 _MARKS: dict[str, dict[str, Any]] = {
-    Change.FOLD: {"marker": "D", "color": ORANGE, "markersize": 5},
+    Change.FOLD: {"marker": "D", "color": DARK_ORANGE, "markersize": 5},
     Change.PERIOD_DOUBLING: {"marker": "^", "color": "black", "markersize": 6},
 }
 _SQUARE: dict[str, Any] = {"marker": "s", "color": GREY, "markerfacecolor": "none", "markersize": 5}
@@ -99,7 +99,7 @@ def plot_folds(curve: FoldCurve, ax: Axes | None = None) -> Figure:
     (y_label, up), (x_label, across) = (label_of(name, curve.units, curve.readable) for name in curve.parameters)
     ax.set_xlabel(x_label)
     ax.set_ylabel(y_label)
-    ax.plot(across * curve.values[:, 1], up * curve.values[:, 0], "D-", color=ORANGE, markersize=4, linewidth=1.3)
+    ax.plot(across * curve.values[:, 1], up * curve.values[:, 0], "D-", color=DARK_ORANGE, markersize=4, linewidth=1.3)
     ax.spines[["top", "right"]].set_visible(False)
     return figure
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from operator import itemgetter
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -9,7 +12,7 @@ from matplotlib.figure import Figure
 from eppanalysis.errors import EppError
 from eppanalysis.methods.design.goal import Sense
 from eppanalysis.methods.design.result import Design
-from eppanalysis.plotting import BLUE, GREEN, ORANGE, SMALL, VERMILLION, place_of, put_legend
+from eppanalysis.plotting import BLUE, DARK_ORANGE, GREEN, SMALL, VERMILLION, place_of, put_legend
 from eppanalysis.readable import with_unit, words
 
 
@@ -40,7 +43,7 @@ def plot_design(design: Design, ax: Axes | None = None) -> Figure:
     ax.plot(*at, "D", color=VERMILLION, label=f"optimum, {confirmed}")
     ax.plot(at[0], safe, "o", color=GREEN, label=f"design, {100 * design.margin:g} % inside")
     if np.isfinite(best.first_order):
-        ax.plot(at[0], y * best.first_order, "x", color=ORANGE, label="first order there")
+        ax.plot(at[0], y * best.first_order, "x", color=DARK_ORANGE, label="first order there")
     put_legend(ax)
     return figure
 
@@ -55,7 +58,9 @@ def _safe_end(design: Design) -> float:
 
 def _front(design: Design, ax: Axes | None) -> Figure:
     (x_unit, x), (y_unit, y) = design.readable[design.front_over], design.readable[design.objective]
-    rows = [(value, o) for value, o in design.front if o.feasible]
+    # The verdict above is of the case's own value, which is drawn with the others.
+    own = [] if any(value == design.front_own for value, _ in design.front) else [(design.front_own, design.optimum)]
+    rows = sorted(((value, o) for value, o in (*design.front, *own) if o.feasible), key=itemgetter(0))
     if not rows:
         raise EppError(f"{design.case}: no design of the front is feasible, so there is nothing to draw.")
     figure, ax = _axes(ax, with_unit(words(design.front_over), x_unit), with_unit(words(design.objective), y_unit))
@@ -66,6 +71,9 @@ def _front(design: Design, ax: Axes | None) -> Figure:
         mask = np.array([o.confirmed is confirmed for _, o in rows])
         if np.any(mask):
             ax.plot(places[mask], best[mask], "D", color=VERMILLION, markerfacecolor=face, label=text)
+    if design.optimum.feasible:
+        star: dict[str, Any] = {"markersize": 13, "markeredgecolor": "white"}
+        ax.plot(x * design.front_own, y * design.value_of(design.optimum), "*k", label="the case", **star)
     for place, value, (_, o) in zip(places, best, rows, strict=True):
         told = (f"{words(n)} {design.text(n, o.at[n])}" for n in design.tune if n != design.objective)
         ax.annotate("\n".join(told), (place, value), fontsize=SMALL, xytext=(4, 4), textcoords="offset points")

@@ -13,10 +13,10 @@ from eppanalysis.methods.driven.result import ForcedResponse, FrequencyResponse,
 from eppanalysis.plotting import (
     BLUE,
     DARK,
+    DARK_ORANGE,
+    DARK_SKY,
     GREEN,
     GREY,
-    ORANGE,
-    SKY,
     STABILITY,
     VERMILLION,
     chosen,
@@ -31,7 +31,7 @@ from eppanalysis.plotting import (
 from eppanalysis.readable import count, readable, with_unit, words
 
 #: Colours and lines of stable responses, which may be several; unstable ones are dashed.
-_STABLE = ((BLUE, "-"), (GREEN, "-."), (SKY, ":"))
+_STABLE = ((BLUE, "-"), (GREEN, "-."), (DARK_SKY, ":"))
 
 
 def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None) -> Figure:
@@ -87,7 +87,7 @@ def _mark(ax: Axes, branch: ResponseBranch, x: Array, y: Array) -> None:
     for special in branch.special:
         i = special.index
         fold = special.kind == Turning.FOLD
-        style: dict[str, Any] = {"marker": "D", "color": ORANGE}
+        style: dict[str, Any] = {"marker": "D", "color": DARK_ORANGE}
         if not fold:
             style = {"marker": "s", "color": GREEN, "markerfacecolor": "none"}
         ax.plot(x[i], y[i], linestyle="none", markersize=5, label=special.kind, zorder=3, **style)

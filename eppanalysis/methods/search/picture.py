@@ -18,11 +18,11 @@ from eppanalysis.methods.search.trigger import Trigger
 from eppanalysis.plotting import (
     BLUE,
     DARK,
+    DARK_ORANGE,
+    DARK_SKY,
     GREEN,
     GREY,
-    ORANGE,
     PURPLE,
-    SKY,
     SMALL,
     VERMILLION,
     note_below,
@@ -34,7 +34,7 @@ from eppanalysis.plotting import (
 from eppanalysis.readable import number, readable, with_unit, words
 from eppanalysis.results import LimitCycle
 
-_STABLE, _UNSTABLE = (BLUE, GREEN, SKY, PURPLE), (VERMILLION, ORANGE, GREY, PURPLE)
+_STABLE, _UNSTABLE = (BLUE, GREEN, DARK_SKY, PURPLE), (VERMILLION, DARK_ORANGE, GREY, PURPLE)
 #: Words in the middle of an empty panel, and the letters on a line of them.
 _MIDDLE: dict[str, Any] = {"ha": "center", "va": "center", "color": DARK, "fontsize": SMALL}
 _WIDTH = 60
@@ -169,7 +169,7 @@ def plot_basin(basin: Basin, ax: Axes | None = None) -> Figure:
     plane = basin.starts.shape[1] > 1
     x = basin.starts[:, 0] if plane else np.arange(len(basin.starts))
     y = basin.starts[:, 1 if plane else 0]
-    colours = (BLUE, VERMILLION, GREEN, ORANGE, SKY, GREY)
+    colours = (BLUE, VERMILLION, GREEN, DARK_ORANGE, DARK_SKY, GREY)
     for i, (end, text) in enumerate(basin.ends_in_words().items()):
         here = basin.ends == end
         ax.plot(x[here], y[here], ".", color=colours[i % len(colours)], label=text)
