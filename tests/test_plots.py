@@ -98,12 +98,17 @@ def test_of_a_long_run_as_much_is_drawn_as_can_be_told_apart_and_the_axis_says_h
 
 
 @pytest.mark.parametrize("name", ["rate_limited_aircraft", "fig8b_reduced_backlash"])
-def test_a_run_that_rests_is_shown_until_nothing_moves(name):
+def test_a_run_that_rests_is_shown_until_nothing_moves(name, relay_ladder):
     run = epp.simulate(epp.case(name))
     until = run.plot().get_xlim()[1]
     assert 0.0 < until < 0.2 * run.end_time
     hidden = run.t > until
     assert all(np.ptp(y[hidden]) < 0.01 * np.ptp(y) for y in run.signals.values())
+    # Beside a prediction, too, where the report's first page draws it.
+    rests = replace(relay_ladder, run=run, signal=next(iter(run.signals)), matched=None, search=None, prediction=None)
+    ax = plot_ladder(rests, Figure().add_subplot()).axes[0]
+    assert ax.get_xlim()[1] == pytest.approx(until)
+    assert ax.get_xlabel() == f"time [s], the same up to {run.end_time:.4g} s"
 
 
 def test_of_many_signals_those_are_drawn_that_answer_and_the_others_are_named():

@@ -152,6 +152,9 @@ def _numbers(
     elif run.status is Status.SETTLED:
         if run.settled_since > 0.0:
             yield "at rest from", quantity(run.settled_since, "s"), "event-exact simulation"
+        if signal in run.settled_at:
+            rest = quantity(run.settled_at[signal], run.units.get(signal, ""))
+            yield f"{words(signal)} at rest", rest, "event-exact simulation"
     elif run.t.size:
         late = run.signals[signal][run.t > 0.5 * run.t[-1]]
         moved = quantity(float(np.ptp(late)), run.units.get(signal, ""))

@@ -36,6 +36,7 @@ def test_a_loop_that_rests_is_told_what_was_not_looked_at():
     page = epp.first_page(case, epp.simulate(case))
     assert page.verdict == "Comes to rest from its own start; other starts were not looked at."
     assert page.advice == "Nothing, at these values." and page.numbers[0][0] == "at rest from"
+    assert page.numbers[1][0].endswith(" at rest")
 
 
 @pytest.mark.parametrize(

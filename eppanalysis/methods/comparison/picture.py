@@ -60,7 +60,7 @@ def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
         draw = _draw_cycles
     if given is not None:
         draw(given, ladder, ladder.signal)
-        given.set_xlabel("time [s]")
+        given.set_xlabel(time_of(ladder.run) if draw is _draw_begin else "time [s]")
         put_legend(given)
         given.spines[["top", "right"]].set_visible(False)
         return root_figure(given)
@@ -163,7 +163,8 @@ def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:
     run = ladder.run
     label, factor = label_of(name, run.units)
     y = factor * run.signals[name]
-    ax.plot(run.t, y, color=BLUE, linewidth=1.3, label="simulated")
+    draw_run(ax, run, name, factor, 1.3)
+    ax.lines[-1].set_label("simulated")
     bands = []
     for cycle in ladder.prediction or ():
         if cycle.stable:
