@@ -49,9 +49,16 @@ def standalone(doc: Document, heading: str, sentences: Sequence[str], pictures: 
     copy.clear()
     for picture in shown:
         picture.max_width = _WIDEST
+        picture.title.text = _kept(picture.title.text)
         for item in (item for legend in picture.legend for item in legend.items):
             item.label = {"value": item.label.value.removesuffix(DRAGGED)}  # there is nobody to drag it for
         copy.add_root(picture)
     copy.js_on_event(DocumentReady, CustomJS(code=LOOKS))
-    variables = {"colours": COLOURS, "sentences": list(filter(None, sentences))}
+    variables = {"colours": COLOURS, "sentences": [_kept(text) for text in sentences if text]}
     return file_html(copy, INLINE, title=heading, template=_TEMPLATE, template_variables=variables)
+
+
+def _kept(text: str) -> str:
+    """What is still being computed will not be in a file."""
+    what, _, state = text.partition(": ")
+    return f"{what}: not yet known when this page was saved" if state.endswith("...") else text

@@ -6,9 +6,12 @@ import pytest
 
 pytest.importorskip("bokeh")
 
+from bokeh.document import Document
+
 from eppanalysis import case
 from eppanalysis.explorer.figures import BranchPicture, MapPicture, NyquistPicture, StepPicture
 from eppanalysis.explorer.quick import compute, shown_signal
+from eppanalysis.explorer.standalone import standalone
 
 
 def named(picture) -> list[str]:
@@ -79,3 +82,13 @@ def test_marks_that_do_not_move_are_not_drawn_again():
     for place in ((1.0, 0.5), (1.0, 0.5), (1.0, 0.6)):
         picture.show_place(*place)
     assert len(drawn) == 2
+
+
+def test_a_page_that_is_kept_promises_nothing_that_is_still_being_computed():
+    doc, picture = Document(), BranchPicture("x", "mm")
+    doc.add_root(picture.figure)
+    picture.figure.title.text = "Limit cycles: being computed ..."
+    page = standalone(doc, "Servo", ["Settles at rest.", "Exact limit cycles: being sought ..."], ["branch"])
+    assert "being sought" not in page and "being computed" not in page and "Settles at rest." in page
+    assert page.count("imit cycles: not yet known when this page was saved") == 2
+    assert picture.figure.title.text.endswith("...")
