@@ -24,7 +24,7 @@ from eppanalysis.cases.values.dimensions import remarks
 from eppanalysis.cases.values.expressions import is_expression_of, same_unit
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.values.shown import ShownCase
-from eppanalysis.cases.values.toml import write_toml
+from eppanalysis.cases.values.toml import plain_value, write_toml
 from eppanalysis.errors import CaseError
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
 from eppanalysis.models.diagrams import Diagram
@@ -135,7 +135,7 @@ class Case(ShownCase):
         }
         if signal is not None:
             data["expected"] = {"signal": signal}
-        return load(RawCase(name, name, Path(), _plain(data)))
+        return load(RawCase(name, name, Path(), plain_value(data)))
 
     @classmethod
     @checked
@@ -153,7 +153,7 @@ class Case(ShownCase):
         CaseError
             If anything in it is not valid, as for :func:`eppanalysis.read_case`.
         """
-        return load(RawCase(name, name, Path(), _plain(tables)))
+        return load(RawCase(name, name, Path(), plain_value(tables)))
 
     def to_system(self) -> LureSystem:
         """The system that the case describes."""
@@ -198,12 +198,24 @@ class Case(ShownCase):
 
     def _is_plain(self, name: str) -> bool:
         """Whether the file has a parameter as a plain number."""
-        found: Any = self._raw.data
-        for part in self._path(name):
-            found = found.get(part) if isinstance(found, dict) else found[part] if isinstance(part, int) else None
-        if isinstance(found, dict):
-            found = found.get("value")
-        return isinstance(found, int | float)
+        return isinstance(self._held(name), int | float)
+
+    def _held(self, name: str) -> Any:
+        """What the file holds in the field of a parameter."""
+        return self._raw.typed(".".join(map(str, self._path(name))))
+
+    @checked
+    def parameter_of(self, field: str) -> str:
+        """The parameter that a field of a part is: itself, or the one whose name stands in it; empty where it is none.
+
+        Examples
+        --------
+        >>> from eppanalysis.cases import case
+        >>> case("azimuth_servo").parameter_of("gear.gap"), case("azimuth_servo").parameter_of("gear.stiffness")
+        ('gap', 'gear.stiffness')
+        """
+        held = field if field in self.parameters else self._held(field)
+        return held if isinstance(held, str) and held in self.parameters else ""
 
     @property
     def folder(self) -> Path:
@@ -363,7 +375,7 @@ class Case(ShownCase):
         for name, value in values.items():
             if not isinstance(name, str) or not name or len(name) > 200:
                 raise CaseError(source, "", name, "the dotted name of a field")
-            plain = self._with_unit(name, _plain(value))
+            plain = self._with_unit(name, plain_value(value))
             self._check_settable(name, plain, source)
             path = self._path(name)
             put(data, path, plain, source, name)
@@ -374,7 +386,7 @@ class Case(ShownCase):
             old, new = (case.parameters.get(name) for case in (self, made))
             # A plain number is in SI units; what a field with a unit of its own refuses has been refused before.
             if old and new and old.unit and new.unit and not same_unit(old.unit, new.unit):
-                raise CaseError(source, name, _plain(value), f"a quantity in {old.unit}, as it is in the case")
+                raise CaseError(source, name, plain_value(value), f"a quantity in {old.unit}, as it is in the case")
         return made
 
     def to_toml(self) -> str:
@@ -406,7 +418,7 @@ class Case(ShownCase):
         known = self._known()
         if name in known:
             return
-        held = self._raw.typed(".".join(map(str, self._path(name))))
+        held = self._held(name)
         if not name.endswith(".kind") and is_expression_of(held, self.parameters):
             expected = "a quantity, which can be varied; vary what it is made of, or set it to a quantity first"
             raise CaseError(source, name, held, expected)
@@ -479,20 +491,3 @@ def json_schema(kind: str) -> dict[str, Any]:
     schema = KINDS[kind].file.model_json_schema()
     schema["properties"]["base"] = {"type": "string", "description": "Case that this one inherits from."}
     return schema
-
-
-def _plain(value: Any) -> Any:
-    """A value as TOML would give it."""
-    if isinstance(value, Parameter):
-        text = value.value if isinstance(value.value, bool) else write_si(value.value, value.unit, value.friendly)
-        table = {"value": text, "mark": value.mark, "note": value.note}
-        if value.tolerance is not None:
-            table["tolerance"] = write_si(value.tolerance, value.unit, value.friendly)
-        return table
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if hasattr(value, "tolist"):  # numpy
-        return value.tolist()
-    return value

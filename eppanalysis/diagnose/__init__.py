@@ -224,14 +224,15 @@ def _interval(value: float, fit: Fit, power: int) -> tuple[float, float, float]:
 def _with_sizes(made: Explanation, family: Family, case: LureSystem | CaseLike, best: Fit) -> Explanation:
     """With the fields of its element and their intervals, and the parameters of the case that bound it."""
     fields, units, own = {}, {}, []
-    parameters = getattr(case, "parameters", {})
+    parameters, parameter_of = getattr(case, "parameters", {}), getattr(case, "parameter_of", None)
     for name, power in size_exponents(family.element).items():
         fields[name] = _interval(float(getattr(family.element, name)), best, power)
-        full = f"{family.name}.{name}"
-        if full in parameters:
+        if parameter_of and (full := parameter_of(f"{family.name}.{name}")):
             units[name] = parameters[full].unit
             own.append(full)
-    free = sorted((n for n, p in parameters.items() if p.mark == "tunable" and n not in own))
+    others = sorted(n for n in parameters if n not in own)
+    # What is free to choose: by its mark, else what the file gives a name of its own.
+    free = [n for n in others if parameters[n].mark == "tunable"] or [n for n in others if "." not in n]
     return replace(
         made, fields=fields, units=units, parameter=own[0] if own else "", over=free[0] if free else "",
         in_proportion=family.in_proportion,

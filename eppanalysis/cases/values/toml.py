@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from typing import Any
+
+from eppanalysis.cases.values.quantities import Parameter
+from eppanalysis.units import write_si
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -58,3 +62,26 @@ def _value(value: Any) -> str:
         inside = ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items())
         return f"{{ {inside} }}" if inside else "{}"
     return repr(value)
+
+
+def plain_value(value: Any) -> Any:
+    """A value as TOML would give it, with its unit.
+
+    Examples
+    --------
+    >>> plain_value({"gap": Parameter(0.012, "m", "mm"), "num": (1.0, 2.0)})
+    {'gap': {'value': '12 mm', 'mark': 'assumed', 'note': ''}, 'num': [1.0, 2.0]}
+    """
+    if isinstance(value, Parameter):
+        text = value.value if isinstance(value.value, bool) else write_si(value.value, value.unit, value.friendly)
+        table = {"value": text, "mark": value.mark, "note": value.note}
+        if value.tolerance is not None:
+            table["tolerance"] = write_si(value.tolerance, value.unit, value.friendly)
+        return table
+    if isinstance(value, Mapping):
+        return {str(k): plain_value(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain_value(v) for v in value]
+    if hasattr(value, "tolist"):  # numpy
+        return value.tolist()
+    return value
