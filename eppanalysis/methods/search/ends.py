@@ -17,6 +17,7 @@ from eppanalysis.methods.orbits.exact import centre_of, start_of, steady_hybrid
 from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import close_orbit, orbit_of, same_orbit
+from eppanalysis.methods.search.continua import at_end, has_period_of, on_rim, same_continuum
 from eppanalysis.methods.search.decay import DRIFT, decays, died_out, dwindles
 from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_elements
 from eppanalysis.methods.search.rests import Met, note_modes
@@ -60,10 +61,6 @@ _AS_LARGE = 0.9
 #: A cycle is listed as a run has it when all changes still to come are below this share of its amplitude. The run is
 #: made three times longer this often at most. Only so many are listed, for they may fill a continuum.
 _REACHED, _MOST_LONGER, MOST_REACHED = 1e-9, 6, 12
-#: An orbit grazes a guard when it crosses it more slowly than this share of its movement across it in a period.
-_GRAZING = 1e-3
-#: Relative difference of the periods of a linear oscillation that is rounding.
-_SAME_PERIOD = 1e-8
 #: Relative difference of closed cycles that are one.
 _SAME_CYCLE = 1e-6
 #: Estimated error above which a prediction is no measure of how long runs take.
@@ -169,7 +166,10 @@ class Ends:
     def add(self, orbit: Orbit) -> int:
         """Number of an orbit among those found; a new one is appended."""
         for i, known in enumerate(self.orbits):
-            if same_orbit(known, orbit) or same_continuum(known, orbit) or on_rim(known, orbit):
+            if any(test(known, orbit) for test in (same_orbit, same_continuum, on_rim, at_end)):
+                return i
+            if at_end(orbit, known):
+                self.orbits[i] = orbit
                 return i
         self.orbits.append(orbit)
         return len(self.orbits) - 1
@@ -468,26 +468,3 @@ def _same(one: LimitCycle, other: LimitCycle) -> bool:
     apart += [abs(size[k] - other.peak_to_peak[k]) / size[k] for k in size if size[k] > 0]
     apart += [abs(one.mean[k] - other.mean[k]) / size[k] for k in size if size[k] > 0]
     return max(apart) < _SAME_CYCLE
-
-
-def on_rim(known: Orbit, orbit: Orbit) -> bool:
-    """Whether an orbit only grazes a guard and is the outermost of a continuum without that switch."""
-    if not has_period_of(known, orbit.period):
-        return False
-    return bool(np.any(orbit.grazes(_GRAZING) & (orbit.arcs.event_sequence.at_once != 1)))
-
-
-def has_period_of(known: Orbit, period: float) -> bool:
-    """Whether a period is that of a continuum of cycles, or a multiple of it."""
-    turns = period / known.period
-    return known.one_of_many and round(turns) >= 1 and abs(turns / round(turns) - 1.0) < _SAME_PERIOD
-
-
-def same_continuum(one: Orbit, other: Orbit) -> bool:
-    """Whether two orbits of continua pass through the same switches and are as stable: one then stands for both."""
-    guards = [o.arcs.event_sequence.guards for o in (one, other)]
-    if guards[0].size != guards[1].size or not (one.one_of_many and other.one_of_many):
-        return False
-    unstable = [int(np.sum(np.abs(o.multipliers) > 1.0 + 1e-4)) for o in (one, other)]
-    turned = any(np.array_equal(np.roll(guards[0], k), guards[1]) for k in range(guards[0].size))
-    return unstable[0] == unstable[1] and turned

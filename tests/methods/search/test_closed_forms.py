@@ -43,3 +43,20 @@ def test_a_satellite_with_schmitt_triggered_thrusters() -> None:
     # Behind its switch theta + K theta' goes on rising until the rate is K times the thrust.
     over = (rate - lead * thrust) ** 2 / (2 * thrust)
     assert cycle.peak_to_peak["hysteresis_relay_dead_zone_input"] == pytest.approx(2 * (on + over), rel=1e-10)
+
+
+@pytest.mark.slow  # 10 s each: starts of a continuum are drawn from often
+@pytest.mark.parametrize(("band", "gain", "reset"), [(1.0, 0.5, 0.125), (5.0, 0.4, 0.08)])
+def test_a_continuum_is_listed_without_its_ends(band: float, gain: float, reset: float) -> None:
+    """A valve that slips as far as it sticks, a PI controller and a tank: the level moves by the band, to and fro.
+
+    With the levels a and a - 1 of the valve, in bands, one stroke takes 1/(gain a) and the other 1/(gain (1 - a)): one
+    cycle for each a between reset/(2 gain^2) and its mirror image, where a stroke begins at rest.
+    """
+    loop = epp.LureSystem.from_tf(([gain, reset], [1.0, 0.0, 0.0]), epp.JumpAndFollow(stick_band=band, slip_jump=band))
+    found = epp.find_limit_cycles(loop)
+    (cycle,) = found
+    assert found.n_continua == 1 and cycle.stable
+    assert cycle.peak_to_peak["x"] == pytest.approx(band)
+    end = reset / (2.0 * gain**2)
+    assert end * (1.0 - end) < 1.0 / (gain * cycle.period) < 0.25 + 1e-9
