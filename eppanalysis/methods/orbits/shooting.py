@@ -26,6 +26,9 @@ from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 #: Residual with which an orbit that is only begun elsewhere needs no further step.
 _ROUNDING = 1e-14
 _MOST_SEQUENCES = 10
+#: Step that Newton's method would still make from an orbit, in sizes of its motion, that leaves it the same orbit, and
+#: what of its residual may be left by it.
+_NEAR, _LEFT = 1e-2, 1e-13
 #: Steps of Newton's method on the engine's return map.
 _MOST_STEPS = 15
 #: An orbit may have this many arcs more than twice those of its guess.
@@ -71,14 +74,14 @@ def close_orbit(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ())
             orbit = solve(hybrid, guess)
         except ModelError:
             return _close_delayed(hybrid, guess) if is_delayed(hybrid) else None
-        if orbit.residual < CONVERGED and np.all(orbit.tau > -1e-9 * orbit.period):
+        if _is_closed(orbit) and np.all(orbit.tau > -1e-9 * orbit.period):
             if not moves(orbit) or _only_touches(orbit):
                 return None
             # The equations close for sequences, too, that the loop does not have: the engine has the last word
             # (docs/theory/exact_orbits.md, Closing an orbit).
             if is_met(orbit):
                 orbit = _finished(orbit)
-                return orbit if crosses(orbit) else None
+                return orbit if _is_closed(orbit) and crosses(orbit) else None
             found = next_guess(orbit)
             if found is None or found.event_sequence.key in seen:
                 return None
@@ -91,6 +94,18 @@ def close_orbit(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ())
         seen.add(found.event_sequence.key)
         guess = found
     return None
+
+
+def _is_closed(orbit: Orbit) -> bool:
+    """Whether an orbit closes, and Newton's method sees none far from it: what grows ever more slowly closes nearly.
+
+    Along a continuum it makes no step; what an orbit misses is made up for by others then.
+    """
+    if not orbit.residual < CONVERGED:
+        return False
+    step = orbit.correction(orbit.r) / orbit.column_scale
+    left = np.max(np.abs(orbit.scaled @ step - orbit.r / orbit.row_scale))
+    return bool(np.max(np.abs(step)) < _NEAR and left < _LEFT)
 
 
 def _passed(guess: Guess, known: Sequence[Orbit]) -> Orbit | None:
