@@ -16,11 +16,11 @@ GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 _MOST_STEPS = 60
 
 
-def between(f: Numbered, low: Array, high: Array) -> Array:
+def between(f: Numbered, low: Array, high: Array, ends: tuple[Array, Array] | None = None) -> Array:
     """Roots of ``f(x, number)`` in brackets (n,), each with its number; not-a-number without a change of sign.
 
     By Chandrupatla's rule: the parabola of x over f through the last three points, where that is monotone between them,
-    else a halving. Where f is zero over a stretch, a point of it.
+    else a halving. Where f is zero over a stretch, a point of it. Values at the ends may be given.
 
     Examples
     --------
@@ -29,7 +29,7 @@ def between(f: Numbered, low: Array, high: Array) -> Array:
     [1.414213562, 3.0]
     """
     every = np.arange(low.size)
-    f_low, f_high = f(low, every), f(high, every)
+    f_low, f_high = (f(low, every), f(high, every)) if ends is None else ends
     out = np.where(f_low == 0, low, np.where(f_high == 0, high, np.nan))
     todo = np.flatnonzero(f_low * f_high < 0)
     # The last point, that on the other side of the root, and what either replaced.

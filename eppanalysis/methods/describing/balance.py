@@ -421,6 +421,7 @@ def _start_inputs(system: LureSystem, rows: NDArray[np.intp]) -> Array:
     w = np.zeros(system.B.shape[1])
     z = np.zeros(system.C.shape[0])
     for _ in range(len(rows) + 1):
+        before = w.copy()
         z = system.C @ system.x0 + system.D @ w + system.D_input @ system.v0 + system.constant_input
         terms = [(system.C, system.x0), (system.D, w), (system.D_input, system.v0)]
         size = sum((np.abs(matrix) @ np.abs(vector) for matrix, vector in terms), np.abs(system.constant_input))
@@ -430,6 +431,8 @@ def _start_inputs(system: LureSystem, rows: NDArray[np.intp]) -> Array:
             scale = 1e-9 * (scale if np.isfinite(scale) else abs(float(z[rows[i]])) or 1.0)
             mean, _ = describe(e, np.array(scale), np.array(z[rows[i]]), np.array(1.0))
             w[system.output_slices[i]] = np.nan_to_num(mean)
+        if np.array_equal(system.D @ w, system.D @ before):
+            break
     return z[rows]
 
 

@@ -42,11 +42,13 @@ def roots_at_once(f: Callable[[Array], Array], x: Array, y: Array, accept: float
     at, dip = np.flatnonzero(_changes(y)), _dips(y)
     sign = np.sign(y[dip])
     places = np.array([dip - 1, dip, dip + 1])
-    best, f_best = least(lambda u, k: sign[k] * f(u), x[places], sign * y[places], _within_reach)
-    turned = f_best < 0
-    low = [x[at], x[dip - 1][turned], best[turned]]
-    high = [x[at + 1], best[turned], x[dip + 1][turned]]
-    roots = between(lambda t, _: f(t), np.concatenate(low), np.concatenate(high))
+    best, height = least(lambda u, k: sign[k] * f(u), x[places], sign * y[places], _within_reach)
+    turned = np.flatnonzero(height < 0)
+    best, f_best, dip = best[turned], (sign * height)[turned], dip[turned]
+    # From node to node, and on both sides of an extremum: places and the values there.
+    low, f_low = (np.concatenate([v[at], v[dip - 1], u]) for v, u in ((x, best), (y, f_best)))
+    high, f_high = (np.concatenate([v[at + 1], u, v[dip + 1]]) for v, u in ((x, best), (y, f_best)))
+    roots = between(lambda t, _: f(t), low, high, (f_low, f_high))
     roots = roots[np.isfinite(roots)]
     return np.unique(roots[np.abs(f(roots)) < accept]) if roots.size else roots
 

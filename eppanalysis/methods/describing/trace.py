@@ -55,25 +55,25 @@ def trace(balance: Balance, start: Array, outward: Array, box: Box, steps: int =
     size = scales(balance, X)
     heading = outward / size
     heading /= np.maximum(np.linalg.norm(heading, axis=-1, keepdims=True), 1e-300)
-    with np.errstate(all="ignore"):
-        heading, alive = tangents(balance, balance.residual(X)[1], X, heading)
+    heading, alive = tangents(balance.residual(X)[1], size, heading)
     h = np.full(k, _FIRST)
     for _ in range(steps):
         todo = np.flatnonzero(alive)
         if not todo.size:
             break
-        size = scales(balance, X[todo])
-        guess = X[todo] + h[todo, None] * size * heading[todo]
-        new, ok, J = newton_and_jacobian(balance, guess, heading[todo] / size, 6, ON_THE_WAY)
+        here, ahead, step = size[todo], heading[todo], h[todo]
+        guess = X[todo] + step[:, None] * here * ahead
+        new, ok, J = newton_and_jacobian(balance, guess, ahead / here, 6, ON_THE_WAY)
         # Accepted where the curve has turned little and Newton has stayed near the tangent: farther off it may have
         # changed over to another curve.
-        turned, regular = tangents(balance, J, new, heading[todo])
+        there = scales(balance, new)
+        turned, regular = tangents(J, there, ahead)
         # A kink, where an element enters another regime, turns the curve at once: only small steps may pass it.
-        least = np.where(h[todo] > 5 * _SMALLEST, 0.85, -0.3)
-        ok &= regular & ((turned * heading[todo]).sum(-1) > least)
-        ok &= (np.abs(new - guess) / size).max(-1) < 2.0 * h[todo]
+        least = np.where(step > 5 * _SMALLEST, 0.85, -0.3)
+        ok &= regular & ((turned * ahead).sum(-1) > least)
+        ok &= (np.abs(new - guess) / here).max(-1) < 2.0 * step
         good, bad = todo[ok], todo[~ok]
-        X[good], heading[good] = new[ok], turned[ok]
+        X[good], heading[good], size[good] = new[ok], turned[ok], there[ok]
         for i in good:
             paths[i].append(X[i].copy())
         h[good] = np.minimum(1.4 * h[good], _LARGEST)
@@ -83,9 +83,8 @@ def trace(balance: Balance, start: Array, outward: Array, box: Box, steps: int =
     return [np.array(path).reshape(-1, start.shape[1]) for path in paths]
 
 
-def tangents(balance: Balance, J: Array, X: Array, heading: Array) -> tuple[Array, NDArray]:
-    """Unit tangents in scaled unknowns at points with the Jacobian J, on the side of `heading`."""
-    size = scales(balance, X)
+def tangents(J: Array, size: Array, heading: Array) -> tuple[Array, NDArray]:
+    """Unit tangents in unknowns scaled by `size` at points with the Jacobian J, on the side of `heading`."""
     with np.errstate(all="ignore"):
         tangent, ok = solved(J, np.zeros(J.shape[:2]), heading / size, 1.0)
         tangent /= size
