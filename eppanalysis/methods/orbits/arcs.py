@@ -68,11 +68,10 @@ class EventSequence:
     def rotated(self, first: int) -> EventSequence:
         """The same cycle, begun with arc `first`."""
         p = self.guards.size
-        source = np.roll(self.source, -first, axis=0)
+        turned = (np.arange(p) + first) % p
+        source = self.source[turned]
         source[:, 0] = np.where(source[:, 0] >= 0, (source[:, 0] - first) % p, -1)
-        return EventSequence(
-            np.roll(self.modes, -first, axis=0), np.roll(self.guards, -first), source, np.roll(self.at_once, -first)
-        )
+        return EventSequence(self.modes[turned], self.guards[turned], source, self.at_once[turned])
 
 
 @dataclass(frozen=True, eq=False)

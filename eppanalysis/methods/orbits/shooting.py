@@ -54,7 +54,7 @@ def close_orbit(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ())
     hybrid : HybridSystem
         Without external inputs that change.
     known : sequence of Orbit, optional
-        Orbits of this system that have been closed: one of them, where the guess is a turn along it.
+        Orbits of this system that have been closed: one of them, where the guess is a turn along it or leads to one.
 
     Returns
     -------
@@ -75,8 +75,9 @@ def close_orbit(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ())
         except ModelError:
             return _close_delayed(hybrid, guess) if is_delayed(hybrid) else None
         if _is_closed(orbit) and np.all(orbit.tau > -1e-9 * orbit.period):
-            if not moves(orbit) or _only_touches(orbit):
-                return None
+            passed = _passed(orbit.guess, known)
+            if passed is not None or not moves(orbit) or _only_touches(orbit):
+                return passed
             # The equations close for sequences, too, that the loop does not have: the engine has the last word
             # (docs/theory/exact_orbits.md, Closing an orbit).
             if is_met(orbit):

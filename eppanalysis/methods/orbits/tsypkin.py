@@ -25,9 +25,10 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import balanced, poles as known_poles
 
 #: Half periods from this share of the fastest time constant to so many of the slowest; nodes of them on a logarithmic
-#: and, eight to half a turn of the fastest oscillation, an even grid; and nodes of the pulse in a half period.
+#: and, eight to half a turn of the fastest oscillation, an even grid; nodes of the pulse in a half period; and half
+#: periods that are computed together.
 _SHORTEST, _LONGEST = 0.05, 30.0
-_LOGARITHMIC, _EVEN, _TO_A_TURN, _PULSES = 400, 1200, 8, 200
+_LOGARITHMIC, _EVEN, _TO_A_TURN, _PULSES, _BLOCK = 400, 1200, 8, 200, 16
 #: Condition of the modes, in units that make them alike, beyond which those of a matrix so far beside it are used, or
 #: none. Rounding alone takes the poles of a multiple one apart in turned states, but not in those of its chain.
 _ILL, _BESIDE = 1e12, 1e-14
@@ -45,8 +46,8 @@ class Pulses:
 
     hybrid: HybridSystem
     centre: Array  # (n,): the state about which the loop is odd
-    #: poles, given, seen, vectors: (n,), (n,), (n,), (n, n): modes of the linear part, what the relay's output gives to
-    #: each, and the relay's input of each.
+    #: poles, given, seen, vectors: (k,), (k,), (k,), (n, k): modes of the linear part, one of each pair, what the
+    #: relay's output gives to each, and the relay's input of each.
     poles: ComplexArray
     given: ComplexArray
     seen: ComplexArray
@@ -76,7 +77,12 @@ class Pulses:
         if np.linalg.cond(vectors) > _ILL or np.sum(known_poles(A) == 0.0) > 1:
             return None
         given = np.asarray(np.linalg.solve(vectors, model.B[:, 0] / units), complex)
-        vectors = units[:, None] * vectors
+        # The second of a pair, which follows the first, moves as the first one's conjugate does, but for what rounding
+        # has given it: one mode takes what is given to both.
+        one = poles.imag >= 0.0
+        given = (given + np.where(poles.imag > 0.0, np.roll(given, -1).conj(), 0.0))[one]
+        poles = poles[one]
+        vectors = units[:, None] * vectors[:, one]
         poles = np.where(np.abs(poles) < 1e-9 * np.abs(poles).max(initial=0.0), 0.0, poles)
         if not np.any(poles):
             return None
@@ -101,22 +107,28 @@ class Pulses:
                 if guess is not None:
                     yield guess
 
-    def _forced(self, t: Array) -> ComplexArray:
-        still = self.poles == 0
-        return np.asarray(np.where(still, t, np.expm1(self.poles * t) / np.where(still, 1.0, self.poles)), complex)
-
     def _states(self, w: Array, h: Array) -> tuple[ComplexArray, ComplexArray]:
-        """Modes at the beginning of a pulse and at its end, shape (..., n)."""
-        w, h = w[..., None], h[..., None]
-        force = self.level * self.given
-        begin = -force * (self._forced(h) - self._forced(h - w)) / (1.0 + np.exp(self.poles * h))
-        return begin, np.exp(self.poles * w) * begin + force * self._forced(w)
+        """Modes at the beginning of a pulse and at its end, shape (k, ...)."""
+        (pulse, in_pulse), (_, behind), (half, in_half) = (self._driven(t) for t in (w, h - w, h))
+        begin = (behind - in_half) / (2.0 + half)
+        return begin, (1.0 + pulse) * begin + in_pulse
+
+    def _driven(self, t: Array) -> tuple[ComplexArray, ComplexArray]:
+        """By how much modes grow in a time, ``exp(s t) - 1``, and what the relay at its level adds, shape (k, ...)."""
+        poles, force = (a.reshape(-1, *[1] * t.ndim) for a in (self.poles, self.level * self.given))
+        still, grown = poles == 0, _grown(poles, t)
+        # What poles side by side are given is large and nearly cancels: only the last product has it.
+        return grown, force * np.where(still, t, grown * (1.0 / np.where(still, 1.0, poles)))
 
     def _off(self, w: Array, h: Array) -> Array:
         """Values of the guards at the end of each part of a half, shape (parts, ...)."""
         begin, end = self._states(w, h)
         at = [-begin] if len(self.ends) == 1 else [end, -begin]
-        return np.stack([f * (x @ self.seen).real + c for x, (f, c) in zip(at, self.ends, strict=True)])
+        return np.stack([f * self._seen(x) + c for x, (f, c) in zip(at, self.ends, strict=True)])
+
+    def _seen(self, x: ComplexArray) -> Array:
+        """The relay's input, of modes (k, ...)."""
+        return np.asarray(np.tensordot(self.seen.real, x.real, 1) - np.tensordot(self.seen.imag, x.imag, 1))
 
     def _nodes(self) -> Array:
         low, high = self.reach
@@ -135,7 +147,8 @@ class Pulses:
                 found = roots_at_once(lambda t: self._off(t, t)[0], h, y, accept=1e-6 * size)
                 return [(t, t) for t in found.tolist()]
             w = h[:, None] * (np.arange(1, _PULSES) / _PULSES) ** 2
-            off = self._off(w, np.broadcast_to(h[:, None], w.shape))
+            rows = (slice(i, i + _BLOCK) for i in range(0, h.size, _BLOCK))  # so few stay in the processor's cache
+            off = np.concatenate([self._off(w[i], h[i, None]) for i in rows], axis=1)
             corners = np.stack([off[:, i : i - 1 or None, j : j - 1 or None] > 0 for i in (0, 1) for j in (0, 1)])
             cells = np.argwhere(np.all(np.any(corners, axis=0) & ~np.all(corners, axis=0), axis=0))
             return self._polished(w[tuple(cells.T)], h[cells[:, 0]])
@@ -145,14 +158,13 @@ class Pulses:
         if not w.size:
             return []
         at = np.stack([w, h])
+        # The point, and beside it to both sides in either time.
+        beside = _STEP * np.array([[0.0, 1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, -1.0]])
         for _ in range(_ITERATIONS):
-            off = self._off(*at)
-            J = np.empty((at.shape[1], 2, 2))
-            for k, unit in enumerate(np.eye(2)):
-                step = _STEP * at[1] * unit[:, None]
-                J[:, :, k] = (self._off(*(at + step)) - self._off(*(at - step))).T / (2.0 * _STEP * at[1][:, None])
+            off = self._off(*(at[:, None] + beside[..., None] * at[1]))
+            J = ((off[:, 1::2] - off[:, 2::2]) / (2.0 * _STEP * at[1])).transpose(2, 0, 1)
             J[~np.all(np.isfinite(J), axis=(1, 2)) | (np.abs(np.linalg.det(J)) <= 0.0)] = np.eye(2)
-            move = np.linalg.solve(J, off.T[..., None])[..., 0].T
+            move = np.linalg.solve(J, off[:, 0].T[..., None])[..., 0].T
             at = at - np.clip(move, -0.05 * at[1], 0.05 * at[1])
         size = np.abs(self.ends[:, 1]).max()
         inside = np.all(np.abs(self._off(*at)) < _ROOT * size, axis=0) & (at[0] > 0) & (at[0] < at[1])
@@ -165,13 +177,13 @@ class Pulses:
     def _is_motion(self, w: float, h: float) -> bool:
         """Whether no other switch comes before those that end the parts of a half."""
         begin, end = self._states(np.array(w), np.array(h))
-        share = np.linspace(0.0, 1.0, _SAMPLES)[1:-1, None]
-        force = self.level * self.given
-        parts = [np.exp(self.poles * share * w) * begin + force * self._forced(share * w)]
-        parts += [np.exp(self.poles * share * (h - w)) * end] if len(self.ends) > 1 else []
+        begin, end, share = begin[:, None], end[:, None], np.linspace(0.0, 1.0, _SAMPLES)[1:-1]
+        grown, added = self._driven(share * w)
+        parts = [(1.0 + grown) * begin + added]
+        parts += [(1.0 + self._driven(share * (h - w))[0]) * end] if len(self.ends) > 1 else []
         model = self.hybrid.model
         for mode, x in zip(self.modes, parts, strict=False):
-            z = (x @ self.seen).real + float(model.C[0] @ self.centre + model.Kz[0] @ self.hybrid.H0)
+            z = self._seen(x) + float(model.C[0] @ self.centre + model.Kz[0] @ self.hybrid.H0)
             for g in range(*model.guard_first[mode : mode + 2]):
                 value = model.guard_z[g, 0] * z + model.guard_0[g]
                 if np.any(value > _BEYOND * (np.abs(z).max() + abs(model.guard_0[g]))):
@@ -185,6 +197,17 @@ class Pulses:
         starts = np.array([np.concatenate([x, self.hybrid.H0]) for x in states])
         tau = np.tile([h] if len(self.ends) == 1 else [w, h - w], 2)
         return make_guess(self.hybrid, self.modes[:, None], self.guards, starts, tau)
+
+
+def _grown(poles: ComplexArray, t: Array) -> ComplexArray:
+    """``exp(s t) - 1`` to rounding, also where it is small; numpy takes several times as long for complex numbers."""
+    grown = np.expm1(poles.real * t)
+    if not np.any(poles.imag):
+        return np.asarray(grown, complex)
+    half = 0.5 * poles.imag * t
+    sine = np.sin(half)
+    size = 2.0 * (1.0 + grown) * sine
+    return np.asarray(grown - size * sine + 1j * (size * np.cos(half)))
 
 
 def _modes(A: Array) -> tuple[ComplexArray, ComplexArray]:

@@ -20,26 +20,16 @@ class Spent(Exception):
 
 @dataclass
 class Work:
-    """An allotment within another one: what may be spent, and what has been [steps]."""
+    """An allotment: what may be spent, and what has been [steps]; within another one no more than that had left."""
 
     most: float
-    outer: Work | None = None
+    had: float = float("inf")
     used: float = 0.0
 
     @property
     def left(self) -> float:
         """What may still be spent."""
-        left, work = self.most - self.used, self.outer
-        while work is not None:
-            left, work = min(left, work.most - work.used), work.outer
-        return max(left, 0.0)
-
-    def spend(self, steps: float) -> None:
-        """Count work here and in what lies around."""
-        work: Work | None = self
-        while work is not None:
-            work.used += steps
-            work = work.outer
+        return max(min(self.most, self.had) - self.used, 0.0)
 
 
 _current: ContextVar[Work | None] = ContextVar("work", default=None)
@@ -48,12 +38,15 @@ _current: ContextVar[Work | None] = ContextVar("work", default=None)
 @contextmanager
 def allotted(most: float) -> Iterator[Work]:
     """So much work and no more, of what an outer allotment has left: :class:`Spent` is raised where that is done."""
-    own = Work(most, _current.get())
+    outer = _current.get()
+    own = Work(most) if outer is None else Work(most, outer.left)
     token = _current.set(own)
     try:
         yield own
     finally:
         _current.reset(token)
+        if outer is not None:  # which nothing else spends meanwhile
+            outer.used += own.used
 
 
 def spend(steps: float) -> None:
@@ -66,9 +59,10 @@ def spend(steps: float) -> None:
     """
     work = _current.get()
     if work is not None:
-        if work.left:
-            work.spend(steps)
-        if not work.left:
+        before = work.left
+        if before:
+            work.used += steps
+        if before <= steps:
             raise Spent
 
 

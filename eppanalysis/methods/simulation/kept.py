@@ -55,7 +55,8 @@ class Run:
     @cached_property
     def order(self) -> IntArray:
         """Places of the kept events in the buffer, oldest first."""
-        return np.arange(self.count - self.n_kept, self.count) % max(self.time.size, 1)
+        places = np.arange(self.count - self.n_kept, self.count)
+        return places % max(self.time.size, 1) if self.count > self.time.size else places
 
     def end(self, start: HybridSystem) -> HybridSystem:
         """The system at its end, in the modes and with the memory values that it has then."""

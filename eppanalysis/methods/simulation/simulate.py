@@ -231,7 +231,6 @@ def run_hybrid(
     from eppanalysis.kernels.engine.workspace import (
         HISTORY,
         PAUSED,
-        PROGRESS,
         SINGULAR,
         STEP_LIMIT,
         make_progress,
@@ -263,18 +262,17 @@ def run_hybrid(
     code = PAUSED
     while code == PAUSED:  # between the calls an interrupt is heard
         code = run(hybrid.model, compiled, work, workspace, samples, buffer, now)
-    told = dict(zip(PROGRESS.names or (), now.item(), strict=True))
-    made = told["series_steps"] + told["refused_series"] + told["fast_steps"] / _FAST_STEPS
+    stats = np.array([now[name] for name in _COUNTED], float)
+    made = int(now["series_steps"]) + int(now["refused_series"]) + int(now["fast_steps"]) / _FAST_STEPS
     spend(cost * (most if code == STEP_LIMIT else made))
     if code == SINGULAR:
         unsolved = "the loop has no unique solution in one combination of modes"
         raise EppError(f"simulate: {unsolved} (an algebraic loop through the elements).")
     if code == HISTORY:
         raise EppError("simulate: the dead time spans more switches than its history holds; expected a shorter one.")
-    count = told["count"]
+    count = int(now["count"])
     t, guard, states, rates, memory, passed = (a[: max(1, count)].copy() for a in buffer)
     low, high, x_end, rate_end = (a[:n].copy() for a in (workspace.low, workspace.high, workspace.x, workspace.rate))
-    stats = np.array([told[name] for name in _COUNTED], float)
     return Run(
         code, samples.out[:, :n_y], count, t, guard, states, rates, memory, passed, low, high, x_end, rate_end, stats
     )  # fmt: skip

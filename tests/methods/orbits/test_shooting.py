@@ -14,7 +14,7 @@ from scipy.optimize import brentq, fsolve
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
-from eppanalysis.methods.orbits.shooting import crosses, orbits_near, run_from
+from eppanalysis.methods.orbits.shooting import close_orbit, crosses, orbits_near, run_from
 from eppanalysis.models.systems.inputs import Ramp
 from eppanalysis.results import Status
 from tests.reference.elbow_reference import ROWS, row
@@ -206,3 +206,21 @@ def test_motions_far_faster_than_the_loop_are_no_cycles_because_they_nearly_clos
             assert not list(orbits_near(hybrid, sense * x, hybrid.H0, 2.0 * h))
     # Where such a motion would switch it is late by a share of h that grows with h, of one sign: it closes nowhere.
     assert len(set(np.sign(misses))) == 1 and np.all(np.abs(np.diff(np.log(np.abs(misses)))) > 0.5)
+
+
+@pytest.mark.parametrize("first", range(4))
+def test_what_leads_to_an_orbit_that_is_known_is_that_orbit(first: int) -> None:
+    """Closed again, from anywhere along it and from beside it, it would be tested against the engine once more."""
+    loop = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0))
+    hybrid, cycle = steady_hybrid(loop), epp.find_limit_cycles(loop)[1]
+    orbit = next(orbits_near(hybrid, *start_of(hybrid, cycle), cycle.period))
+    guess = orbit.rotated(first).guess
+    beside = replace(
+        guess, y=guess.y + 0.01 * orbit.scale * (np.arange(orbit.y.size) < len(loop.A)), tau=1.02 * guess.tau
+    )
+    anew = close_orbit(hybrid, beside)
+    assert anew is not None and anew is not orbit
+    assert close_orbit(hybrid, beside, [orbit]) is orbit
+    other = epp.find_limit_cycles(loop)[0]
+    unstable = next(o for o in orbits_near(hybrid, *start_of(hybrid, other), other.period) if o.period > 8.0)
+    assert close_orbit(hybrid, unstable.guess, [orbit]) is not orbit

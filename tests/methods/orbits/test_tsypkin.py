@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.signal import residue
 
 import eppanalysis as epp
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.orbits.shooting import close_orbit
-from eppanalysis.methods.orbits.tsypkin import Pulses
+from eppanalysis.methods.orbits.tsypkin import Pulses, _grown
 from tests.coordinates import rotated
 from tests.methods.orbits.test_locus import HalfPeriod
 
@@ -100,3 +101,23 @@ def test_a_chain_of_integrators_has_no_modes_in_any_coordinates(seed: int) -> No
     """Turned, rounding makes two slow poles of a double integrator, and half periods of years were asked for."""
     loop = epp.LureSystem.from_tf(([1.0, 1.0], [1.0, 4.0, 0.0, 0.0]), epp.RelayDeadZone(0.2))
     assert Pulses.of(steady_hybrid(loop)) is None and Pulses.of(steady_hybrid(rotated(loop, seed))) is None
+
+
+@pytest.mark.parametrize("turning", [0.0, 1e-7, 1.0, 40.0])
+def test_what_a_mode_grows_by_is_exact_to_rounding_however_short_the_time(turning: float) -> None:
+    poles = np.array([[-3.0 + 1j * turning], [0.0], [0.2 - 1j * turning]])
+    times = np.geomspace(1e-12, 10.0, 200)
+    exact = np.expm1(poles * times)
+    assert np.all(np.abs(_grown(poles, times) - exact) <= 1e-15 * np.abs(exact) * (1.0 + np.abs(poles * times)))
+
+
+def test_one_mode_of_a_pair_stands_for_both() -> None:
+    """The states at the switches are those of the whole linear part, which its matrix exponential tells."""
+    loop = epp.LureSystem.from_tf(([4.0], np.polymul([1.0, 0.3, 2.0], [0.5, 1.0, 0.0])), epp.RelayDeadZone(0.5))
+    pulses = Pulses.of(steady_hybrid(loop))
+    assert pulses is not None and len(pulses.poles) < len(loop.A)
+    w, h = 1.3, 2.9
+    begin, end = ((pulses.vectors @ x).real for x in pulses._states(np.array(w), np.array(h)))
+    pushed = np.block([[loop.A, loop.B * pulses.level], [np.zeros((1, len(loop.A) + 1))]])
+    assert expm(pushed * w) @ [*begin, 1.0] == pytest.approx([*end, 1.0], rel=1e-9, abs=1e-12)
+    assert expm(loop.A * (h - w)) @ end == pytest.approx(-begin, rel=1e-9, abs=1e-12)

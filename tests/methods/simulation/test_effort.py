@@ -23,13 +23,19 @@ def test_work_counts_in_all_allotments_around_and_ends_the_one_that_is_done() ->
     with allotted(100.0) as outer:
         with pytest.raises(Spent), allotted(30.0) as inner:
             spend(20.0)
-            assert (inner.used, outer.used, left()) == (20.0, 20.0, 10.0)
+            assert (inner.used, left()) == (20.0, 10.0)
             spend(20.0)
-        assert (inner.left, outer.left, left()) == (0.0, 60.0, 60.0)
+        assert (inner.left, outer.used, outer.left, left()) == (0.0, 40.0, 60.0, 60.0)
         # An inner allotment has no more than the outer one has left.
         with pytest.raises(Spent), allotted(1e6):
             assert left() == 60.0
-            spend(60.0)
+            with allotted(1e6):
+                spend(15.0)
+            assert left() == 45.0
+            spend(45.0)
+        with pytest.raises(Spent):
+            spend(1.0)
+        assert outer.used == 100.0
     assert left() == float("inf")
 
 
