@@ -110,7 +110,7 @@ def test_undo_and_reset(page):
     page.get_by_role("button", name="Undo").click()
     wait(page, "slider('controller.delay').value === 3")
     wait(page, "location.search.includes('delay=3%20ms')")
-    page.get_by_role("button", name="Reset").click()
+    page.get_by_role("button", name="Reset", exact=True).click()
     wait(page, "slider('controller.delay').value === 1 && location.search === ''")
     page.get_by_role("button", name="Undo").click()
     wait(page, "slider('controller.delay').value === 3")

@@ -11,7 +11,7 @@ import numpy as np
 
 from eppanalysis.kernels.balances import room_for, solve_at
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
-from eppanalysis.kernels.filling import accumulate
+from eppanalysis.kernels.filling import accumulate, fill
 from eppanalysis.kernels.orbits.flow import Channels
 from eppanalysis.kernels.orbits.newton import STRAY, Chain, largest_share, measure, run_along, sizes_of_unknowns
 
@@ -46,7 +46,7 @@ class Plane(NamedTuple):
 
 
 @njit(**KERNEL)
-def correct(channels, chain, curve, input_place, n_inputs, effort, plane, progress, u, here):
+def correct(channels, chain, curve, input_place, n_inputs, effort, plane, step, progress, u, here):
     """Newton's method to the orbit in a plane, over start, dwell times and parameter.
 
     Parameters
@@ -58,6 +58,8 @@ def correct(channels, chain, curve, input_place, n_inputs, effort, plane, progre
     input_place, n_inputs : int
         Where in y the inputs stand.
     effort, plane : Effort, Plane
+    step : array (m + p + 1,)
+        The first step; empty where there is none yet.
     progress : array (2,)
         Iterations made, and the smallest step so far; both go on.
     u : array (m + p + 1,)
@@ -70,7 +72,7 @@ def correct(channels, chain, curve, input_place, n_inputs, effort, plane, progre
     int, float
         One of ARRIVED, LOST, WANTS_NUMBERS, WANTS_STEP; the work done.
     """
-    n, m = here.r.size, chain.free.size
+    n, m, given = here.r.size, chain.free.size, step.size > 0
     numbers, used = curve.base.copy(), 0.0
     chain, channels = _chain_of(chain, numbers), _channels_of(channels, chain, numbers)
     scaled, matrix, places = np.empty((n + 1, n + 1)), room_for(n + 1), np.arange(n + 1)
@@ -93,7 +95,10 @@ def correct(channels, chain, curve, input_place, n_inputs, effort, plane, progre
         if motion > plane.largest or not (residual < _ASTRAY and 0.0 < period < plane.longest):
             return LOST, used
         sizes_of_unknowns(chain, here, columns)
-        if not _bordered(here, plane, u, columns, right, places, scaled, matrix, change):
+        if given:
+            fill(change, step)
+            given = False
+        elif not _bordered(here, plane, u, columns, right, places, scaled, matrix, change):
             return WANTS_STEP, used
         size = 0.0
         for k in range(n):

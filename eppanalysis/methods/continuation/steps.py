@@ -31,8 +31,8 @@ _MOST_LONGER = 10.0
 #: Nor is an orbit this many times as large, whose sizes relative to itself seem to fit.
 _MOST_LARGER = 1e9
 #: Share of the largest singular value of the equations over start, dwell times and parameter below which the smallest
-#: one is rounding; multipliers that are farther from 1 than this leave none so small.
-_FREE, _NEUTRAL = 1e-10, 1e-4
+#: one is that of an orbit that has converged no further; multipliers farther from 1 than this leave none so small.
+_FREE, _NEUTRAL = CONVERGED, 1e-4
 #: Largest difference of orbits that could be neighbours, relative to their size, and steps in which one beyond a border
 #: is followed back to it, relative to what is left of the way.
 _NEAR, _NEARER = 0.1, 0.25
@@ -190,12 +190,15 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
     plane = Plane(row, point.unknowns, ds, slope, _MOST_LARGER * old.scale.max(), _MOST_LONGER * old.period)
     inputs = old.hybrid.n_plant, old.hybrid.x0.size - old.hybrid.n_plant
     u, here, progress = u.copy(), room_for(like, old.y, old.tau), np.array([0.0, np.inf])
+    along = np.empty(0)
     while True:
         value = float(u[-1])
         try:
             numbers = family.numbers(value, like)
             curve = Curve(numbers.middle, numbers.half, numbers.base, numbers.places, numbers.coefficients)
-            code, used = correct(like.acting, like.chain, curve, *inputs, effort_of(like), plane, progress, u, here)
+            code, used = correct(
+                like.acting, like.chain, curve, *inputs, effort_of(like), plane, along, progress, u, here
+            )
             spend(used)
             if code == LOST:
                 return None
@@ -205,10 +208,10 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
                 return _Found(float(u[-1]), found, u)
         except (EppError, ModelError):
             return None
+        along = np.empty(0)
         if code == WANTS_STEP:
             missed = row @ (u - point.unknowns) - ds
-            change = bordered(Orbit(old.hybrid, like, *here), slope, row, -np.append(here.r, missed))
-            u, progress = u + change, progress + [1.0, 0.0]
+            along = bordered(Orbit(old.hybrid, like, *here), slope, row, -np.append(here.r, missed))
 
 
 def point_at(old: Point, new: Point, value: float) -> Point | None:
