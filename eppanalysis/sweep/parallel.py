@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
-from eppanalysis.plotting import BLUE, DARK_SKY, GREY, SMALL, VERMILLION, WIDTH, lines_of, place_of, put_legend
+from eppanalysis.plotting import BLUE, DARK, DARK_SKY, GREY, SMALL, VERMILLION, WIDTH, lines_of, place_of, put_legend
 from eppanalysis.readable import readable, with_unit, words
 from eppanalysis.sweep.analyses import Allowance, Outcome
 from eppanalysis.sweep.labels import is_sized, meanings, outcomes_in, put_verdict_of, readable_axis
@@ -24,8 +24,8 @@ _LETTERS, _FEWEST = 12.5 * WIDTH, 8
 Line = tuple[str, Literal["-", "--", "-.", ":"]]
 #: The outcomes as thin lines: as in the map, but dark enough to be seen.
 _LINES: dict[bool, tuple[Line, ...]] = {
-    False: ((GREY, "-."), (DARK_SKY, ":"), (VERMILLION, "-"), ("#000000", "--")),
-    True: ((GREY, "-."), (DARK_SKY, ":"), (BLUE, "--"), (VERMILLION, "-"), ("#000000", "--")),
+    False: ((DARK, "-."), (DARK_SKY, ":"), (VERMILLION, "-"), ("#000000", "--")),
+    True: ((DARK, "-."), (DARK_SKY, ":"), (BLUE, "--"), (VERMILLION, "-"), ("#000000", "--")),
 }
 
 

@@ -18,7 +18,7 @@ from eppanalysis.methods.orbits.cycle import gained, orbit_shape
 from eppanalysis.methods.orbits.guess import Guess
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, effort_of, room_for, solve
 from eppanalysis.methods.orbits.shooting import close_orbit, is_met, next_guess
-from eppanalysis.methods.simulation.effort import spend
+from eppanalysis.methods.simulation.effort import Spent, allotted, spend
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 
@@ -28,6 +28,8 @@ _NOISE = 1e-6
 _GENTLE = 0.1
 #: A period that is this many times as long after a step is none: what dies out with time has vanished to rounding.
 _MOST_LONGER = 10.0
+#: Steps of the engine that may show what is left of a visit that vanishes.
+_RUNS = 20_000.0
 #: Nor is an orbit this many times as large, whose sizes relative to itself seem to fit.
 _MOST_LARGER = 1e9
 #: Share of the largest singular value of the equations over start, dwell times and parameter below which the smallest
@@ -403,10 +405,12 @@ def beyond(point: Point) -> tuple[Point | None, bool]:
 def _guesses(point: Point, value: float) -> Iterator[Guess]:
     """The orbit, and what the engine makes of it at another value: which events a visit that vanishes leaves."""
     yield point.orbit.guess
-    with suppress(EppError):  # of a value that the loop does not take
+    made = None
+    # The loop may not take the value, and a dead time that is nearly none takes the engine a step each.
+    with suppress(EppError, Spent), allotted(_RUNS):
         made = next_guess(replace(point.orbit, hybrid=point.family.at(value)))
-        if made is not None:
-            yield made
+    if made is not None:
+        yield made
 
 
 def _close_at(family: Family, value: float, guess: Guess) -> Orbit | None:

@@ -155,7 +155,8 @@ class Orbit:
         """Solution of the scaled linear equations for a right-hand side, in the units of the unknowns; nan for none."""
         from eppanalysis.kernels.orbits.newton import STRAY
 
-        A, b = self.scaled, right / self.row_scale
+        with np.errstate(over="ignore", invalid="ignore"):  # of a motion that has shrunk to nothing
+            A, b = self.scaled, right / self.row_scale
         if not (np.all(np.isfinite(A)) and np.all(np.isfinite(b))):
             return np.full_like(b, np.nan)  # LAPACK would complain on the terminal
         try:
