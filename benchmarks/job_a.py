@@ -23,8 +23,10 @@ from tests.reference.elbow_reference import Elbow, row, simulate_reference
 
 Array = NDArray[np.float64]
 
-#: Times as fast as a rival that the engine is to be, by group.
+#: Times as fast as a rival that the engine is to be, by group; against the event machine all of simulate() is.
 TARGETS = {"event machine": 800.0, "python-control": 800.0, "library": 30.0, "fixed step": 1.0}
+#: Runs of the bare engine that simulate() may take.
+MOST_ENGINES = 2.0
 ENGINE, SIMULATE = "eppanalysis, engine", "eppanalysis, simulate()"
 #: A cycle is right when its amplitude is within this of the exact one.
 AMPLITUDE = 0.01
@@ -147,7 +149,7 @@ def table(timings: dict[str, Timing], contenders: Iterable[Contender], exact: Ar
     rows = []
     for c in contenders:
         t = timings[c.name]
-        target = TARGETS.get(c.group)
+        target, goal, met = _goal(c, t.ratio, analysis)
         rows.append(
             {
                 "name": c.name,
@@ -158,11 +160,24 @@ def table(timings: dict[str, Timing], contenders: Iterable[Contender], exact: Ar
                 "error": float(np.abs(t.result - exact).max()) if t.result is not None else float("nan"),
                 "amplitude_error": amplitude_error(t.result, exact) if t.result is not None else float("nan"),
                 "target": target,
-                "met": None if target is None else bool(t.ratio >= target),
+                "goal": goal,
+                "met": met,
                 "note": t.failure or c.note,
             }
         )
     return rows
+
+
+def _goal(contender: Contender, ratio: float, analysis: float) -> tuple[float | None, str, bool | None]:
+    """Target of a row, in words, and whether it is met."""
+    if contender.name == SIMULATE:
+        return MOST_ENGINES, f"at most {MOST_ENGINES:g} times the engine", bool(ratio <= MOST_ENGINES)
+    target = TARGETS.get(contender.group)
+    if target is None:
+        return None, "", None
+    if contender.group == "event machine":
+        return target, f"simulate() {target:g} times", bool(ratio / analysis >= target)
+    return target, f"engine {target:g} times", bool(ratio >= target)
 
 
 def run(cache: Path, t_end: float = 6.0, turns: int = 7, libraries: bool = True, clock: str = "wall") -> dict[str, Any]:

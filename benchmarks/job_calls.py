@@ -1,4 +1,4 @@
-"""What users call, end to end: searches, branches, bounds, guidelines and reports, beside what they took before.
+"""What users call, end to end, from predictions to reports, beside what it took before.
 
 The figures before are those by the clock at the beginning of the work on these times, on two quiet cores; targets are
 what the project has set itself. By the clock bounds and guidelines ask two worker processes. By processor time, which
@@ -72,6 +72,8 @@ def report() -> Path:
 def calls(quick: bool, workers: int) -> list[Call]:
     """All calls; the quick ones do less of each."""
     found = [
+        Call("predict_limit_cycles, elbow", lambda: epp.predict_limit_cycles(epp.case(ELBOW)), 0.79, 0.06),
+        Call("predict_limit_cycles, one-element loop", lambda: epp.predict_limit_cycles(epp.case(LOOP)), 0.1, 0.005),
         Call("find_limit_cycles, elbow", lambda: epp.find_limit_cycles(epp.case(ELBOW)), 1.1, 0.25),
         Call("find_limit_cycles, one-element loop", lambda: epp.find_limit_cycles(epp.case(LOOP)), 0.28, 0.03),
         Call("find_limit_cycles, servo with play", lambda: epp.find_limit_cycles(epp.case(PLAY)), 0.44, None),

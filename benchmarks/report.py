@@ -50,7 +50,8 @@ def job_a(found: Results) -> str:
     rows = []
     for r in found["rows"]:
         cells = [duration(r["seconds"]), ratio(r["ratio"]), ratio(r["ratio_simulate"])]
-        rows.append([r["name"], *cells, small(r["error"]), small(r["amplitude_error"]), *verdict(r), r["note"]])
+        goal = [r["goal"], verdict(r)[1]]
+        rows.append([r["name"], *cells, small(r["error"]), small(r["amplitude_error"]), *goal, r["note"]])
     header = ["who", "time", "engine is faster by", "simulate() is faster by", "error of theta [rad]"]
     return markdown([*header, "error of amplitude", "target", "", "note"], rows)
 
@@ -85,10 +86,15 @@ def job_sweep(found: Results) -> str:
         rate, over = f"{r['cells_per_second']:.0f}", f"{100 * r['overhead']:+.1f} %"
         bound = "" if r["target"] is None else f"under {100 * r['target']:g} %"
         rows.append([r["name"], rate, "" if r["target"] is None else over, bound, verdict(r)[1]])
+    cell = found["cell"]
+    bound = f"under {duration(cell['target'])}"
+    rate = f"{1.0 / cell['seconds']:.0f}"
+    rows.append(["a cell of the sweep in memory", rate, duration(cell["seconds"]), bound, verdict(cell)[1]])
     t = found["threads"]
     same = "no bit differs" if t["same"] else "RESULTS DIFFER"
-    who = f"sweep into a store, two threads ({same}; load {t['load']:.1f}; by processor time {t['possible']:.2f})"
-    rows.append([who, f"{t['cells_per_second'][1]:.0f}", f"{t['speedup']:.2f} times one", *verdict(t)])
+    who = f"sweep into a store, two threads ({same}; load {t['load']:.1f})"
+    goal = f"{t['target']:g} of {t['possible']:.2f}, which their processor time allows"
+    rows.append([who, f"{t['cells_per_second'][1]:.0f}", f"{t['speedup']:.2f} times one", goal, verdict(t)[1]])
     for r in found["chunks"]:
         rows.append([f"into a store in blocks of {r['chunk']} cells", f"{r['cells_per_second']:.0f}", "", "", ""])
     for m in found["memory"]:
@@ -128,6 +134,7 @@ def start(found: Results) -> str:
         ["first simulation on a machine, all compiled", duration(found["cold"]["seconds"]), *limit(found["cold"], "s")],
         ["import and first simulation, cached", duration(found["warm"]["seconds"]), *limit(found["warm"], "s")],
         ["import alone", duration(found["import"]["seconds"]), "", ""],
+        *([f"`eppanalysis {r['words']}`", duration(r["seconds"]), *limit(r, "s")] for r in found["commands"]),
     ]
     for m in found["memory"]["cells"]:
         what = f"peak memory of a map of {m['cells']} cells ({m['before']:.0f} MB before it)"
@@ -138,10 +145,18 @@ def start(found: Results) -> str:
 def states(found: Results) -> str:
     """Growth with the number of states."""
     rows = [
-        [str(r["states"]), str(r["events"]), duration(r["seconds"]), ratio(r["ratio"]), small(r["scipy_error"])]
+        [
+            str(r["states"]),
+            str(r["events"]),
+            duration(r["seconds"]),
+            ratio(r["ratio"]),
+            small(r["scipy_error"]),
+            *verdict(r),
+        ]
         for r in found["states"]
     ]
-    return markdown(["states", "events", "engine", "scipy DOP853, rtol 1e-06, takes times", "its error"], rows)
+    header = ["states", "events", "engine", "scipy DOP853, rtol 1e-06, takes times", "its error", "target", ""]
+    return markdown(header, rows)
 
 
 def events(found: Results) -> str:

@@ -88,6 +88,6 @@ def test_growth_with_levels_and_its_table() -> None:
 def test_calls_stand_beside_what_they_took_before() -> None:
     """Searches and a short branch, each with the figure before and its verdict."""
     found = job_calls.run("cpu", quick=True)
-    assert [r["met"] is None for r in found["rows"]] == [False, False, True, False]
+    assert [r["met"] is None for r in found["rows"]] == [False, False, False, False, True, False]
     assert len(job_calls.branch(20).points["value"]) == 20
     assert "| 1.1 s" in report.job_calls(json.loads(json.dumps(found)))
