@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
+from eppanalysis.kernels.responses import pivot_row
 
 _COMPILED = {**KERNEL, "error_model": "numpy"}
 _INNER = {**PART, "error_model": "numpy"}
@@ -169,11 +170,7 @@ def drive(L, gains, owner, others, pivot, inputs):
                 c, loop = place[owner[j]], L[i, others[r], j] * gains[i, j]
                 matrix[r, c] += loop * inputs[i, pivot] if c == n else -loop
         for k in range(n):
-            best, most = k, -1.0
-            for r in range(k, n):
-                size = abs(matrix[r, k].real) + abs(matrix[r, k].imag)
-                if size > most:
-                    best, most = r, size
+            best, _ = pivot_row(matrix, k)
             for c in range(k, n + 1):
                 matrix[k, c], matrix[best, c] = matrix[best, c], matrix[k, c]
             for r in range(n):

@@ -30,15 +30,22 @@ def _beside(A, s):
 
 
 @njit(**_INNER)
+def pivot_row(matrix, k):
+    """Row, from k on, with the largest entry in column k of a complex matrix, and the size of that."""
+    best, most = k, -1.0
+    for r in range(k, len(matrix)):
+        size = abs(matrix[r, k].real) + abs(matrix[r, k].imag)
+        if size > most:
+            best, most = r, size
+    return best, most
+
+
+@njit(**_INNER)
 def _factored(matrix, pivots):
     """Bring a matrix to its triangular factors, with pivots inverted, by rows; False where one is zero."""
     n = pivots.size
     for k in range(n):
-        best, most = k, -1.0
-        for r in range(k, n):
-            size = abs(matrix[r, k].real) + abs(matrix[r, k].imag)
-            if size > most:
-                best, most = r, size
+        best, most = pivot_row(matrix, k)
         pivots[k] = best
         if not most > 0.0:
             return False

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eppanalysis.kernels.balances import room_for, solve_at
+from eppanalysis.kernels.balances import room_for
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
 from eppanalysis.kernels.filling import accumulate, fill
 from eppanalysis.kernels.orbits.flow import Channels
-from eppanalysis.kernels.orbits.newton import STRAY, Chain, largest_share, measure, run_along, sizes_of_unknowns
+from eppanalysis.kernels.orbits.newton import Chain, largest_share, measure, run_along, sizes_of_unknowns, solved
 
 #: Where a corrector stands: arrived, lost, or in want of numbers at another value, or of a step by least squares.
 ARRIVED, LOST, WANTS_NUMBERS, WANTS_STEP = 0, 1, 2, 3
@@ -137,13 +137,7 @@ def _bordered(here, plane, u, columns, right, places, scaled, matrix, change):
     for j in range(n + 1):
         scaled[n, j] = plane.row[j] / across * columns[j]
     right[n] = -missed / across
-    if not solve_at(scaled, right, places, places, right, 0.0, matrix, change):
-        return False
-    size, most = 0.0, 0.0
-    for j in range(n + 1):
-        size, most = max(size, abs(change[j])), max(most, abs(right[j]))
-        change[j] *= columns[j]
-    return size <= STRAY * most
+    return solved(scaled, right, columns, places, matrix, change)
 
 
 @njit(**PART)

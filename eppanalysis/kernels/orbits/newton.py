@@ -214,13 +214,19 @@ def _step(it, columns, places, scaled, matrix, step):
         right[i] = -it.r[i] / it.rows[i]
         for j in range(n):
             scaled[i, j] = it.A[i, j] / it.rows[i] * columns[j]
+    return solved(scaled, right, columns, places, matrix, step)
+
+
+@njit(**PART)
+def solved(scaled, right, columns, places, matrix, step):
+    """Fill in the solution of scaled equations, in the units of the unknowns; whether it is more than rounding."""
     if not solve_at(scaled, right, places, places, right, 0.0, matrix, step):
         return False
     size, most = 0.0, 0.0
-    for i in range(n):
+    for i in range(columns.size):
         size, most = max(size, abs(step[i])), max(most, abs(right[i]))
         step[i] *= columns[i]
-    return size < STRAY * most
+    return size <= STRAY * most
 
 
 @njit(**PART)

@@ -192,7 +192,7 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
     plane = Plane(row, point.unknowns, ds, slope, _MOST_LARGER * old.scale.max(), _MOST_LONGER * old.period)
     inputs = old.hybrid.n_plant, old.hybrid.x0.size - old.hybrid.n_plant
     u, here, progress = u.copy(), room_for(like, old.y, old.tau), np.array([0.0, np.inf])
-    along = np.empty(0)
+    along = none = np.empty(0)
     while True:
         value = float(u[-1])
         try:
@@ -210,7 +210,7 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
                 return _Found(float(u[-1]), found, u)
         except (EppError, ModelError):
             return None
-        along = np.empty(0)
+        along = none
         if code == WANTS_STEP:
             missed = row @ (u - point.unknowns) - ds
             along = bordered(Orbit(old.hybrid, like, *here), slope, row, -np.append(here.r, missed))
