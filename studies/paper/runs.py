@@ -170,6 +170,6 @@ def falls_through_parking(result: epp.Trajectory) -> Array:
     passed = [
         (a.time, b.time - a.time)
         for a, b in zip(bands, bands[1:], strict=False)
-        if a.name == "falls through 2" and b.name in ("falls through 1", "parks")
+        if a.name == "falls through breakpoint 3" and b.name in ("falls through breakpoint 2", "parks")
     ]
     return np.array(passed, float).reshape(-1, 2)

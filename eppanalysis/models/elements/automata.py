@@ -87,11 +87,12 @@ def _crossings(x: Array, left: Array, right: Array, slide: IntArray) -> tuple[By
 
 
 def _name_of_piece(n_pieces: int, at: IntArray, i: int) -> str:
-    return f"piece {i}" if i < n_pieces else f"slides at {at[i - n_pieces]}"
+    return f"piece {i + 1}" if i < n_pieces else f"slides at breakpoint {at[i - n_pieces] + 1}"
 
 
 def _name_of_crossing(numbers: IntArray, i: int) -> str:
-    at, way = divmod(int(numbers[i]), 4)
+    number, way = divmod(int(numbers[i]), 4)
+    at = f"breakpoint {number + 1}"
     return (f"leaves {at} upward", f"leaves {at} downward", f"rises through {at}", f"falls through {at}")[way]
 
 
@@ -343,7 +344,7 @@ def parking(
     x, a, b = (np.atleast_1d(np.asarray(v, float)) for v in (breakpoints, slopes, intercepts))
     build = AutomatonBuilder(n_inputs=2, n_memory=1)
     for i, (slope, intercept) in enumerate(zip(a, b, strict=True)):
-        build.mode(f"piece {i}", from_input=[slope, 0.0], constant=intercept)
+        build.mode(f"piece {i + 1}", from_input=[slope, 0.0], constant=intercept)
     band = int(np.searchsorted(x, (low + high) / 2))
     parked = build.mode("parked")
     for i, edge in enumerate(x):
@@ -351,7 +352,9 @@ def parking(
             entry = [0.0, 1.0] if target == band else None
             at = float(-sign * edge)
             row = [sign, 0.0]
-            build.guard(f"{name} through {i}", source, target, on_input=row, constant=at, memory_from_input=entry)
+            build.guard(
+                f"{name} through breakpoint {i + 1}", source, target, on_input=row, constant=at, memory_from_input=entry
+            )
     build.guard("parks", band, parked, on_input=[0.0, 1.0], on_memory=-1.0, constant=-dwell_time)
     build.guard("unparks", parked, band + 1, on_input=[1.0, 0.0], constant=-high)
     return build.build(band)

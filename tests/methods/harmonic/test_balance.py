@@ -279,7 +279,7 @@ def test_starts_from_a_simulated_cycle_and_gives_a_state_on_the_orbit():
     assert cycle.period == pytest.approx(run.period, rel=1e-4)
     assert cycle.peak_to_peak["x"] == pytest.approx(run.peak_to_peak["x"], rel=1e-3)
     assert float(system.C[0] @ cycle.state) == pytest.approx(cycle.waveform["x"][0], abs=1e-12)
-    assert [e.name for e in cycle.events] == ["rises through 0", "falls through 0"]
+    assert [e.name for e in cycle.events] == ["rises through breakpoint 1", "falls through breakpoint 1"]
 
 
 def test_memory_value_of_the_start_is_the_output_there():

@@ -28,6 +28,6 @@ def test_a_cycle_that_runs_leave_at_once_is_closed_from_its_balance():
     guess = next(c for c in epp.predict_limit_cycles(loop) if not c.stable)
     cycle = epp.exact_orbit(loop, guess)
     assert cycle.status is epp.Status.CONVERGED and abs(cycle.multipliers[0]) > 100
-    up, down = (event.time for event in list(cycle.events) if "through 1" in event.name)
+    up, down = (event.time for event in list(cycle.events) if "through breakpoint 2" in event.name)
     assert missed(cycle.period, (down - up) % cycle.period) == pytest.approx((0, 0), abs=1e-9)
     assert not epp.find_limit_cycles(loop).unclosed

@@ -23,18 +23,21 @@ def listed(map_: epp.PiecewiseLinear) -> Automaton:
     x, a, b = map_.breakpoints, map_.slopes, map_.intercepts
     build = epp.AutomatonBuilder()
     for i in range(a.size):
-        build.mode(f"piece {i}", from_input=a[i], constant=b[i])
+        build.mode(f"piece {i + 1}", from_input=a[i], constant=b[i])
     for i, edge in enumerate(x):
         left, right = a[i] * edge + b[i], a[i + 1] * edge + b[i + 1]
         over, under, past = i + 1, i, (-1, -1)
         if abs(right - left) > 1e-12 * max(abs(left), abs(right)):
             up = 1.0 if right > left else -1.0
-            over = under = build.mode(f"slides at {i}", sticking=True, level=float(edge), jump=float(right - left))
+            slide = f"slides at breakpoint {i + 1}"
+            over = under = build.mode(slide, sticking=True, level=float(edge), jump=float(right - left))
             past = (i + 1, i)
-            build.guard(f"leaves {i} upward", over, i + 1, on_output=up, constant=float(-up * right))
-            build.guard(f"leaves {i} downward", over, i, on_output=-up, constant=float(up * left))
-        build.guard(f"rises through {i}", i, over, on_input=1.0, constant=float(-edge), bypass=past[0])
-        build.guard(f"falls through {i}", i + 1, under, on_input=-1.0, constant=float(edge), bypass=past[1])
+            build.guard(f"leaves breakpoint {i + 1} upward", over, i + 1, on_output=up, constant=float(-up * right))
+            build.guard(f"leaves breakpoint {i + 1} downward", over, i, on_output=-up, constant=float(up * left))
+        build.guard(f"rises through breakpoint {i + 1}", i, over, on_input=1.0, constant=float(-edge), bypass=past[0])
+        build.guard(
+            f"falls through breakpoint {i + 1}", i + 1, under, on_input=-1.0, constant=float(edge), bypass=past[1]
+        )
     return build.build(start_mode=a.size // 2)
 
 
@@ -80,8 +83,10 @@ def test_the_columns_of_a_list_are_those_of_the_map(map_: epp.PiecewiseLinear) -
 def test_columns_are_a_sequence_of_rows() -> None:
     automaton = epp.Quantiser(0.5, 2).automaton()
     modes, guards = automaton.modes, automaton.guards
-    assert [m.name for m in modes] == [f"piece {i}" for i in range(5)] + [f"slides at {i}" for i in range(4)]
-    assert modes[-1].name == "slides at 3" and [m.level for m in modes[-2:]] == [0.25, 0.75]
+    assert [m.name for m in modes] == [f"piece {i}" for i in range(1, 6)] + [
+        f"slides at breakpoint {i}" for i in range(1, 5)
+    ]
+    assert modes[-1].name == "slides at breakpoint 4" and [m.level for m in modes[-2:]] == [0.25, 0.75]
     assert isinstance(modes[0], Mode) and isinstance(guards[0], Guard) and isinstance(guards[0].mode, int)
     with pytest.raises(IndexError):
         modes[9]

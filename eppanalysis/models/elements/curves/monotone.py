@@ -172,7 +172,7 @@ class MonotoneTable(Tabulated, kind="monotone_table"):
         cubics = np.einsum("pn,mn,pmn->pm", self._cubics, _BINOMIAL, (centre - self._begin)[:, None, None] ** powers)
         build = AutomatonBuilder(smooth=tuple(Smooth(kind, np.ones(1), -centre, 1.0) for kind in ("square", "cube")))
         for i, c in enumerate(cubics.tolist()):
-            build.mode(f"piece {i}", from_input=c[1], constant=c[0] - c[1] * centre, from_smooth=np.array(c[2:]))
+            build.mode(f"piece {i + 1}", from_input=c[1], constant=c[0] - c[1] * centre, from_smooth=np.array(c[2:]))
         for i, edge in enumerate(self.inputs.tolist()):
             build.guard(f"up past {edge:.6g}", i, i + 1, on_input=1.0, constant=-edge)
             build.guard(f"down past {edge:.6g}", i + 1, i, on_input=-1.0, constant=edge)
