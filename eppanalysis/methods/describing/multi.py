@@ -307,7 +307,7 @@ def _sheets(balance: Balance, amplitude: Array, omega: Array, L: ComplexArray) -
         if number and np.isfinite(start[1]) and not _differs(balance, amplitude, omega, L, start, sheets):
             continue
         X, loop, ok = _solve_grid(balance, amplitude, omega, L, start, 2)
-        loop = np.where(ok & _new(X, sheets), loop, np.nan)
+        loop = np.where(ok & _new(balance, X, sheets), loop, np.nan)
         sheets.append((X, loop))
     return sheets
 
@@ -325,13 +325,15 @@ def _solve_grid(
     return X.reshape(na, nw, -1), loop.reshape(na, nw), ok.reshape(na, nw)
 
 
-def _new(X: Array, sheets: list[tuple[Array, ComplexArray]], stride: int = 1) -> BoolArray:
-    """Where a solution is none of those that are known."""
-    new = np.ones(X.shape[:2], bool)
+def _new(balance: Balance, X: Array, sheets: list[tuple[Array, ComplexArray]], stride: int = 1) -> BoolArray:
+    """Where a solution is none of those that are known, phases up to whole turns."""
+    new, phases = np.ones(X.shape[:2], bool), balance.places[balance.others] - 1
+    here = X[:, :, 2:-1]
     for known, loop in sheets:
         there = np.isfinite(loop[::stride, ::stride])
-        a, b = known[::stride, ::stride, 2:-1], X[:, :, 2:-1]
-        new &= ~(there & np.all(np.abs(a - b) <= 1e-5 * (1e-6 + np.abs(b)), -1))
+        off = known[::stride, ::stride, 2:-1] - here
+        off[:, :, phases] -= 2.0 * np.pi * np.round(off[:, :, phases] / (2.0 * np.pi))
+        new &= ~(there & np.all(np.abs(off) <= 1e-5 * (1e-6 + np.abs(here)), -1))
     return new
 
 
@@ -345,7 +347,7 @@ def _differs(
 ) -> bool:
     """Whether a start leads to solutions that are not known yet, judged on a ninth of the grid."""
     X, _, ok = _solve_grid(balance, amplitude[::3], omega[::3], L[::3], start, 0)
-    return int((ok & _new(X, sheets, 3)).sum()) > 3
+    return int((ok & _new(balance, X, sheets, 3)).sum()) > 3
 
 
 def _starts(balance: Balance) -> list[tuple[Array, float]]:
