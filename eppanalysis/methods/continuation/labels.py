@@ -15,8 +15,6 @@ from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.readable import listed
 
-#: Rate of the parameter along the branch, relative to its range, that is rounding. Points beside a fold have more.
-_STANDS = 1e-9
 #: Relative growth of the longest dwell time over a step that counts as one, and dwell times that are not looked at.
 _LONGER, _BRIEF = 1e-4, 1e-3
 #: Relative distance of a pole from the frequency of a cycle within which the cycle is the oscillation of that pole.
@@ -77,7 +75,7 @@ def standstill(old: Point, new: Point) -> Change | None:
     """What a branch has come to that does not go on, but for rounding; None where it moves."""
     if new.one_of_many:
         return Change.CONTINUA
-    if abs(new.turn) > _STANDS:
+    if not new.stands:
         return None
     before, tau = old.orbit.tau, new.orbit.tau
     if before.size != tau.size:

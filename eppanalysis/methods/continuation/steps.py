@@ -16,12 +16,14 @@ from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.cycle import gained, orbit_shape
 from eppanalysis.methods.orbits.guess import Guess
-from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, effort_of, room_for, solve
+from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, effort_of, evaluate, room_for, solve
 from eppanalysis.methods.orbits.shooting import close_orbit, is_met, next_guess
 from eppanalysis.methods.simulation.effort import Spent, allotted, spend
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 
+#: Rate of the parameter along the branch, relative to its range, that is rounding.
+_STANDS = 1e-9
 #: A test function this far below its first value may be stopped by rounding.
 _NOISE = 1e-6
 #: Largest predicted bend of the branch over a step, relative to the step.
@@ -60,6 +62,11 @@ class Point:
     def turn(self) -> float:
         """Rate of the parameter along the branch, relative to its range: zero at a fold."""
         return float(self.tangent[-1] / self.family.width)
+
+    @property
+    def stands(self) -> bool:
+        """Whether the parameter stands still along the branch, but for rounding; beside a fold it moves."""
+        return abs(self.turn) <= _STANDS
 
     @cached_property
     def multipliers(self) -> ComplexArray:
@@ -385,6 +392,30 @@ def _others(inside: Point, outside: Point) -> Iterator[tuple[Point, bool]]:
             # The old sequence, no longer true, may have turned already: the new orbit's own side tells the way to it.
             side = float(np.sign(value - inside.value)) or (-way if turns_back else way)
             yield make_point(family, value, found, None, side), side != way
+        upright = _upright(inside, guess)
+        if upright is not None:
+            yield upright, False
+
+
+def _upright(inside: Point, guess: Guess) -> Point | None:
+    """The orbit of a new sequence where such orbits exist at one value alone: its start is held in place of the value.
+
+    So it is where a loop becomes linear but for switches that go with its size (Clegg's integrator, a relay on a sum):
+    cycles of all sizes, or none.
+    """
+    family = inside.family
+    hybrid, guess = _at(family, inside.value, guess)
+    like = evaluate(hybrid, guess.arcs(hybrid), guess.y, guess.tau)
+    if not np.array_equal(like.arcs.free, inside.orbit.arcs.free):
+        return None
+    along = np.zeros(like.arcs.free.size + like.tau.size + 1)
+    along[: like.arcs.free.size] = inside.tangent[: like.arcs.free.size]
+    begun = Point(family, inside.value, like, family.slope(like, inside.value), along)
+    found = _corrected(begun, _along(begun), 0.0, begun.unknowns, begun.slope)
+    if found is None or not _true(found.orbit) or not joins(found.orbit, found.value, inside):
+        return None
+    new = make_point(family, found.value, found.orbit, along)
+    return new if new.stands else None
 
 
 def beyond(point: Point) -> tuple[Point | None, bool]:

@@ -9,6 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
+import scipy.optimize
 
 import eppanalysis as epp
 from eppanalysis.methods.bounds.elasticity import exact_elasticities
@@ -113,7 +115,7 @@ def test_a_branch_goes_on_where_its_old_sequence_turns_back() -> None:
     branch = epp.continue_branch(case.with_values({friction: 0.0255}), friction, start=0.0255, stop=0.0245, n_others=0)
     assert branch.message.endswith("The branch begins at the end of the range and leaves the range.")
     assert branch.points["stable"].all()
-    (change,) = [s for s in branch.special if "disappears: bands falls through 3" in s.note]
+    (change,) = [s for s in branch.special if "disappears: bands falls through breakpoint 4" in s.note]
     assert change.value == pytest.approx(0.0252124506, rel=1e-7)
     run = epp.simulate(case.with_values({friction: 0.0245}).to_system(), case.input, t_end=12.0)
     assert run.limit_cycle is not None
@@ -130,7 +132,7 @@ def test_a_branch_does_not_go_on_with_another_cycle_where_its_own_ends() -> None
     assert np.all(np.abs(np.diff(period)) < 2.0 * np.abs(np.diff(value)) + 1e-6)
     end = branch.special[-1]
     assert end.kind == "end" and end.value == pytest.approx(3.3638627e-3, rel=1e-6)
-    assert "gauge falls through 33" in branch.ends[1] and branch.points["multiplier"][-1] > 100.0
+    assert "gauge falls through breakpoint 34" in branch.ends[1] and branch.points["multiplier"][-1] > 100.0
     (gap,) = branch.missing
     assert gap.low == 2e-3 and gap.high == end.value and branch.ends[1] in gap.why
 
@@ -172,3 +174,25 @@ def test_a_limit_that_is_just_touched_at_a_reversal_is_passed_from_both_sides() 
     assert touched == pytest.approx([touched[0]] * 3, rel=1e-6)
     loop = epp.continue_branch(case, "controller.gain", 900.0, touched[0] * 1.0001, **options)
     assert loop.points["voltage"][-1] == pytest.approx(48.0, rel=1e-3)
+
+
+def growth_without_limits(gain: float) -> float:
+    """Logarithm of the growth of Clegg's loop without the actuator's limits from one reset to the next, after many."""
+    # Integrator, lag, plant and its speed; the plant's gain at the integrator.
+    A = np.array([[0.0, 0.0, -gain, 0.0], [1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0, 1.0, -1.0, -2.0]])
+    step, dt, x = scipy.linalg.expm(1e-2 * A), 1e-2, np.array([0.0, 0.3, 0.0, 0.5])
+    for _ in range(60):
+        y = step @ x
+        while y[2] * x[3] > 0.0:
+            before, y = y, step @ y
+        passes = scipy.optimize.brentq(lambda s, v: (scipy.linalg.expm(A * s) @ v)[2], 0.0, dt, before, xtol=1e-15)
+        end = scipy.linalg.expm(A * passes) @ before
+        growth, x = np.log(abs(end[3] / x[3])), np.array([0.0, end[1], 0.0, end[3]]) / abs(end[3])
+    return float(growth)
+
+
+def test_a_branch_ends_where_a_loop_without_its_limit_has_cycles_of_all_sizes() -> None:
+    branch = epp.continue_branch(epp.case("clegg_loop"), "gain", 3.0, 2.0)
+    (end,) = branch.special
+    assert end.kind == "continuum" and "continuum" in branch.ends[1]
+    assert end.value == pytest.approx(scipy.optimize.brentq(growth_without_limits, 1.8, 2.4, xtol=1e-12), rel=1e-8)

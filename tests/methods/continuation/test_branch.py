@@ -176,11 +176,11 @@ def test_a_continuum_at_one_value_is_named():
         ([1.0, 2.0, 8.0], [1.0, 2.0, 8.0], Change.CONTINUUM),
     ):
         old, new = (
-            SimpleNamespace(turn=1e-13, one_of_many=False, orbit=SimpleNamespace(tau=np.array(t), period=sum(t)))
+            SimpleNamespace(stands=True, one_of_many=False, orbit=SimpleNamespace(tau=np.array(t), period=sum(t)))
             for t in (before, tau)
         )
         assert standstill(old, new) is kind
-        assert standstill(old, SimpleNamespace(turn=1e-6, one_of_many=False, orbit=new.orbit)) is None
+        assert standstill(old, SimpleNamespace(stands=False, one_of_many=False, orbit=new.orbit)) is None
 
 
 @pytest.mark.parametrize(
