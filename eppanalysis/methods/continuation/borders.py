@@ -14,12 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from eppanalysis.methods.continuation.ranges import near
 from eppanalysis.methods.continuation.steps import (
     Point,
     admissible,
     bend,
     make_point,
-    near,
     point_across,
     regular,
     step,

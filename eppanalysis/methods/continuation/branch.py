@@ -28,6 +28,7 @@ from eppanalysis.methods.continuation.labels import (
     standstill,
 )
 from eppanalysis.methods.continuation.own_states import OwnStates
+from eppanalysis.methods.continuation.ranges import signal_sizes
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.continuation.sampled import sampled_branch
 from eppanalysis.methods.continuation.seeds import orbits_found, refused, seed, steady_case
@@ -44,7 +45,6 @@ from eppanalysis.methods.continuation.steps import (
     other_sequence,
     point_at,
     regular,
-    signal_sizes,
     step,
 )
 from eppanalysis.methods.orbits.cycle import to_limit_cycle

@@ -13,14 +13,13 @@ import numpy as np
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.continuation.families import Family
+from eppanalysis.methods.continuation.ranges import NEAR, near
 from eppanalysis.methods.orbits.arcs import Arcs
-from eppanalysis.methods.orbits.cycle import gained, orbit_shape
 from eppanalysis.methods.orbits.guess import Guess
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, effort_of, evaluate, room_for, solve
 from eppanalysis.methods.orbits.shooting import close_orbit, is_met, next_guess
 from eppanalysis.methods.simulation.effort import Spent, allotted, spend
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.lure import LureSystem
 
 #: Rate of the parameter along the branch, relative to its range, that is rounding.
 _STANDS = 1e-9
@@ -37,9 +36,8 @@ _MOST_LARGER = 1e9
 #: Share of the largest singular value of the equations over start, dwell times and parameter below which the smallest
 #: one is that of an orbit that has converged no further; multipliers farther from 1 than this leave none so small.
 _FREE, _NEUTRAL = CONVERGED, 1e-4
-#: Largest difference of orbits that could be neighbours, relative to their size, and steps in which one beyond a border
-#: is followed back to it, relative to what is left of the way.
-_NEAR, _NEARER = 0.1, 0.25
+#: Steps in which an orbit beyond a border is followed back to it, relative to what is left of the way.
+_NEARER = 0.25
 #: A step along a branch is not made shorter than this; one that turns the direction by more than this is lost, or leads
 #: so many times as far as along the direction in which it began.
 LEAST_STEP, _MOST_BEND, _MOST_LENGTH = 1e-6, 0.4, 2.0
@@ -480,45 +478,4 @@ def joins(orbit: Orbit, value: float, border: Point) -> bool:
         if not nearer.residual < CONVERGED:
             break
         orbit, way = nearer, _NEARER * way
-    return near(orbit, border.orbit, min(max(way, LEAST_STEP) ** 0.5, _NEAR))
-
-
-def near(one: Orbit, other: Orbit, most: float = _NEAR) -> bool:
-    """Whether two orbits could be neighbours on a branch: periods and ranges of the states are alike."""
-    if abs(one.period / other.period - 1.0) > 0.5 * most:
-        return False
-    # What elements put out may jump at a border, by a level of a quantiser.
-    (low, high), (other_low, other_high) = (_ranges_of_states(orbit) for orbit in (one, other))
-    span = np.where(other_high > other_low, other_high - other_low, np.inf)
-    return bool(max(np.max(np.abs(low - other_low) / span), np.max(np.abs(high - other_high) / span)) < most)
-
-
-def _ranges_of_states(orbit: Orbit) -> tuple[Array, Array]:
-    """Smallest and largest value of every state that must repeat."""
-    arcs = orbit.arcs
-    rows = np.eye(arcs.size)[: orbit.hybrid.n_plant][orbit.hybrid.compared[: orbit.hybrid.n_plant]]
-    Y = np.broadcast_to(rows, (arcs.n_arcs, *rows.shape)).copy()
-    return _ranges(orbit, Y, np.zeros((*Y.shape[:2], arcs.Ys.shape[2])))
-
-
-def signal_ranges(orbit: Orbit) -> tuple[Array, Array]:
-    """Smallest and largest value of every signal, exactly."""
-    return _ranges(orbit, orbit.arcs.Y, orbit.arcs.Ys)
-
-
-def signal_sizes(system: LureSystem, orbit: Orbit) -> Array:
-    """Peak-to-peak of every signal, exactly; of one that goes on for ever its swing beside that, from its waveform."""
-    low, high = signal_ranges(orbit)
-    goes_on = gained(orbit) != 0.0
-    if not np.any(goes_on):
-        return high - low
-    swings = orbit_shape(system, orbit).peak_to_peak
-    return np.where(goes_on, [swings[name] for name in system.signals.names], high - low)
-
-
-def _ranges(orbit: Orbit, Y: Array, Ys: Array) -> tuple[Array, Array]:
-    from eppanalysis.kernels.orbits.signals import extents
-
-    arcs, low, high = orbit.arcs, np.empty(Y.shape[1]), np.empty(Y.shape[1])
-    extents(arcs.acting, arcs.F, arcs.S, arcs.smooth, Y, Ys, orbit.starts, orbit.tau, low, high)
-    return low, high
+    return near(orbit, border.orbit, min(max(way, LEAST_STEP) ** 0.5, NEAR))

@@ -16,7 +16,7 @@ import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import EppError, did_you_mean, shown
-from eppanalysis.methods.continuation.steps import signal_sizes
+from eppanalysis.methods.continuation.ranges import signal_sizes
 from eppanalysis.methods.orbits.cycle import orbit_shape
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.models.systems.lure import LureSystem
