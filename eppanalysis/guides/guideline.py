@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -26,6 +26,7 @@ from eppanalysis.methods.bounds.searched import why_by_search
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.tolerances.bound import check_tolerances, tolerance_bound
 from eppanalysis.methods.bounds.tolerances.result import ToleranceBound
+from eppanalysis.methods.continuation.own_states import in_own_states
 from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.methods.search.trigger import Trigger
 from eppanalysis.models.systems.subject import require_case
@@ -277,7 +278,7 @@ class _Work:
 
     def question(self, case: Case) -> Question:
         """What is asked of a variant."""
-        return Question(case, self.limit, *range_within(case, self.limit, self.within))
+        return Question(in_own_states(case), self.limit, *range_within(case, self.limit, self.within))
 
     def rows(
         self, case: Case, varied: tuple[str, ...], sweep: HarmonicSweep, advance: Progress
@@ -320,7 +321,7 @@ class _Work:
         cell = bound_of_branch(question, self.ranges[0], self.branch, settings)
         if cell is None:
             return None
-        return question, with_proofs(question, cell) if self.prove else cell
+        return question, with_proofs(replace(question, case=case), cell) if self.prove else cell
 
     def _row(
         self,
@@ -402,7 +403,7 @@ def _beyond(
     if math.isfinite(own):
         # The range of the bound may end before the case's own value, of which it is to be said what it does.
         low, high = (low, max(high, 2.0 * own)) if cell.sign > 0 else (min(low, 0.5 * own), high)
-    question = Question(case, limit, low, high)
+    question = Question(in_own_states(case), limit, low, high)
     hit = smallest_trigger(question, own, allowed) if cell.sign * (own - cell.bound) > 0 else None
     try:
         return own_runs(question, cell.bound, cell.sign, allowed), hit

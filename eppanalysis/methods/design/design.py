@@ -21,6 +21,7 @@ from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.tolerances.bound import half_widths_of
 from eppanalysis.methods.bounds.verify import Verification, check_verification, verify
+from eppanalysis.methods.continuation.own_states import in_own_states
 from eppanalysis.methods.design.frontier import Frontier
 from eppanalysis.methods.design.goal import Goal, Sense, goal_of
 from eppanalysis.methods.design.machines import machines_at_rest
@@ -68,7 +69,7 @@ class Task:
 
     def frontier(self, case: CaseLike, over: str, values: Sequence[float]) -> Frontier:
         """The bound over all that runs: what the front does, the other tuned parameters, and what has a tolerance."""
-        question = Question(self.middle(case), self.bounded, *self.ranges[self.bounded])
+        question = Question(in_own_states(self.middle(case)), self.bounded, *self.ranges[self.bounded])
         if idle(question, [question.low, question.high]):
             raise EppError(f"design: the loop of this case does not depend on {self.bounded}; expected one that does.")
         widths = {over: max(np.ptp(values), 1e-3 * abs(values[0])) or 1.0} if over else {}

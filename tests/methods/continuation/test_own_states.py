@@ -66,3 +66,23 @@ def test_a_bound_in_absolute_angles_is_that_in_their_difference(seed):
         options = {"at": [3000.0], "within": (3000.0, 6000.0), "verify": False, "allow": f"{signal} 5"}
         values.append(epp.design_bounds(case, "rock.coulomb", "rock.static", **options)[0].exact)
     assert values[1] == pytest.approx(values[0], rel=1e-8)
+
+
+@pytest.mark.parametrize("seed", [None, 2])
+def test_a_design_in_absolute_angles_is_that_in_their_difference(seed):
+    """Nothing but its range limited it, for no cycle closed."""
+    tune, options = {"rock.static": (3000.0, 6000.0)}, {"maximise": "rock.static", "verify": False}
+    known = epp.design(twisted(), tune, allow="rock_input 5", **options).optimum
+    found = epp.design(drill(seed), tune, allow="bit 5", **options).optimum
+    assert found.at["rock.static"] == pytest.approx(known.at["rock.static"], rel=1e-8) and known.at["rock.static"] < 5e3
+
+
+@pytest.mark.slow
+def test_a_guideline_in_absolute_angles_is_that_in_their_difference():
+    """It did not say from where on the motion from rest oscillates, for that cycle did not close."""
+    rows = []
+    for case in (twisted(), drill(None)):
+        options = {"over": "rock.coulomb", "limit": "rock.static", "within": (3000.0, 6000.0), "starts": 1}
+        rows += epp.design_guide(case, [3000.0], **options).rows
+    assert rows[1].cell.exact == pytest.approx(rows[0].cell.exact, rel=1e-8)
+    assert rows[1].from_rest == pytest.approx(rows[0].from_rest, rel=1e-8)
