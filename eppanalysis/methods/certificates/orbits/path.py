@@ -189,7 +189,8 @@ class _Reduction:
             raise NotCovered("The sequence has an event that the modes of its arc do not have.")
         rate = (before.rate * self.spread).tolist()
         if any(v != 0 for i in self.fixed if i < self.exact.n for v in rate[i]):
-            raise NotCovered("The loop has a clock; loops that act by the clock are not covered.")
+            moved = "a clock, or an integral that nothing reads"
+            raise NotCovered(f"The loop has a state that does not come back ({moved}); all have to for a proof.")
         # A value that no event renews and that moves the states: there is a cycle for each of its values.
         self.continuum |= any(before.rate[i, j] != 0 for i in range(self.exact.n) for j in self.idle)
         jump = (self.exact.event(before, guard, int(after[self.element(guard)])) * self.spread).tolist()

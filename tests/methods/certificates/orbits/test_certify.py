@@ -297,6 +297,20 @@ def test_a_wrong_period_is_not_proved() -> None:
     assert found.status is Proof.NOT_DECIDED and "does not come back" in str(found)
 
 
+@pytest.mark.parametrize("seed", [None, 1])
+def test_an_angle_that_goes_on_is_told_as_why_an_orbit_is_not_proved(seed: int | None) -> None:
+    """A motor whose speed is under control of a relay, with its angle among the states, turned or not."""
+    A, B, C = [[0.0, 1.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, -1.0]], [[0.0], [0.0], [-1.0]], [[0.0, 1.0, 0.0]]
+    relay = epp.HysteresisRelay(lower=-0.3, upper=0.3)
+    loop = epp.LureSystem.build(A, B, C, [relay], constant_state=[0.0, 0.0, 0.3])
+    if seed is not None:
+        Q = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+        loop = loop.in_coordinates(Q.T, Q)
+    (cycle,) = epp.find_limit_cycles(loop).cycles
+    found = epp.certify_orbit(loop, cycle)
+    assert found.status is Proof.NOT_DECIDED and "an integral that nothing reads" in str(found)
+
+
 @pytest.mark.parametrize("name", ["play", "relay"])
 def test_other_coordinates_and_units_leave_the_statement(name: str) -> None:
     if name == "play":
