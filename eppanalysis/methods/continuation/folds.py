@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation.branch import Walk, continue_branch
 from eppanalysis.methods.continuation.families import Family
+from eppanalysis.methods.continuation.own_states import OwnStates
 from eppanalysis.methods.continuation.seeds import steady_case
 from eppanalysis.methods.continuation.steps import Point, admissible, make_point, other_sequence, point_across, step
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
@@ -146,6 +147,9 @@ def continue_folds(
     check_counts("continue_folds", {"n_points": (n_points, 1)})
     rows = np.linspace(case.si(other, over[0]), case.si(other, over[1]), n_points)
     low, high = sorted(case.si(parameter, v) for v in limits)
+    if (own := OwnStates.of(case)) is not None:
+        case = cast(CaseLike, own)  # it passes on what it does not know itself
+        cycle = None if cycle is None else own.states.asked(cycle)
     first = case.with_values({other: float(rows[0])})
     branch = continue_branch(first, parameter, limits[0], limits[1], cycle=cycle)
     if not branch.folds:
@@ -252,16 +256,18 @@ class _FoldWalk:
 
 
 def _aside(case: CaseLike, parameter: str, fold: Point, distance: float) -> Point | None:
-    """The last stable orbit, at most so far in the parameter, on one of the two branches that meet in a fold."""
+    """The last stable orbit, at most so far in the parameter, on one of the two branches that meet in a fold.
+
+    A fold may lie where its unstable branch ends; there rounding may call a cycle stable, so the farther one counts.
+    """
     limits = fold.value - distance, fold.value + distance
     family = Family(lambda v: steady_case(case.with_values({parameter: v})), limits)
+    last = []
     for tangent in (fold.tangent, -fold.tangent):
         begin = make_point(family, fold.value, fold.orbit, tangent)
         points, _ = Walk(case, parameter, family, limits, _MOST_ASIDE, 0.05).along(begin, _MOST_ASIDE)
-        stable = [p for p in points[1:] if is_stable(p.multipliers)]
-        if stable:
-            return stable[-1]
-    return None
+        last += [p for p in points[1:] if is_stable(p.multipliers)][-1:]
+    return max(last, key=lambda p: abs(p.value - fold.value), default=None)
 
 
 def fold_in(family: Family, near: Point, u: Array) -> Point | None:

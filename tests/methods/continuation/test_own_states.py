@@ -58,6 +58,14 @@ def test_a_branch_in_absolute_angles_is_that_in_their_difference(seed):
     assert found.points["angle"][-1] == pytest.approx(run.peak_to_peak["angle"], rel=1e-5)
 
 
+@pytest.mark.parametrize("seed", [None, 2])
+def test_a_curve_of_folds_in_absolute_angles_is_that_in_their_difference(seed):
+    """The loop changed its structure from value to value."""
+    asked = "rock.static", "rock.coulomb", (3000.0, 6000.0), (2800.0, 2820.0)
+    known, found = (epp.continue_folds(case, *asked, n_points=3) for case in (twisted(), drill(seed)))
+    np.testing.assert_allclose(found.values, known.values, rtol=1e-8)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [None, 2])
 def test_a_bound_in_absolute_angles_is_that_in_their_difference(seed):
