@@ -10,9 +10,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from eppanalysis.arrays import Array, IntArray
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
-from eppanalysis.kernels.periodic import TURN, series_at
+from eppanalysis.kernels.periodic import TURN, series_at, settle
 from eppanalysis.kernels.simd.tuples import by_address
 
 _COMPILED = {**KERNEL, "error_model": "numpy"}
@@ -81,25 +83,10 @@ def _convolved(S, n, k, z, factor):
     return total
 
 
-@njit(**_COMPILED)
-def coefficients(table, pieces, z, omega, wave, W, S, R):
-    """Coefficients of the outputs, and of the functions that their input and its rate are multiplied with.
-
-    Parameters
-    ----------
-    table : Table
-        See :mod:`eppanalysis.kernels.periodic`.
-    pieces : Pieces
-    z : array, shape (n + 1,)
-        The input.
-    omega : float
-        [rad/s].
-    wave : complex array, shape (2 n + 1,)
-        For work.
-    W, S, R : complex array, shapes (w, n + 1), (w, 2 n + 1), (w, 2 n + 1)
-        Zeros, to which they are added.
-    """
-    n, n_w = z.size - 1, W.shape[0]
+@njit(**_INNER)
+def _coefficients(table, pieces, z, omega, W, S, R):
+    """Add the coefficients of the outputs W, and of the functions S and R that input and rate are multiplied with."""
+    n, n_w, wave = z.size - 1, W.shape[0], np.empty(2 * z.size - 1, np.complex128)
     for p in range(pieces.modes.size):
         mode = pieces.modes[p]
         _means(pieces, p, n, wave)
@@ -115,6 +102,34 @@ def coefficients(table, pieces, z, omega, wave, W, S, R):
     for o in range(n_w):
         for k in range(n + 1):
             W[o, k] += _convolved(S[o], n, k, z, False) + omega * _convolved(R[o], n, k, z, True)
+
+
+@njit(**_COMPILED)
+def answer(table, on_free, on_rate, z, omega, mode, clocked, rest):
+    """What an element that is affine between its switches makes of an input; arguments are those of :func:`settle`.
+
+    Returns
+    -------
+    regime : tuple
+        As :func:`settle`.
+    pieces : Pieces
+        Of the period, where there is one.
+    sums : complex arrays W, S, R, shapes (w, n + 1), (w, 2 n + 1), (w, 2 n + 1)
+        Coefficients of the outputs, and of the functions that their input and its rate are multiplied with.
+    """
+    regime = settle(table, on_free, on_rate, z, omega, mode, clocked, rest)
+    count, there, start, begun, at, fired, holds = regime
+    s, n_w = at.size, table.w_constant.shape[1]
+    edges, modes, memory = np.empty(s + 2), np.empty(s + 1, np.int64), np.empty((s + 1, begun.size))
+    edges[0], edges[s + 1], modes[0], memory[0] = start, start + TURN, there, begun
+    for i in range(s):
+        edges[i + 1], modes[i + 1], memory[i + 1] = at[i], table.target[fired[i]], holds[i]
+    pieces = Pieces(edges, modes, memory, fired)
+    W = np.zeros((n_w, z.size), np.complex128)
+    S, R = np.zeros((n_w, 2 * z.size - 1), np.complex128), np.zeros((n_w, 2 * z.size - 1), np.complex128)
+    if count >= 0:
+        _coefficients(table, pieces, z, omega, W, S, R)
+    return regime, pieces, (W, S, R)
 
 
 @njit(**_INNER)
@@ -259,27 +274,29 @@ def _add_memory(table, pieces, memory, wave, dW):
 
 
 @njit(**_COMPILED)
-def slopes(table, pieces, z, omega, S, R, jump, moved, memory, wave, work, dW):
-    """Derivatives of the coefficients of the outputs by the unknowns.
+def slopes(table, pieces, z, omega, S, R, jump, at_rest):
+    """Derivatives (w, n + 1, 2 n + 2) of the coefficients of the outputs by the unknowns.
 
     Parameters
     ----------
     table, pieces, z, omega
-        As for :func:`coefficients`.
+        Of an :func:`answer`.
     S, R : complex array, shape (w, 2 n + 1)
         Functions that small changes of the input and of its rate are multiplied with.
     jump : array, shape (s, w)
         Of smooth functions at the switches; those of the outputs are added.
-    moved : array, shape (s, 2 n + 2)
-        Zeros; is filled with the derivatives of the switching phases.
-    memory : array, shape (s + 1, h, 2 n + 2)
-        Derivatives of the memory values on each piece: given where nothing switches, else filled.
-    wave, work : arrays, shapes (2 n + 1,) complex, (h + 1, 2 n + 2)
-        For work; `work` is zeros.
-    dW : complex array, shape (w, n + 1, 2 n + 2)
-        Is filled.
+    at_rest : array, shape (h,)
+        Derivatives of the memory values by the mean of the input, where nothing switches.
     """
-    n, n_w, n_x = z.size - 1, dW.shape[0], dW.shape[2]
+    n, n_w, n_x = z.size - 1, len(S), 2 * z.size
+    n_switches, n_memory = pieces.fired.size, at_rest.size
+    dW, moved, wave = (
+        np.empty((n_w, n + 1, n_x), np.complex128),
+        np.zeros((n_switches, n_x)),
+        np.empty(n_x - 1, np.complex128),
+    )
+    memory, work = np.zeros((n_switches + 1, n_memory, n_x)), np.zeros((n_memory + 1, n_x))
+    memory[0, :, 0] = at_rest
     for o in range(n_w):
         for k in range(n + 1):
             for m in range(n + 1):
@@ -290,7 +307,6 @@ def slopes(table, pieces, z, omega, S, R, jump, moved, memory, wave, work, dW):
                 if m:
                     dW[o, k, n + m] = by_imaginary - omega * m * rate_real
             dW[o, k, n_x - 1] = _convolved(R[o], n, k, z, True)
-    n_switches, n_memory = pieces.fired.size, pieces.memory.shape[1]
     # Where the output is continuous a moving switch changes nothing to first order.
     if n_switches and (_jumps(table, pieces, z, omega, jump) or n_memory):
         # Twice round: what memory holds at the begin was written in the period before, whose derivatives the first turn
@@ -300,3 +316,48 @@ def slopes(table, pieces, z, omega, S, R, jump, moved, memory, wave, work, dW):
         _add_moved(pieces, jump, moved, dW)
     if n_memory:
         _add_memory(table, pieces, memory, wave, dW)
+    return dW
+
+
+@njit(**_COMPILED)
+def jacobian(dW, W, L, dL, on_bias, on_mean, pivot):
+    """Derivatives of the equations of a balance by its unknowns, both of number F (2 n + 1) + 1.
+
+    Parameters
+    ----------
+    dW, W : complex array, shapes (w, n + 1, F (2 n + 1) + 1), (w, n + 1)
+        Coefficients of the outputs and their derivatives.
+    L, dL : complex array, shape (n, F, w)
+        Responses from outputs to inputs at the harmonics, and their derivatives by the frequency.
+    on_bias, on_mean : array, shapes (F, F), (F, w)
+        Static balance.
+    pivot : int
+        The input that is in sine phase.
+    """
+    n, F, n_w = L.shape
+    width, last = 2 * n + 1, dW.shape[2] - 1
+    J = np.zeros((last + 1, last + 1))
+    for f in range(F):
+        for j in range(n_w):
+            share = on_mean[f, j]
+            if share != 0.0:
+                for x in range(last + 1):
+                    J[f, x] += share * dW[j, 0, x].real
+        for g in range(F):
+            J[f, g * width] += on_bias[f, g]
+        for k in range(n):
+            real, imaginary = F + f * n + k, F + (F + f) * n + k
+            for j in range(n_w):
+                response = L[k, f, j]
+                if response != 0.0:
+                    for x in range(last + 1):
+                        value = response * dW[j, k + 1, x]
+                        J[real, x] -= value.real
+                        J[imaginary, x] -= value.imag
+                value = dL[k, f, j] * W[j, k + 1]
+                J[real, last] -= value.real
+                J[imaginary, last] -= value.imag
+            J[real, f * width + 1 + k] += 1.0
+            J[imaginary, f * width + n + 1 + k] += 1.0
+    J[last, pivot * width + 1] = 1.0
+    return J

@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from eppanalysis.arrays import Array, IntArray
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
 from eppanalysis.kernels.filling import fill
@@ -255,8 +257,9 @@ def _advance(table, series, phase, value, counts, z, omega, phi, end, mode, memo
     Parameters
     ----------
     table : Table
-    series : array, shape (S, n + 1)
-    phase, value, counts : array, shapes (S, workspace), (S, workspace), (S,)
+    series : array, shape (S + 1, n + 1)
+        Those of the guards, and the input.
+    phase, value, counts : array, shapes (S + 1, workspace), (S + 1, workspace), (S + 1,)
         Their extrema.
     z : array, shape (n + 1,)
         The free input.
@@ -278,7 +281,7 @@ def _advance(table, series, phase, value, counts, z, omega, phi, end, mode, memo
     n_memory = memory.size
     number = 0
     while True:
-        for s in range(series.shape[0]):
+        for s in range(here.size):
             here[s] = series_at(series[s], phi)[0]
         when, best = math.inf, -1
         # Between switches memory stands still, so a guard on the input is a level that the series has to pass.
@@ -352,10 +355,7 @@ def _repeat(
 
 
 @njit(**_COMPILED)
-def settle(
-    table, on_free, on_rate, z, omega, mode, clocked, rest, begun,
-    memory, series, extrema, counts, here, at, fired, holds,
-):  # fmt: skip
+def settle(table, on_free, on_rate, z, omega, mode, clocked, rest):
     """Run an automaton over whole periods until mode and memory values come back.
 
     An element that holds values comes from a larger motion, so that it joins its loop even where it could also rest;
@@ -376,63 +376,98 @@ def settle(
         Whether a guard is on the time.
     rest : array, shape (h,)
         Memory values at rest.
-    begun : array, shape (h,)
-        Is filled with the memory values at the beginning.
-    memory : array, shape (2, h)
-        For work, as the next four.
-    series : complex array, shape (2, S + 1, n + 1)
-    extrema : array, shape (3, S + 1, workspace)
-    counts, here : int array and array, shape (S + 1,)
-    at, fired, holds : array, shapes (most,), (most,), (most, h)
-        Are filled with phase, mode guard, and memory values behind each switch of a period.
 
     Returns
     -------
-    (int, int, float)
-        Number of switches, :data:`ENDLESS` where they never end, :data:`UNSETTLED` where no period repeats; mode and
-        phase at the beginning.
+    count : int
+        Number of switches, :data:`ENDLESS` where they never end, :data:`UNSETTLED` where no period repeats.
+    mode : int
+    start : float
+        At the beginning of the period, its phase.
+    begun : array, shape (h,)
+        Memory values there.
+    at, fired, holds : array, shapes (s,), (s,), (s, h)
+        Phase, mode guard, and memory values behind each switch of the period.
     """
-    n, n_series = z.size - 1, on_free.shape[0]
-    own, larger = series[0], series[1]
-    # The last row is the input itself.
-    for k in range(n + 1):
-        for s in range(n_series):
+    n, n_series, n_memory = z.size - 1, on_free.shape[0], rest.size
+    # No wave of order n passes a level more than 2 n times in a period.
+    most = 200 + 2 * z.size * max(20, table.series.size)
+    at, fired, holds = np.empty(most), np.empty(most, np.int64), np.empty((most, n_memory))
+    series, extrema = np.empty((2, n_series + 1, n + 1), np.complex128), np.empty((3, n_series + 1, 8 * n + 32))
+    counts, here, begun = np.zeros(n_series + 1, np.int64), np.empty(n_series), np.empty(n_memory)
+    own, larger, phase, value, wide = series[0], series[1], extrema[0], extrema[1], extrema[2]
+    held, work = rest.copy(), np.empty(n_memory)
+    # The last row is the input itself, which mostly is one of the series, too.
+    same = n_series
+    for s in range(n_series):
+        same = s if on_free[s, 0] == 1.0 and on_rate[s, 0] == 0.0 else same
+        for k in range(n + 1):
             free, rate = on_free[s, 0], on_rate[s, 0] * (omega * k)
             own[s, k] = complex(free * z[k].real - rate * z[k].imag, free * z[k].imag + rate * z[k].real)
-        own[n_series, k] = z[k]
-    phase, value, wide = extrema[0], extrema[1], extrema[2]
-    for s in range(n_series + 1):
         counts[s] = find_extrema(own[s], phase[s], value[s])
-    held, work = memory[0], memory[1]
-    fill(held, rest)
-    if held.size == 0 or clocked:
-        least = 2 if clocked else 1
-        return _repeat(
-            table, own, extrema, counts, z, omega, 0.0, mode, held, least, clocked, begun, work, here, at, fired, holds
+    own[n_series] = z
+    count, start, least, there = 0, 0.0, 2 if clocked else 1, mode
+    if n_memory > 0 and not clocked:
+        if same == n_series:
+            counts[same] = find_extrema(z, phase[same], value[same])
+        best = -math.inf
+        for i in range(counts[same]):
+            if value[same, i] > best:
+                best, start = value[same, i], phase[same, i]
+        for s in range(n_series + 1):
+            larger[s, 0] = own[s, 0]
+            for k in range(1, n + 1):
+                larger[s, k] = _EXCURSION * own[s, k]
+            for i in range(counts[s]):
+                wide[s, i] = own[s, 0].real + _EXCURSION * (value[s, i] - own[s, 0].real)
+        # From peak to peak, so that the larger motion hands over at the top of the smaller one.
+        moving, before = larger[n_series], start - TURN
+        count, there = _advance(
+            table, larger, phase, wide, counts, moving, omega, before, start, mode, held, work, here, at, fired, holds
         )
-    best, start = -math.inf, 0.0
-    for i in range(counts[n_series]):
-        if value[n_series, i] > best:
-            best, start = value[n_series, i], phase[n_series, i]
-    for s in range(n_series + 1):
-        larger[s, 0] = own[s, 0]
-        for k in range(1, n + 1):
-            larger[s, k] = _EXCURSION * own[s, k]
-        for i in range(counts[s]):
-            wide[s, i] = own[s, 0].real + _EXCURSION * (value[s, i] - own[s, 0].real)
-    # From peak to peak, so that the larger motion hands over at the top of the smaller one.
-    moving, before = larger[n_series], start - TURN
-    count, there = _advance(
-        table, larger, phase, wide, counts, moving, omega, before, start, mode, held, work, here, at, fired, holds
-    )
-    if count < 0:
-        return ENDLESS, mode, start
-    count, there, begin = _repeat(
-        table, own, extrema, counts, z, omega, start, there, held, 2, clocked, begun, work, here, at, fired, holds
-    )
-    if count != 0:
-        return count, there, begin
-    fill(held, rest)
-    return _repeat(
-        table, own, extrema, counts, z, omega, 0.0, mode, held, 1, clocked, begun, work, here, at, fired, holds
-    )
+        if count >= 0:
+            count, there, start = _repeat(
+                table,
+                own,
+                extrema,
+                counts,
+                z,
+                omega,
+                start,
+                there,
+                held,
+                2,
+                clocked,
+                begun,
+                work,
+                here,
+                at,
+                fired,
+                holds,
+            )
+        if count == 0:
+            fill(held, rest)
+            start, there = 0.0, mode
+    # What holds nothing, or does not switch in a motion of its own.
+    if count == 0:
+        count, there, start = _repeat(
+            table,
+            own,
+            extrema,
+            counts,
+            z,
+            omega,
+            start,
+            there,
+            held,
+            least,
+            clocked,
+            begun,
+            work,
+            here,
+            at,
+            fired,
+            holds,
+        )
+    s = max(count, 0)
+    return count, there, start, begun, at[:s].copy(), fired[:s].copy(), holds[:s].copy()

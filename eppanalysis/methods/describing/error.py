@@ -204,7 +204,7 @@ class BalancedOscillation:
     def jumps(self) -> list[int]:
         """How often each element with jumps switches in a period; one that slides switches as often as it is let to."""
         regimes = self.loop.answers(self.Z, self.omega)[1]
-        return [len(r.switches) for r, jumps in zip(regimes, self.loop.free_jumps, strict=True) if jumps]
+        return [r.phases.size for r, jumps in zip(regimes, self.loop.free_jumps, strict=True) if jumps]
 
     def along_curve(self, order: int) -> BalancedOscillation | None:
         """The balance of an order to which the curve leads on which harmonics are let in; None where it does not."""

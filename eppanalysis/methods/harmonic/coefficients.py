@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.arrays import Array, ComplexArray, IntArray
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime, rest_value
 from eppanalysis.methods.harmonic.series import TURN, orders
@@ -40,7 +40,10 @@ def respond(element: PeriodicElement, Z: ComplexArray, omega: float) -> Answer:
     Unsettled
         If the element does not answer with the period of its input.
     """
-    return Answer(element, Z, omega, element.regime(Z, omega))
+    from eppanalysis.kernels.answers import answer
+
+    regime, pieces, sums = answer(*element.asked(Z, omega))
+    return Answer(element, Z, omega, element.regime_of(*regime), pieces, sums)
 
 
 def stacked(Z: ComplexArray) -> Array:
@@ -56,6 +59,8 @@ class Answer:
     Z: ComplexArray
     omega: float
     regime: Regime
+    pieces: Pieces
+    sums: tuple[ComplexArray, ComplexArray, ComplexArray]  # see `eppanalysis.kernels.answers.answer`
 
     @property
     def n(self) -> int:
@@ -65,7 +70,7 @@ class Answer:
     @property
     def coefficients(self) -> ComplexArray:
         """Of the outputs, shape (n_outputs, n + 1)."""
-        return self._sums[0]
+        return self.sums[0] if self._smooth is None else self.sums[0] + self._smooth[0]
 
     @cached_property
     def slopes(self) -> ComplexArray:
@@ -78,50 +83,16 @@ class Answer:
         ModelError
             If a smooth function acts on a rate.
         """
-        from eppanalysis.kernels import answers
+        from eppanalysis.kernels.answers import slopes
 
-        _, S, R = self._sums
+        _, S, R = self.sums
         if self._smooth is not None:
             S = S + self._smooth[1]
             if np.any(self._smooth[2]):
                 raise ModelError(f"{self.owner.name}: a smooth function of a rate is not supported.")
-        n_x, n_pieces, n_memory = 2 * self.n + 2, self.modes.size, self.regime.memory.size
-        moved, work, wave = np.zeros((n_pieces - 1, n_x)), np.zeros((n_memory + 1, n_x)), np.empty(n_x - 1, complex)
-        memory = np.zeros((n_pieces, n_memory, n_x))
-        memory[0, :, 0] = self._rest_slopes()
-        dW = np.empty((len(S), self.n + 1, n_x), complex)
-        given = self.owner.table, self._pieces, self.Z[0], self.omega, S, R
-        answers.slopes(*given, self._smooth_jumps(), moved, memory, wave, work, dW)
-        return dW
-
-    @cached_property
-    def _sums(self) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Coefficients of the outputs, and of what multiplies the input and its rate in them."""
-        from eppanalysis.kernels import answers
-
-        n_w = self.owner.automaton.n_outputs
-        W, S, R = (np.zeros((n_w, size + 1), complex) for size in (self.n, 2 * self.n, 2 * self.n))
-        wave = np.empty(2 * self.n + 1, complex)
-        answers.coefficients(self.owner.table, self._pieces, self.Z[0], self.omega, wave, W, S, R)
-        return (W if self._smooth is None else W + self._smooth[0]), S, R
-
-    @cached_property
-    def edges(self) -> Array:
-        """Phases between the pieces of the period, shape (pieces + 1,)."""
-        start = self.regime.start
-        return np.concatenate([[start], self.regime.phases, [start + TURN]])
-
-    @cached_property
-    def modes(self) -> IntArray:
-        """Mode on each piece."""
-        return np.concatenate([[self.regime.mode], self.owner.table.target[self.regime.fired]])
-
-    @cached_property
-    def _pieces(self) -> Pieces:
-        from eppanalysis.kernels.answers import Pieces
-
-        memory = np.concatenate([self.regime.memory[None], self.regime.holds])
-        return Pieces(self.edges, self.modes, memory, self.regime.fired)
+        given = self.owner.table, self.pieces, self.Z[0], self.omega, S, R
+        found: ComplexArray = slopes(*given, self._smooth_jumps(), self._rest_slopes())
+        return found
 
     @cached_property
     def _smooth(self) -> tuple[ComplexArray, ComplexArray, ComplexArray] | None:
@@ -137,7 +108,7 @@ class Answer:
         jump = np.zeros((self.regime.fired.size, self.owner.automaton.n_outputs))
         if self.owner.smooth and jump.size:
             z, rate = self.inputs(self.regime.phases)
-            acts = np.diff(self.owner.automaton.mode_columns["from_smooth"][self.modes], axis=0)
+            acts = np.diff(self.owner.automaton.mode_columns["from_smooth"][self.pieces.modes], axis=0)
             for i, (value, _, _) in enumerate(smooth_functions(self.owner, z, rate)):
                 jump += acts[:, :, i] * value[:, None]
         return jump
@@ -232,8 +203,8 @@ class _Panels:
     @classmethod
     def cut(cls, whole: Answer, longest: float) -> _Panels:
         node, weight = np.polynomial.legendre.leggauss(_PANEL_NODES)
-        counts = np.maximum(1, np.ceil(np.diff(whole.edges) / longest)).astype(int)
-        size = np.repeat(np.diff(whole.edges) / counts, counts)
+        counts = np.maximum(1, np.ceil(np.diff(whole.pieces.edges) / longest)).astype(int)
+        size = np.repeat(np.diff(whole.pieces.edges) / counts, counts)
         start = np.concatenate([[0.0], np.cumsum(size)[:-1]]) + whole.regime.start
         phases = (start[:, None] + size[:, None] * (node + 1) / 2).ravel()
         weights = (size[:, None] * weight / 2).ravel() / TURN
@@ -252,7 +223,7 @@ class _Panels:
         back = np.exp(-1j * np.outer(self.phases, orders(2 * c.n)))
         W, S, R = (np.zeros((n_out, size + 1), complex) for size in (c.n, 2 * c.n, 2 * c.n))
         for i, (y, by_free, by_rate) in enumerate(found):
-            acts = c.owner.automaton.mode_columns["from_smooth"][c.modes[self.piece], :, i]
+            acts = c.owner.automaton.mode_columns["from_smooth"][c.pieces.modes[self.piece], :, i]
             W += 2.0 * (acts * (self.weights * y)[:, None]).T @ back[:, : c.n + 1]
             S += (acts * (self.weights * by_free)[:, None]).T @ back
             R += (acts * (self.weights * by_rate)[:, None]).T @ back

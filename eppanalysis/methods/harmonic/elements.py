@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -248,23 +248,31 @@ class PeriodicElement:
         Unsettled
             If the automaton does not repeat itself within six periods.
         """
-        from eppanalysis.kernels.periodic import ENDLESS, UNSETTLED, settle
+        from eppanalysis.kernels.periodic import settle
 
-        # No wave of order n passes a level more than 2 n times in a period.
-        most = 200 + 2 * Z.shape[1] * max(20, len(self.guards))
-        at, fired = np.empty(most), np.empty(most, np.int64)
-        rest, begun = self._rest(Z, omega), np.empty(self.automaton.n_memory)
-        holds, memory = np.empty((most, begun.size)), np.empty((2, begun.size))
-        rows, n = len(self.on_free) + 1, Z.shape[1] - 1
-        series, extrema = np.empty((2, rows, n + 1), complex), np.empty((3, rows, 8 * n + 32))
-        work = memory, series, extrema, np.empty(rows, np.int64), np.empty(rows)
-        given = self.table, self.on_free, self.on_rate, Z[0], omega, self.start_mode, self.clocked, rest, begun
-        count, mode, start = settle(*given, *work, at, fired, holds)
-        if count == ENDLESS:
-            raise Unsettled(f"{self.name} switches without end.")
-        if count == UNSETTLED:
-            raise Unsettled(f"{self.name} does not answer with the period of its input.")
-        return Regime(self, start, mode, begun, at[:count].copy(), fired[:count].copy(), holds[:count].copy())
+        return self.regime_of(*settle(*self.asked(Z, omega)))
+
+    def asked(self, Z: ComplexArray, omega: float) -> tuple[Any, ...]:
+        """What kernels are given to find the regime under the free inputs Z."""
+        automaton = self.table, self.on_free, self.on_rate
+        return *automaton, Z[0], omega, self.start_mode, self.clocked, self._rest(Z, omega)
+
+    def regime_of(
+        self, count: int, mode: int, start: float, memory: Array, phases: Array, fired: IntArray, holds: Array
+    ) -> Regime:
+        """The regime that :func:`eppanalysis.kernels.periodic.settle` returns.
+
+        Raises
+        ------
+        Unsettled
+            If there is none.
+        """
+        from eppanalysis.kernels.periodic import ENDLESS
+
+        if count < 0:
+            why = "switches without end" if count == ENDLESS else "does not answer with the period of its input"
+            raise Unsettled(f"{self.name} {why}.")
+        return Regime(self, start, mode, memory, phases, fired, holds)
 
     def _rest(self, Z: ComplexArray, omega: float) -> Array:
         memory = self.automaton.start_memory

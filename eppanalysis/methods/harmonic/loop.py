@@ -198,20 +198,12 @@ class Place:
     @property
     def jacobian(self) -> Array:
         """Derivatives of the residual by the unknowns."""
-        loop, n, (F, _) = self.equations.loop, self.equations.n, self.Z.shape
-        width, dW = 2 * n + 1, loop.slopes(self.found)
-        ac = -np.moveaxis(self.L @ np.moveaxis(dW[:, 1:], 0, 1), 0, 1)
-        ac[:, :, -1] -= (self.dL @ self.W.T[1:, :, None])[..., 0].T
-        k = np.arange(n)
-        for f in range(F):
-            ac[f, k, f * width + 1 + k] += 1.0
-            ac[f, k, f * width + n + 1 + k] += 1j
-        J = np.zeros((F * width + 1, F * width + 1))
-        J[:F] = np.tensordot(loop.on_mean, dW[:, 0].real, 1)
-        J[:F, : F * width : width] += loop.on_bias
-        J[F : F + F * n], J[F + F * n : -1] = ac.real.reshape(F * n, -1), ac.imag.reshape(F * n, -1)
-        J[-1, self.equations.pivot * width + 1] = 1.0
-        return J
+        from eppanalysis.kernels.answers import jacobian
+
+        loop = self.equations.loop
+        means = loop.on_bias, loop.on_mean
+        found: Array = jacobian(loop.slopes(self.found), self.W, self.L, self.dL, *means, self.equations.pivot)
+        return found
 
 
 def role_of_input(system: LureSystem, first: int, row: int) -> str:
