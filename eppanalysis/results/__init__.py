@@ -118,7 +118,7 @@ class LimitCycle(Result):
     period: float
     mean: dict[str, float]
     peak_to_peak: dict[str, float]
-    harmonics: dict[str, ComplexArray]
+    harmonics: Mapping[str, ComplexArray]
     stable: bool | None = None
     stability_criterion: str = ""
     multipliers: ComplexArray | None = None

@@ -18,11 +18,13 @@ from eppanalysis.errors import EppError
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.readable import listed, quantity, words
+from eppanalysis.results.deferred import Deferred
 
 N_HARMONICS = 25
-#: Nodes on a piece, points of the grid on which its extrema are looked for, and each how many of these the waveform
-#: has; and the same for periods of so many pieces that each is short (a slow cycle between thousands of samples).
-_USUAL, _SHORT, _MANY = (16, 33, 4), (8, 9, 1), 1000
+#: Nodes on a piece (so many that the last harmonic is resolved on the first pieces), points of the grid on which its
+#: extrema are looked for, and each how many of these the waveform has; and the same for periods of so many pieces that
+#: each is short (a slow cycle between thousands of samples).
+_USUAL, _SHORT, _MANY = (20, 33, 4), (8, 9, 1), 1000
 #: Products of numbers in one product of matrices, beneath which libraries leave it to one thread: the others would be
 #: waited for longer than it takes.
 _ALONE = 2**18
@@ -45,11 +47,12 @@ class PeriodShape:
 
     mean: dict[str, float]
     peak_to_peak: dict[str, float]
-    harmonics: dict[str, ComplexArray]
+    #: Most cycles are told by their size: these are computed when they are looked at.
+    harmonics: Mapping[str, ComplexArray]
     time: Array
     waveform: dict[str, Array]
     #: Root of the mean square about the mean, by quadrature on the pieces.
-    rms: dict[str, float]
+    rms: Mapping[str, float]
 
     def moved(self, by: Array) -> PeriodShape:
         """The same with each signal moved."""
@@ -157,9 +160,10 @@ def _corners(marks: Array, delays: Array) -> Array:
     begin, period = marks[0], marks[-1] - marks[0]
     echoes = [begin + (marks - begin + delay) % period for delay in delays if delay > 0]
     # Of two events at one instant the later may come first by rounding.
-    corners = np.sort(np.clip(np.concatenate([marks, *echoes]), begin, marks[-1]))
-    near = np.diff(corners) > 1e-12 * period
-    return np.append(corners[:-1][near], marks[-1])
+    corners = np.sort(np.minimum(np.maximum(np.concatenate([marks, *echoes]), begin), marks[-1]))
+    last = np.ones(corners.size, bool)
+    last[:-1] = corners[1:] - corners[:-1] > 1e-12 * period
+    return corners[last]
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +211,9 @@ class _Pieces:
 
     def coefficients(self, values: Array, first: int = 0) -> Array:
         """Legendre coefficients from degree `first` on of signals (s, pieces, nodes), shape (s, pieces, degrees)."""
-        return np.asarray(values @ _rule(self.rule[0])[2][first:].T)
+        # One product of matrices, not one for each signal.
+        found = values.reshape(-1, values.shape[-1]) @ _rule(self.rule[0])[2][first:].T
+        return found.reshape(*values.shape[:-1], -1)
 
     def unresolved(self, values: Array, before: Array | None) -> tuple[BoolArray, Array]:
         """Pieces on which some signal's last coefficients are neither near rounding of its range nor rounding.
@@ -218,8 +224,9 @@ class _Pieces:
         last = np.abs(self.coefficients(values, self.rule[0] - 2))
         tails, flat = np.maximum(last[..., 0], last[..., 1]), values.reshape(len(values), -1)
         low, high = flat.min(axis=1), flat.max(axis=1)
-        size = np.maximum(high - low, 1e-6 * np.maximum(high, -low))[:, None]
-        tail = np.max(tails / np.where(size > 0, size, 1.0), axis=0)
+        size = np.maximum(high - low, 1e-6 * np.maximum(high, -low))
+        size[~(size > 0)] = 1.0
+        tail = (tails / size[:, None]).max(axis=0)
         coarse = ~(tail <= _RESOLVED)
         if before is not None:
             coarse &= ~((tail < _ROUNDING) & (tail > 0.3 * before))
@@ -247,20 +254,26 @@ class _Pieces:
         w = (self.size[:, None] * _rule(n)[1] / 2).ravel() / period
         grid, on_grid = _grid(n, points)
         flat = values.reshape(len(values), -1)
-        series = _harmonics(w, np.exp(-2j * np.pi * (self.times.ravel() - begin) / period), flat)
-        mean = series[:, 0].real
+        mean = flat @ w
+
+        def harmonics() -> dict[str, ComplexArray]:
+            turn = np.exp(-2j * np.pi * (self.times.ravel() - begin) / period)
+            return dict(zip(names, _harmonics(w, turn, flat), strict=True))
+
+        def rms() -> dict[str, float]:
+            return dict(zip(names, np.sqrt((flat - mean[:, None]) ** 2 @ w).tolist(), strict=True))
+
         c = self.coefficients(values)
-        fine = np.asarray(c @ on_grid.T)
+        fine = (c.reshape(-1, n) @ on_grid.T).reshape(*c.shape[:-1], points)
         spans(c, fine, grid, peak_to_peak := np.empty(len(c)))
         fine_t = (self.start[:, None] - begin + self.size[:, None] * (grid[:-1:each] + 1) / 2).ravel()
-        rms = np.sqrt((flat - mean[:, None]) ** 2 @ w)
         return PeriodShape(
             dict(zip(names, mean.tolist(), strict=True)),
             dict(zip(names, peak_to_peak.tolist(), strict=True)),
-            dict(zip(names, series, strict=True)),
+            Deferred(harmonics),
             fine_t,
             dict(zip(names, fine[:, :, :-1:each].reshape(len(names), -1), strict=True)),
-            dict(zip(names, rms.tolist(), strict=True)),
+            Deferred(rms),
         )
 
 

@@ -126,7 +126,9 @@ def simulate(
         from eppanalysis.methods.simulation.iterate import iterate
 
         iterated = iterate(system, input, t_end, None if t_eval is None else times)
-        return _with_point(iterated, OperatingPoint.of(system, input, t_end))
+        at = OperatingPoint.of(system, input, t_end)
+        cycle = iterated.limit_cycle and replace(iterated.limit_cycle, operating_point=at)
+        return replace(iterated, limit_cycle=cycle, operating_point=at)
     if (apart := unread_apart(system)) is not None:
         run_apart = simulate(apart.system, input, t_end, t_eval, max_events=max_events, max_steps=max_steps, step=step)
         cycle = run_apart.limit_cycle
@@ -142,12 +144,13 @@ def simulate(
     signals = dict(zip(system.signals.names, run.samples[:n_written].T.copy(), strict=True))
     settings = {"t_end": t_end, "step": base, "max_events": max_events, "max_steps": max_steps, "system": system.name}
     facts = Provenance("event-exact simulation", settings, statistics=_statistics(run))
-    cycle = cycle_of_run(system, hybrid, run, found, facts) if status is Status.LIMIT_CYCLE else None
+    at = OperatingPoint.of(system, input, t_end)
+    cycle = cycle_of_run(system, hybrid, run, found, facts, at) if status is Status.LIMIT_CYCLE else None
     if status is Status.LIMIT_CYCLE and cycle is None:
         status = Status.UNDECIDED
     settled, early = status is Status.SETTLED, run.why_early(t_end)
     trend = tendency(hybrid, signals) if status is Status.UNDECIDED else ""
-    trajectory = Trajectory(
+    return Trajectory(
         t=times[:n_written],
         signals=signals,
         events=_events(hybrid, run),
@@ -159,8 +162,8 @@ def simulate(
         note=BENEATH_ROUNDING if lost else (early and hybrid.chatters) or early or trend,
         units=system.signals.units_by_name(),
         provenance=facts,
+        operating_point=at,
     )
-    return _with_point(trajectory, OperatingPoint.of(system, input, t_end))
 
 
 def _asked(
@@ -172,12 +175,6 @@ def _asked(
     given = getattr(loop, "input", None) if input is None else input
     # A whole number would compile the kernels anew.
     return system, given, float(getattr(loop, "t_end", _USUAL_END) if t_end is None else t_end)
-
-
-def _with_point(run: Trajectory, at: OperatingPoint) -> Trajectory:
-    """A run, and the cycle that it is on, with the operating point."""
-    cycle = run.limit_cycle
-    return replace(run, limit_cycle=None if cycle is None else replace(cycle, operating_point=at), operating_point=at)
 
 
 @of_model
@@ -344,7 +341,9 @@ def _sample_times(t_end: float, t_eval: ArrayLike | None) -> Array:
     if t_eval is None:
         return np.linspace(0.0, t_end, 6001)
     times = np.atleast_1d(np.asarray(t_eval, float))
-    if times.ndim != 1 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
+    # What increases from and to a finite number is finite in between.
+    ends = times[[0, -1]] if times.size else times
+    if times.ndim != 1 or not (np.isfinite(ends).all() and (times[1:] > times[:-1]).all()):
         raise EppError("simulate: t_eval must hold finite times in increasing order.")
     if times.size and (times[0] < 0 or times[-1] > t_end * (1 + 1e-12)):
         raise EppError(
@@ -377,16 +376,12 @@ def _events(hybrid: HybridSystem, run: Run, first: int = 0, origin: float = 0.0)
 
 def named_events(hybrid: HybridSystem, times: Array, guards: IntArray, modes: IntArray) -> Events:
     """Switches in words, from their times, guards (n,), and the modes of all elements after each, shape (n, E)."""
-    elements = hybrid.model.guard_element[guards]
-    # Not that a controller takes a sample, nor that the observer behind the elements marks an extremum.
-    listed = elements < len(hybrid.elements)
-    for sampled in sampled_among(hybrid.elements):
-        listed &= elements != sampled
-    times, guards, elements = times[listed], guards[listed], elements[listed]
-    # A guard is one of one element, whose mode after it makes the second half of what happened.
     words = _words_of(hybrid)
-    kinds = guards * words.most + modes[listed, elements]
-    return Events(times, kinds, {kind: words[kind] for kind in set(kinds.tolist())})
+    listed = words.listed[guards].nonzero()[0]
+    times, guards = times[listed], guards[listed]
+    # A guard is one of one element, whose mode after it makes the second half of what happened.
+    kinds = guards * words.most + modes[listed, hybrid.model.guard_element[guards]]
+    return Events(times, kinds, {kind: words[kind] for kind in np.bincount(kinds).nonzero()[0].tolist()})
 
 
 class _Words(dict[int, tuple[str, str, str]]):
@@ -395,6 +390,9 @@ class _Words(dict[int, tuple[str, str, str]]):
     def __init__(self, hybrid: HybridSystem) -> None:
         super().__init__()
         self.hybrid, self.most = hybrid, int(np.diff(hybrid.model.mode_first).max(initial=0))
+        # Not that a controller takes a sample, nor that the observer behind the elements marks an extremum.
+        told = [i for i in range(len(hybrid.elements)) if i not in sampled_among(hybrid.elements)]
+        self.listed = np.isin(hybrid.model.guard_element, told)
 
     def __missing__(self, kind: int) -> tuple[str, str, str]:
         guard, mode = divmod(kind, self.most)
@@ -433,7 +431,12 @@ def _since(hybrid: HybridSystem, run: Run, found: Array) -> float:
 
 
 def cycle_of_run(
-    system: LureSystem, hybrid: HybridSystem, run: Run, found: Array, facts: Provenance
+    system: LureSystem,
+    hybrid: HybridSystem,
+    run: Run,
+    found: Array,
+    facts: Provenance,
+    at: OperatingPoint | None = None,
 ) -> LimitCycle | None:
     """The last period of a run, sampled once more on the arcs between its events; None where that cannot be done.
 
@@ -447,6 +450,9 @@ def cycle_of_run(
         With more events in its event buffer than a period has.
     found : array, shape (4,)
         What `judge` says of the cycle.
+    facts : Provenance
+    at : OperatingPoint, optional
+        Where the inputs are held.
     """
     p, period = int(found[0]), float(found[1])
     marks = run.time[run.order[-p - 1 :]]
@@ -486,4 +492,5 @@ def cycle_of_run(
         memory=remembered(hybrid, run.state[first], run.memory_values[first], run.modes[first]),
         units=system.signals.units_by_name(),
         provenance=facts,
+        operating_point=at,
     )

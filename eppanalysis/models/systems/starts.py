@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray, IntArray
+from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.memory import Slip
 
 if TYPE_CHECKING:
     from eppanalysis.kernels.engine.tables import Model
     from eppanalysis.models.elements.automaton import Automaton
-    from eppanalysis.models.elements.base import Nonlinearity
 
 #: Distance from a value, relative to its terms, that is rounding.
 _ROUNDING = 1e-9
@@ -141,7 +141,9 @@ def remembered(hybrid: Hybrid, x: Array, H: Array, modes: IntArray) -> tuple[Any
     """What the elements remember at a state, shape (n + inputs,), with memory values, shape (memory,), in
     given modes.
     """
-    first = hybrid.model.first
+    first, base = hybrid.model.first, (Nonlinearity.memory_at, Nonlinearity.memory_of)
+    if all((type(e).memory_at, type(e).memory_of) == base for e in hybrid.elements):
+        return (None,) * len(hybrid.elements)
     z, w = _inputs_and_outputs(hybrid, x, H, modes)
     return tuple(
         element.memory_at(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
-from eppanalysis.methods.simulation import simulate as simulation
+from eppanalysis.methods.simulation import period, simulate as simulation
 from eppanalysis.methods.simulation.period import N_HARMONICS, analyse_period
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.results import Status
@@ -85,6 +86,34 @@ def test_pieces_are_refined_until_a_fast_signal_is_resolved():
     found = shape_of(lambda t: np.sin(2 * np.pi * 20 * t), [0.0, 1.0], time_scale=1.0)
     assert abs(found.harmonics["y"][20]) == pytest.approx(1.0, rel=1e-10)
     assert found.peak_to_peak["y"] == pytest.approx(2.0, rel=1e-10)
+
+
+def test_a_sum_of_all_harmonics_is_resolved_by_the_first_samples():
+    """A period that has no more than the harmonics that are told is computed once, not once more for some pieces."""
+    asked, k = [], np.arange(1, N_HARMONICS + 1)
+
+    def signal(t):
+        asked.append(t.size)
+        return np.cos(2.0 * np.pi * np.outer(t, k)).sum(axis=1)
+
+    found = shape_of(signal, [0.0, 1.0])
+    assert len(asked) == 1
+    np.testing.assert_allclose(found.harmonics["y"][1:], np.ones(N_HARMONICS), rtol=1e-12)
+    assert found.peak_to_peak["y"] >= N_HARMONICS
+
+
+def test_harmonics_are_computed_when_looked_at_and_copied_with_their_cycle(monkeypatch):
+    """A cycle's size is told without them; a copy, as other processes get it, holds them."""
+    run = epp.simulate(epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay()), t_end=100.0)
+    copy = pickle.loads(pickle.dumps(run.limit_cycle))
+    monkeypatch.setattr(period, "_harmonics", None)
+    assert copy.harmonics.keys() == run.limit_cycle.peak_to_peak.keys()
+    for name, series in copy.harmonics.items():
+        assert series[0].real == pytest.approx(copy.mean[name], abs=1e-14)
+    again = epp.simulate(epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay()), t_end=100.0).limit_cycle
+    assert again.peak_to_peak == copy.peak_to_peak
+    with pytest.raises(TypeError):
+        again.amplitude("y")
 
 
 def test_waveform_begins_with_the_period_and_stays_inside():
