@@ -55,6 +55,7 @@ orbit = epp.exact_orbit(case, predicted)
 epp.continue_branch(case, "relay_dead_zone.threshold", 1.0, 1.1, cycle=orbit, n_points=2, n_others=0)
 """
 COMPILING = pytest.StashKey[list[subprocess.Popen[bytes]]]()
+CALLED = pytest.StashKey[set[str]]()
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -82,6 +83,19 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.freeze()
         gc.set_threshold(15_000, 10, 5)
         gc.enable()
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """On a fresh machine what modules of tests call is compiled by each worker, and beside them by those two."""
+    modules = [module for name, module in sys.modules.items() if name.startswith("eppanalysis.kernels.")]
+    found = (value for module in modules for value in vars(module).values() if hasattr(value, "py_func"))
+    session.config.stash[CALLED] = {f"{kernel.__module__}.{kernel.__name__}" for kernel in found if kernel.signatures}
+
+
+@pytest.fixture
+def called_by_collecting(pytestconfig: pytest.Config) -> set[str]:
+    """Kernels that had been called before the first test."""
+    return pytestconfig.stash[CALLED]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

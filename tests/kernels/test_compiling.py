@@ -145,3 +145,7 @@ def test_where_nothing_can_be_written_kernels_are_compiled_all_the_same(tmp_path
     assert total(np.arange(4.0)) == 6.0
     assert total.stats.cache_path is None
     assert capsys.readouterr().err.endswith("can be written: code is compiled anew in each process.\n")
+
+
+def test_modules_of_tests_call_no_kernel(called_by_collecting: set[str]) -> None:
+    assert called_by_collecting == set()

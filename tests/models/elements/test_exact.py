@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.models.elements import ELEMENTS
 from eppanalysis.models.elements.exact import Exact, Half, Named, Pieces, Reading
-from tests.wrong_arguments import doors
+from tests.wrong_arguments import fields_of_elements
 
-MADE = {door.name: door.call(**door.good) for door in doors() if door.call in ELEMENTS.values()}
+MADE = {kind.__name__: kind(**fields) for kind, fields in fields_of_elements()}
 STATIC = [
     *(element for element in MADE.values() if element.is_single and element._isstatic()),
     epp.BilinearSpring(lower=-0.5, upper=1.25, outer=3.0, inner=0.5),
