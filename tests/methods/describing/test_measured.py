@@ -1,6 +1,7 @@
 """Predictions on measured data against those of the model that the data were made of, and intervals against draws."""
 
 import json
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,10 @@ from hypothesis import given, settings, strategies as st
 from scipy.stats import binom
 
 import eppanalysis as epp
+from eppanalysis.methods.describing.balance import Balance
+from eppanalysis.methods.describing.data.intervals import Noise
+from eppanalysis.methods.describing.predict import search_balance
+from eppanalysis.models.systems.measured.loop import DataSystem
 from studies.measured_coverage import CASES, DEVIATION, RESULT, coverage, of_case
 from tests.shared import predicted
 
@@ -169,6 +174,22 @@ def test_what_noise_makes_or_unmakes_at_a_fold_is_said():
             low, high = pair[0].intervals["amplitude"]
             assert low < first(known[0]) < first(known[1]) < high
     assert counts == {0, 2}
+
+
+def test_an_interval_reads_the_data_once_for_a_motion_however_often_its_means_are_put_right(monkeypatch):
+    system = of_case("gain_brings_it_back", noise=np.random.default_rng(4), deviation=DEVIATION).to_system()
+    balance, found, _ = search_balance(system, np.zeros(0))
+    calls = Counter()
+    for owner, name in ((DataSystem, "frequency_response_and_slope"), (DataSystem, "by_path"), (Balance, "slopes")):
+        whole = getattr(owner, name)
+
+        def counted(self, *given, name=name, whole=whole):
+            calls[name] += 1
+            return whole(self, *given)
+
+        monkeypatch.setattr(owner, name, counted)
+    Noise(balance, system).interval(found.cycles[-1])
+    assert calls["frequency_response_and_slope"] == calls["by_path"] < calls["slopes"]
 
 
 def test_elements_that_read_one_signal_are_told_though_its_noise_is_not_the_same():

@@ -205,7 +205,9 @@ class Noise:
         Not a number where they do not come to it.
         """
         balance, m = self.balance, self.balance.m
-        R, J = balance.residual(X)
+        there = balance.slopes(X)
+        L, dL = balance.linear_and_slope(there.omega)  # which steps of the means leave as they are
+        R, J = balance.assemble(X, there, L, dL)
         back, todo = np.zeros((len(X), m, m)), np.arange(len(X))
         for k in range(_MEANS):
             means, size = J[todo, 2 * m :, :-1], scales(balance, X[todo])[:, :-1]
@@ -219,7 +221,7 @@ class Noise:
             step = (back[todo] @ R[todo, 2 * m :, None])[..., 0]
             longest = np.nan_to_num(np.abs(step / size).max(-1, keepdims=True))
             X[todo, 2 * m : 3 * m] -= step * np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-300))
-            R[todo], J[todo] = balance.residual(X[todo])
+            R[todo], J[todo] = balance.assemble(X[todo], balance.slopes(X[todo]), L[todo], dL[todo])
         R[todo] = np.nan
         return R, J, back
 
