@@ -35,7 +35,7 @@ def ratio(value: float | None) -> str:
 
 def small(value: float | None) -> str:
     """An error."""
-    return "–" if value is None or not math.isfinite(value) else f"{abs(value):.0e}"
+    return "–" if value is None or not math.isfinite(value) else f"{abs(value):.0e}" if value else "0"
 
 
 def verdict(row: dict[str, Any]) -> tuple[str, str]:
@@ -98,7 +98,7 @@ def job_sweep(found: Results) -> str:
     for r in found["chunks"]:
         rows.append([f"into a store in blocks of {r['chunk']} cells", f"{r['cells_per_second']:.0f}", "", "", ""])
     for m in found["memory"]:
-        who = f"{m['cells']} runs of 1 ms, {m['scheduler']}: peak memory of the parent ({m['before']:.0f} MB before)"
+        who = f"{m['cells']:,} runs of 1 ms, {m['scheduler']}: peak memory of the parent ({m['before']:.0f} MB before)"
         rate = f"{m['cells'] / m['seconds']:.0f}"
         rows.append([who, rate, f"{m['peak']:.0f} MB", f"under {m['target']:g} MB", verdict(m)[1]])
     return markdown(["who", "cells/s", "against the bare kernel", "target", ""], rows)

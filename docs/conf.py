@@ -106,14 +106,19 @@ class Commands(BashLexer):
     }
 
 
-_SYMBOL = r"(?:[nµμmckMG]?(?:Hz|rad|lbf|m|s|g|N|V|A|W|B|Ω)|[KMG]iB|deg|dB|ohm|min|lb|px|%)[²³]?"
-#: The space between a number and its unit.
-_BEFORE_UNIT = rf"(?<=[\d⁰¹²³⁴-⁹°]) (?=(?:{_SYMBOL}(?:[·/]{_SYMBOL})*|per cent)(?![\w·/]))"
+_SYMBOL = r"(?:[nµμmckMG]?(?:Hz|rad|lbf|m|s|g|N|V|A|W|B|Ω)|[KMG]iB|deg|dB|ohm|min|h|lb|px|%)[²³]?"
+#: The space between a number and its unit, its sign, or what is counted by it.
+_NO_BREAK = (
+    rf"(?<=[\d⁰¹²³⁴-⁹°]) (?=(?:{_SYMBOL}(?:[·/]{_SYMBOL})*|per cent)(?![\w·/]))"
+    r"|(?<=[±<>]) (?=\d)|(?<=Figure) (?=\d)|(?<=Fig\.) (?=\d)|(?<=Equation) (?=\()"
+)
+#: The sign of an exponent, behind which a browser would end the line.
+_EXPONENT = r"(?<=\de-)(?=\d)"
 _VERBATIM = nodes.FixedTextElement, nodes.literal, nodes.math, nodes.math_block, nodes.raw
 
 
 class OneLine(SphinxTransform):
-    """No line ends between a number and its unit, or between a formula in a sentence and what touches it.
+    """No line ends within a number, between it and its unit, or between a formula in a sentence and what touches it.
 
     A browser may break a line on either side of a formula, also before a full stop.
     """
@@ -126,10 +131,23 @@ class OneLine(SphinxTransform):
             if not isinstance(text.parent, _VERBATIM):
                 before = text.parent[max(text.parent.index(text) - 1, 0)]
                 number = "0" * isinstance(before, nodes.math)  # as which a formula counts
-                held = re.sub(_BEFORE_UNIT, "\N{NO-BREAK SPACE}", f"{number}{text}").removeprefix(number)
-                text.parent.replace(text, nodes.Text(held))
+                held = re.sub(_NO_BREAK, "\N{NO-BREAK SPACE}", f"{number}{text}").removeprefix(number)
+                text.parent.replace(text, nodes.Text(re.sub(_EXPONENT, "\N{WORD JOINER}", held)))
         for parent in {id(formula.parent): formula.parent for formula in self.document.findall(nodes.math)}.values():
             parent[:] = list(_in_runs(parent))
+
+
+class LastLine(SphinxTransform):
+    """A block of code ends with its last line, also where an example needs an empty one before the fence."""
+
+    default_priority = 900
+
+    def apply(self, **options) -> None:
+        """Take empty lines off the ends of blocks."""
+        for block in self.document.findall(nodes.literal_block):
+            if block.rawsource == block.astext():  # not one with markup of its own
+                block.rawsource = block.rawsource.rstrip()
+                block[:] = [nodes.Text(block.rawsource)]
 
 
 def _in_runs(parent: nodes.Element) -> Iterator[nodes.Node]:
@@ -147,10 +165,11 @@ def _in_runs(parent: nodes.Element) -> Iterator[nodes.Node]:
 
 
 def setup(app) -> None:
-    """Register the maker of pictures and tables, what lists of attributes leave out, how commands and lines look."""
+    """Register the maker of pictures and tables, what lists of attributes leave out, how code and lines look."""
     for name in ("sh", "bash"):  # commands that the tests run, and others
         app.add_lexer(name, Commands)
     app.add_transform(OneLine)
+    app.add_transform(LastLine)
     app.connect("builder-inited", make_pages)
     app.connect("autodoc-skip-member", leave_out)
     app.connect("autodoc-process-signature", as_read)

@@ -54,7 +54,7 @@ def by_ratio() -> tuple[list[str], list[list[str]]]:
     lines, low = [], 1.0
     for high in RATIOS:
         group = [r for r in rows if low <= r.ratio < high]
-        lines.append(_line(f"{low:g} to {min(high, 12):g}", group))
+        lines.append(_line(f"{low:g}\N{NO-BREAK SPACE}to\N{NO-BREAK SPACE}{min(high, 12):g}", group))
         low = high
     return HEADER, lines
 

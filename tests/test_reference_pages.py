@@ -144,11 +144,19 @@ def test_signatures_of_blocks_begin_with_what_must_be_given_and_hide_what_is_no_
 LINES = """\
 Off by +11.6 % at 8.84 Hz, 0.867 deg or 2·10⁻⁵ kg·m², by 20 per cent of 3 rows.
 
+Within ± 20 % after 1 h, < 0.001 beside Figure 4(b) and Equation (2), at rtol 1e-06.
+
 The gain ($K_p$) is 5 times $10^{-6}$ N·m/rad, so $x$ rests, $a$-$b$; ``2 mm`` and $y = 2 s$.
+
+```python
+>>> 1
+1
+
+```
 """
 
 
-def test_no_line_ends_before_a_unit_or_beside_a_formula(tmp_path, configuration):
+def test_no_line_ends_within_a_number_before_a_unit_or_beside_a_formula(tmp_path, configuration):
     from docutils import nodes
     from sphinx.application import Sphinx
     from sphinx.util.docutils import docutils_namespace, patch_docutils
@@ -157,12 +165,16 @@ def test_no_line_ends_before_a_unit_or_beside_a_formula(tmp_path, configuration)
     settings = {"extensions": ["myst_parser"], "myst_enable_extensions": ["dollarmath"]}
     with patch_docutils(), docutils_namespace():
         app = Sphinx(tmp_path, None, tmp_path / "out", tmp_path / "tree", "dummy", settings, status=None, warning=None)
-        app.add_transform(configuration["OneLine"])
+        for name in ("OneLine", "LastLine"):
+            app.add_transform(configuration[name])
         app.build()
         page = app.env.get_doctree("index")
-    plain, formulas = page.findall(nodes.paragraph)
+    plain, numbers, formulas = page.findall(nodes.paragraph)
     held = "Off by +11.6~% at 8.84~Hz, 0.867~deg or 2·10⁻⁵~kg·m², by 20~per cent of 3 rows."
     assert plain.astext() == held.replace("~", "\N{NO-BREAK SPACE}")
+    held = "Within ±~20~% after 1~h, <~0.001 beside Figure~4(b) and Equation~(2), at rtol 1e-\N{WORD JOINER}06."
+    assert numbers.astext() == held.replace("~", "\N{NO-BREAK SPACE}")
+    assert [block.astext() for block in page.findall(nodes.literal_block)] == [">>> 1\n1"]
     runs = [run.astext() for run in formulas.findall(nodes.inline)]
     assert runs == ["(K_p)", "10^{-6}\N{NO-BREAK SPACE}N·m/rad,", "a-b;", "y = 2 s."]
     assert [code.astext() for code in formulas.findall(nodes.literal)] == ["2 mm"]
