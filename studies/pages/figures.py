@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import eppanalysis as epp
 from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION, figure_of_height, legend_below
-from studies import GENERATED, STORED
+from studies import GENERATED
 from studies.first_order_tables import first_order_errors
 from studies.pages.cycles import elbow_basins, elbow_branch
 from studies.pages.driven import clamped_pid, dithered_relay, jump_resonance, three_responses
@@ -313,18 +313,6 @@ def nyquist_relay_dead_zone() -> Figure:
     return epp.predict_limit_cycles(loop).plot().figure
 
 
-def fig8a_original() -> Figure:
-    """The picture of the README and of the quickstart."""
-    return epp.ladder(epp.case("fig8a_original")).plot().figure
-
-
-def bounds_original() -> dict[str, Figure]:
-    """The boundary and the tornado of the page on bounds."""
-    case = epp.case("fig8a_original")
-    found = epp.design_bounds(case, "bands.range", "lock_pin.backlash", start="2 lbf", stop="3 lbf", points=5)
-    return {"bounds_original": found.plot().figure, "bounds_tornado": found.plot_elasticities(cell=2).figure}
-
-
 def save(figure: Figure, path: Path) -> None:
     """Write a picture."""
     figure.savefig(path, dpi=150, metadata={"Software": None})
@@ -353,8 +341,3 @@ def make_all(folder: Path) -> None:
 if __name__ == "__main__":
     GENERATED.mkdir(exist_ok=True)
     make_all(GENERATED)
-    # The picture of the README is under version control, because a README is read where nothing is built.
-    save(fig8a_original(), STORED / "fig8a_original.png")
-    # Those of the bounds take a minute to compute.
-    for label, figure in bounds_original().items():
-        save(figure, STORED / f"{label}.png")

@@ -17,7 +17,8 @@ from matplotlib.patches import FancyBboxPatch, Polygon
 
 import eppanalysis as epp
 from eppanalysis.plotting import BLUE, GREY, SKY, SMALL, VERMILLION, figure_of, figure_of_height, panels_of, put_legend
-from studies import DOCS, STORED
+from studies import STORED
+from studies.pages.stored import case_on
 
 #: Half the gap of the servo's play, by which positions are divided.
 HALF_GAP = 1.0
@@ -165,8 +166,7 @@ def _exact_branch(case: epp.Case) -> tuple[np.ndarray, np.ndarray]:
 
 def servo_of_the_page() -> epp.Case:
     """The servo that the page of the first ten minutes has its reader save."""
-    page = (DOCS / "ten_minutes.md").read_text(encoding="utf-8")
-    return epp.case_from_text(page.partition("```toml\n")[2].partition("```")[0], name="servo")
+    return case_on("ten_minutes", "servo")
 
 
 def ten_minutes() -> Figure:
