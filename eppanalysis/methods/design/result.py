@@ -238,13 +238,13 @@ class Design(Result):
             kept = best.active in map(str, self.kept)
             return f"Active is what is kept: the {best.active}." if kept else f"{INSIDE}."
         what = {
-            Turn.FOLD: "there a limit cycle is born (fold)",
-            Turn.CORNER: "there a limit cycle is born (border collision)",
-            Turn.LINEAR: "there the loop ceases to be stable (linear limit)",
-            Turn.SIZE: "there the stable limit cycle reaches what is allowed",
-            Turn.STABILITY: "there a limit cycle becomes stable",
+            Turn.FOLD: "a limit cycle that is born there (fold)",
+            Turn.CORNER: "a limit cycle that is born there (border collision)",
+            Turn.LINEAR: "an oscillation, as the loop ceases to be stable there (linear limit)",
+            Turn.SIZE: "the stable limit cycle, which reaches what is allowed there",
+            Turn.STABILITY: "a limit cycle that becomes stable there",
         }[best.kind]
-        told = f"Active is the limit cycle: {what}, at {best.frequency:.4g} Hz."
+        told = f"Limited by {what}, at {best.frequency:.4g} Hz."
         off = [f"{n} {'+' if s > 0 else '-'}{percent(self.tolerances[n])}" for n, s in best.off.items() if s]
         own = self.tolerances.get(self.limit, 0.0)
         off += [f"{self.limit} itself off by {percent(own)}"] if own else []
