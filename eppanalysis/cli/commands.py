@@ -449,15 +449,18 @@ def _show_ladder(case: Case, ladder: Ladder) -> None:
     if expected.finding:
         must = f" (must {expected.outcome}: {AS_FOUND[as_found(case, ladder)]})" if expected.outcome else ""
         typer.echo(f"{expected.paper or 'expected'}: {expected.finding}{must}")
-    print_table(ladder_table(ladder, case.named_signals))
-    _tell_others(case, ladder.run)
+    compared = any(row.cycle is not None for row in ladder.rows)
+    if compared or ladder.run.settled_at:
+        print_table(ladder_table(ladder, case.named_signals))
+        _tell_others(case, ladder.run)
     if ladder.errors:
         typer.echo("error: of the first-order cycle against the simulated one; of a mean in % of the peak-to-peak.")
-    print_table(rungs_table(ladder))
-    typer.echo(
-        "errors against the exact cycle; a cycle without a number has no exact counterpart. A period is that of one "
-        "oscillation, of which a cycle may hold several."
-    )
+    if compared:
+        print_table(rungs_table(ladder))
+        typer.echo(
+            "errors against the exact cycle; a cycle without a number has no exact counterpart. A period is that of "
+            "one oscillation, of which a cycle may hold several."
+        )
     parts = [f"search for all exact cycles {ladder.search_seconds:.2f} s"] if ladder.search is not None else []
     if ladder.probes:
         parts.append(f"{count(len(ladder.probes), 'run')} from the predicted cycles {ladder.probe_seconds:.2f} s")

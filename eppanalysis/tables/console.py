@@ -21,7 +21,7 @@ from eppanalysis.readable import (
     with_unit,
     words,
 )
-from eppanalysis.results import DESCRIBING_FUNCTION, EXACT_ORBIT, SIMULATION
+from eppanalysis.results import DESCRIBING_FUNCTION, SIMULATION
 from eppanalysis.shown import Shown, for_people
 from eppanalysis.tables.cells import cell, table_of
 
@@ -280,8 +280,8 @@ def ladder_table(ladder: Ladder, signals: Sequence[str] | None = None) -> Table:
     shown = (DESCRIBING_FUNCTION, SIMULATION)
     rungs = [row for row in ladder.rows if row.cycle is not None and row.method.startswith(shown)]
     rests = ladder.run.settled_at if ladder.run.limit_cycle is None else {}
-    if not rungs and not rests:
-        return sentence_table("no cycle to compare, and no rest")
+    if not rungs:
+        return rest_table(ladder.run, signals) if rests else sentence_table("no cycle to compare, and no rest")
     heads = [row.method.replace(DESCRIBING_FUNCTION, "predicted").replace(SIMULATION, "simulated") for row in rungs]
     table = table_of("", *heads, *(["at rest in simulation"] if rests else []), *(["error"] if ladder.errors else []))
 
@@ -320,8 +320,7 @@ def rungs_table(ladder: Ladder) -> Table:
     for i in (*(i for i in of_cycle if i not in folded), None):
         for row in (row for row in ladder.rows if row.exact == i):
             frequency, span = row.quantities["frequency"], row.quantities["peak-to-peak"]
-            own = row.method.startswith(EXACT_ORBIT)
-            errors = ["exact"] * 2 if own else [_error(row.errors.get(k)) for k in ("period", "peak-to-peak")]
+            errors = [row.error_of(name) for name in ("period", "peak-to-peak")]
             period = cell(1.0 / frequency if frequency else None)
             cells = [period, cell(None if span is None else span * factor), *errors, f"{row.seconds:.2g}"]
             table.add_row("-" if i is None else str(i + 1), row.method, *cells, row.note)
@@ -335,12 +334,6 @@ def rungs_table(ladder: Ladder) -> Table:
             f"{len(many)} more", many[0].method, *cells, "exact", "exact", "", "eppanalysis cycles lists them"
         )
     return table
-
-
-def _error(share: float | None) -> str:
-    """A relative error in per cent; of a small one no more than that."""
-    small = share is not None and 0.0 < abs(share) < 1e-4
-    return percent(abs(share)) if small and share is not None else signed_percent(share)
 
 
 class TruthTable:

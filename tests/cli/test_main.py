@@ -244,6 +244,19 @@ def test_validate_gives_a_verdict_in_words_and_says_what_must_come_out():
     assert (case["result"]["must"], case["result"]["as_found"]) == ("oscillate", True)
 
 
+@pytest.mark.parametrize(("t_end", "rests"), [("20 s", True), ("0.1 s", False)])
+def test_validate_of_a_loop_without_cycles_shows_no_table_of_cycles(tmp_path, t_end, rests):
+    path = tmp_path / "lag.toml"
+    path.write_text(
+        f'kind = "loop"\ntitle = "t"\nrun = {{ t_end = "{t_end}" }}\n[loop]\n'
+        'blocks = [{ element = "saturation" }, { num = [0.5], den = [1.0, 1.0] }]\n'
+    )
+    shown = run("validate", str(path)).stdout
+    assert "No exact limit cycle was found" in shown
+    assert ("rests at" in shown) is rests
+    assert not any(word in shown for word in ("period", "error", "peak to peak"))
+
+
 def test_validate_puts_every_signal_side_by_side():
     output = run("validate", "fig8a_original").stdout
     head = next(line for line in output.splitlines() if "simulated" in line)

@@ -83,6 +83,15 @@ def test_errors_of_the_rungs_have_one_format():
     assert "< 0.01 %" in shown and not any("e-" in text for text in shown), shown
 
 
+def test_what_errors_are_taken_against_is_exact_and_no_other_error_is_none_at_all():
+    """In discrete time that is the run itself: it was off by "0 %" from itself."""
+    ladder = epp.ladder(epp.case("backlash_discrete_pi"))
+    own = next(row for row in ladder.rows if row.method == "simulation")
+    assert [own.error_of(name) for name in own.errors] == ["exact"] * 2
+    assert replace(own, errors={"period": 1e-9, "peak-to-peak": 0.0}).error_of("peak-to-peak") == "< 0.01 %"
+    assert ladder.in_brief().set_index("method").loc["simulation", "error of period"] == "exact"
+
+
 def test_many_unstable_cycles_of_the_search_alone_are_one_row():
     """Chaos has dozens; what other methods know, and what is stable, keeps its rows, and a few keep theirs."""
     ladder = epp.ladder(epp.case("relay_deadzone"))

@@ -35,7 +35,7 @@ from eppanalysis.models.systems.inputs import Constant, InputSignal
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.subject import CaseLike, require_case
-from eppanalysis.readable import signed_percent, words
+from eppanalysis.readable import words
 from eppanalysis.results import (
     DESCRIBING_FUNCTION,
     HARMONIC_BALANCE,
@@ -246,8 +246,8 @@ class Ladder(Result):
     def in_brief(self) -> pandas.DataFrame:
         """The methods with their size, speed and errors in per cent."""
         frame = self.to_frame().drop(columns=["seconds", f"{self.signal} mean"])
-        for name in ("error of period", "error of peak to peak"):
-            frame[name] = [signed_percent(value) for value in frame[name].tolist()]
+        for name in ("period", "peak-to-peak"):
+            frame[f"error of {words(name)}"] = [row.error_of(name) for row in self.rows]
         return frame
 
     @checked

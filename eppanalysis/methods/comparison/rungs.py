@@ -24,6 +24,7 @@ from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.models.elements import Relay
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.readable import percent, signed_percent
 from eppanalysis.results import (
     DESCRIBING_FUNCTION,
     EXACT_ORBIT,
@@ -70,6 +71,13 @@ class Rung(PlainData):
     errors: dict[str, float] = field(default_factory=dict)
 
     in_json = "method quantities seconds note exact errors"
+
+    def error_of(self, name: str) -> str:
+        """One of the errors in words; of a small one no more than that, and none of what errors are taken against."""
+        error = self.errors.get(name)
+        if error is not None and not any(self.errors.values()):
+            return "exact"
+        return percent(abs(error)) if error is not None and abs(error) < 1e-4 else signed_percent(error)
 
 
 class Clock:
