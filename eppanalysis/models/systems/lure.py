@@ -274,7 +274,7 @@ class LureSystem(Responses):
             Elements (python-control's, too) and linear blocks with one input and one output, each a StateSpace, a
             (numerator, denominator) or a system of python-control or scipy.signal, in the direction of the signal.
         delay : float, optional
-            Dead time [s]; the loop is linear up to the elements' place, so it is put behind the first element.
+            Dead time [s], put behind the first element, or behind the next where it would act on that straight.
         feedback, x0, memory, element_names, name : optional
             As of :meth:`from_tf`; `memory` and `element_names` have one for each element.
 
@@ -307,11 +307,7 @@ class LureSystem(Responses):
         A, B, C, D = ring.close(blocks, feedback)
         n = A.shape[0]
         delays = np.zeros(len(elements))
-        delays[0] = delay
-        if delay and (len(elements) > 1 and np.any(D[:, 0])):
-            raise ModelError(
-                f"{name}: dead time straight between two elements is not supported; put a linear block between."
-            )
+        delays[ring.place_of_dead_time(D, name) if delay else 0] = delay
         single = ("x", "y") if len(elements) == 1 else None
         labels = labels_of(elements, element_names)
         require_names(name, labels, len(elements))

@@ -120,8 +120,33 @@ def test_rings_that_cannot_be_are_refused():
         epp.LureSystem.from_blocks([epp.Relay(), plant, control.tf([1.0], [1.0, 0.5], 0.1)])
     with pytest.raises(ModelError, match="several inputs or outputs"):
         epp.LureSystem.from_blocks([epp.LockPin(gap=0.1, stiffness=1.0, damping=0.1), plant])
-    with pytest.raises(ModelError, match="dead time straight between two elements"):
-        epp.LureSystem.from_blocks([epp.Relay(), epp.Saturation(), plant], delay=0.1)
+    with pytest.raises(ModelError, match="the dead time acts straight on saturation; expected .* with states"):
+        epp.LureSystem.from_blocks([epp.Relay(), epp.Saturation(), ([1.0, 2.0], [1.0, 1.0])], delay=0.1)
+
+
+def _delayed_cycle(delay, step=1e-3, until=60.0):
+    """Period and peak-to-peak of y'' = -y' + w, w = sat(4 r(t - delay)), r = dead zone(-y): by fixed steps."""
+    late, y, rate, seen = [0.0] * round(delay / step), 1.0, 0.0, []
+    for _ in range(round(until / step)):
+        late.append(np.sign(-y) * max(abs(y) - 0.1, 0.0))
+        drive = min(max(4.0 * late.pop(0), -1.0), 1.0)
+        rate += step * (drive - rate)
+        y += step * rate
+        seen.append(y)
+    tail = np.array(seen[len(seen) // 2 :])
+    up = np.flatnonzero((tail[:-1] < 0) & (tail[1:] >= 0))
+    return step * float(np.mean(np.diff(up))), float(np.ptp(tail))
+
+
+def test_a_dead_time_between_two_elements_is_that_behind_the_second():
+    ring = [epp.DeadZone(-0.1, 0.1), ([4.0], [1.0]), epp.Saturation(), ([1.0], [1.0, 1.0]), ([1.0], [1.0, 0.0])]
+    loop = epp.LureSystem.from_blocks(ring, delay=0.6)
+    assert loop.delays.tolist() == [0.0, 0.6]
+    cycle = epp.simulate(loop, t_end=60.0).limit_cycle
+    period, size = _delayed_cycle(0.6)
+    y = next(name for name in cycle.peak_to_peak if name.startswith("dead_zone"))
+    assert cycle.period == pytest.approx(period, rel=5e-3)
+    assert cycle.peak_to_peak[y] == pytest.approx(size, rel=5e-3)
 
 
 @pytest.mark.parametrize(
