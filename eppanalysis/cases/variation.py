@@ -88,9 +88,8 @@ class LoopVariation(Variation):
     example = "loop.gain = 2"
 
     def sliders(self) -> Iterable[Slider]:
-        """Every positive parameter, from a tenth to three times of what it is; what is tunable comes first."""
-        first = self.over()
-        for name in [*first, *(name for name in self._positive() if name not in first)]:
+        """What a picture may run over, from a tenth to three times of what it is."""
+        for name in self.over():
             value, unit = self.case.value(name), self.case.unit(name)[1]
             per_unit = self.case.si(name, f"1 {unit}".strip())
             shown = value / per_unit

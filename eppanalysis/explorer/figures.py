@@ -49,6 +49,8 @@ def _figure(title: str, x: str, y: str, **options: Any) -> Any:
         **options,
     )
     made.toolbar.logo = None
+    # Until the page says which: white that is painted over by night would stay as a line at the picture's edges.
+    made.border_fill_color = None
     for axis in made.axis:
         axis.axis_label_text_font_style = "normal"
         axis.axis_label_text_font_size = "13px"

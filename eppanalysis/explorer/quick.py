@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -19,10 +20,14 @@ from eppanalysis.methods.describing.frozen import (
     with_element_inputs,
 )
 from eppanalysis.methods.simulation.simulate import simulate
+from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.readable import readable
 from eppanalysis.results import Status, Trajectory
+from eppanalysis.results.picture import shown_until
 
 _SAMPLES = 2401
+#: A run of which less than this share is worth a look is shown by a part, up to a round time.
+_SHARE, _ROUND = 0.25, (1.0, 2.0, 5.0, 10.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +67,8 @@ def compute(base: Case, signal: str, values: Mapping[str, float]) -> Quick:
     """
     case = moved_case(base, values)
     system = with_element_inputs(case.to_system(), (signal,))
-    run = simulate(system, case.input, case.t_end, t_eval=np.linspace(0.0, case.t_end, _SAMPLES))
+    run = simulate(system, case.input, case.t_end, t_eval=_times(system, case.t_end))
+    seen = _begin(case, system, run)
     unit, factor = readable(run.units.get(signal, ""))
     cycle = run.limit_cycle
     return Quick(
@@ -70,13 +76,28 @@ def compute(base: Case, signal: str, values: Mapping[str, float]) -> Quick:
         signal,
         unit,
         factor,
-        run.t,
-        factor * run.signals[signal],
+        seen.t,
+        factor * seen.signals[signal],
         float("nan") if cycle is None else cycle.frequency,
         float("nan") if cycle is None else factor * cycle.peak_to_peak[signal],
         _sentence(run, signal, unit, factor),
         *_loop(case, run),
     )
+
+
+def _times(system: LureSystem, t_end: float) -> Array | None:
+    """Times at which a run is looked at; in discrete time all samples."""
+    return None if system.time_step else np.linspace(0.0, t_end, _SAMPLES)
+
+
+def _begin(case: Case, system: LureSystem, run: Trajectory) -> Trajectory:
+    """What there is to see of a run; where that is a small part of it, the part again, as its samples are too coarse."""
+    until = shown_until(run)
+    if system.time_step or not 0.0 < until < _SHARE * case.t_end:
+        return run
+    decade = 10.0 ** math.floor(math.log10(until))
+    end = next(decade * factor for factor in _ROUND if decade * factor >= until)
+    return simulate(system, case.input, end, t_eval=_times(system, end))
 
 
 def _sentence(run: Trajectory, signal: str, unit: str, factor: float) -> str:

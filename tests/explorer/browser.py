@@ -118,9 +118,9 @@ def running_browser():
             browser.close()
 
 
-def open_page(browser, address: str, width: int = 1200, height: int = 900):
+def open_page(browser, address: str, width: int = 1200, height: int = 900, **options: str):
     """A tab with the page, when its first pictures are there; what it asks for elsewhere is written down."""
-    page = browser.new_page(viewport={"width": width, "height": height})
+    page = browser.new_page(viewport={"width": width, "height": height}, **options)
     page.set_default_timeout(240_000)
     page.asked = []
     page.on("request", lambda request: page.asked.append(request.url))

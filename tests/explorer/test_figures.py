@@ -2,13 +2,14 @@
 
 import math
 
+import numpy as np
 import pytest
 
 pytest.importorskip("bokeh")
 
 from bokeh.document import Document
 
-from eppanalysis import case
+from eppanalysis import case, simulate
 from eppanalysis.explorer.figures import BranchPicture, MapPicture, NyquistPicture, StepPicture
 from eppanalysis.explorer.quick import compute, shown_signal
 from eppanalysis.explorer.standalone import standalone
@@ -54,6 +55,23 @@ def test_the_run_before_a_move_stays_behind_those_after_it():
         assert named(picture) == [f"now: {text}", "before: 3.0"]
         assert picture.ghost.data["y"].tolist() == pytest.approx(runs[0].values.tolist(), abs=1e-5)
         assert picture.source.data["y"].tolist() == pytest.approx(run.values.tolist(), abs=1e-5)
+
+
+def test_of_a_long_run_that_soon_rests_the_beginning_is_shown():
+    """600 s of an aircraft that is at rest after some seconds were a spike of four samples."""
+    aircraft = case("rate_limited_aircraft")
+    shown = compute(aircraft, shown_signal(aircraft), {})
+    assert aircraft.t_end == 600.0 and 5.0 <= shown.time[-1] <= 20.0
+    assert np.abs(np.diff(shown.values)).max() < 0.05 * np.ptp(shown.values)
+    moves = np.abs(shown.values) > 0.02 * np.ptp(shown.values)
+    assert moves.mean() > 0.05 and not moves[-1]
+
+
+def test_a_loop_in_discrete_time_is_shown_sample_by_sample():
+    loop = case("backlash_discrete_pi")
+    shown, run = compute(loop, shown_signal(loop), {}), simulate(loop)
+    assert shown.values.tolist() == pytest.approx((shown.factor * run.signals[shown.signal]).tolist(), rel=1e-12)
+    assert shown.sentence.startswith("Oscillates at")
 
 
 def test_axes_of_the_nyquist_picture_stay_in_small_moves_and_show_the_cycle_after_large_ones():
