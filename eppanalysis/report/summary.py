@@ -164,7 +164,7 @@ def _numbers(
         name = branch.parameter
         yield (
             f"{words(name)} at which {'the oscillation ends' if largest is not None else 'oscillations begin'}",
-            in_print(case.text(name, end.value, DIGITS)),
+            in_print(_limit(case, branch, end)),
             f"exact: {end.kind} of its branch",
         )
     elif branch is None and largest is not None:
@@ -227,12 +227,8 @@ def _the(branch: Branch) -> str:
 
 def _beside(case: Case, branch: Branch, end: SpecialPoint) -> str:
     """On which side of where its cycles end the parameter of a branch is to be, or to stay."""
-    the, own = _the(branch), case.value(branch.parameter)
-    # The cycles lie on one side of where they end.
-    above = float(branch.points["value"].mean()) > end.value
-    factor = case.readable(branch.parameter)[1]
-    safe = cut(factor * end.value, DIGITS, up=not above) / factor
-    side = f"{'under' if above else 'above'} {case.text(branch.parameter, safe, DIGITS)}"
+    the, own, above = _the(branch), case.value(branch.parameter), _lies_above(branch, end)
+    side = f"{'under' if above else 'above'} {_limit(case, branch, end)}"
     now = case.text(branch.parameter, own)
     if (own - end.value) * (1 if above else -1) < -_AT * abs(own):
         return f"Keep {the} {side}; it is {now} now."
@@ -240,6 +236,18 @@ def _beside(case: Case, branch: Branch, end: SpecialPoint) -> str:
         f"Bring {the} from {now} {side}, where this oscillation ceases to exist, with a margin. Others may "
         "remain: eppanalysis bounds tests for them."
     )
+
+
+def _lies_above(branch: Branch, end: SpecialPoint) -> bool:
+    """Whether the cycles, which lie on one side of where they end, are at larger values."""
+    return float(branch.points["value"].mean()) > end.value
+
+
+def _limit(case: Case, branch: Branch, end: SpecialPoint) -> str:
+    """Where the cycles end, rounded to the side without them."""
+    factor = case.readable(branch.parameter)[1]
+    safe = cut(factor * end.value, DIGITS, up=not _lies_above(branch, end)) / factor
+    return case.text(branch.parameter, safe, DIGITS)
 
 
 def _known(
