@@ -91,7 +91,7 @@ def _times(system: LureSystem, t_end: float) -> Array | None:
 
 
 def _begin(case: Case, system: LureSystem, run: Trajectory) -> Trajectory:
-    """What there is to see of a run; where that is a small part of it, the part again, as its samples are too coarse."""
+    """What there is to see of a run: a small part of it is run again, as its samples are too coarse."""
     until = shown_until(run)
     if system.time_step or not 0.0 < until < _SHARE * case.t_end:
         return run
