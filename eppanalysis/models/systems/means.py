@@ -113,36 +113,35 @@ def _left_null(state: Array, A: Array, C: Array) -> Array:
     n = A.shape[0]
     if n == 0:
         return np.eye(C.shape[0])
-    row, column = equilibrate(state)
-    scaled = row[:, None] * state * column
-    u, s, vt = np.linalg.svd(scaled)
-    rank = int(np.sum(s > 1e-11 * s.max(initial=0.0)))
-    left = without_rounding(u[:, rank:].T, np.ones(1)) * row
-    if rank == n:
+    row, column, left, still = _null_spaces(state)
+    left = without_rounding(left.T, np.ones(1)) * row
+    if not still.size:
         return left
-    return _without_hidden(left, A, _hidden(A, C, column, vt[rank:].T))
+    return _without_hidden(left, A, column[:, None] * _hidden(A, C, column, still))
+
+
+def _null_spaces(matrix: Array) -> tuple[Array, Array, Array, Array]:
+    """Factors of rows and columns that equilibrate a matrix, and what it takes to zero from left and right then."""
+    row, column = equilibrate(matrix)
+    u, s, vt = np.linalg.svd(row[:, None] * matrix * column)
+    rank = int(np.sum(s > 1e-11 * s.max(initial=0.0)))
+    return row, column, u[:, rank:], vt[rank:].T
 
 
 def _hidden(A: Array, C: Array, column: Array, still: Array) -> Array:
     """Motions of modes at zero that the elements do not see, shape (n, k): constant ones, and ramps that lead to these.
 
-    Parameters
-    ----------
-    column : array, shape (n,)
-        Factors of the states' coordinates.
-    still : array, shape (n, k)
-        The constant ones, in these coordinates.
+    In coordinates of the states with the factors `column` (n,), in which `still` (n, k) are the constant ones.
     """
     A, C = A * column / column[:, None], C * column
     while True:
-        basis = np.linalg.qr(still)[0]
+        # Its rounding would be taken for rates of its own, which would be equilibrated with all others.
+        basis = without_rounding(np.linalg.qr(still)[0], np.ones(1))
         # What A takes into directions known to be hidden, unseen by the elements itself, only drifts along them.
         beyond = np.vstack([A - basis @ (basis.T @ A), C])
-        row, factor = equilibrate(beyond)
-        _, s, vt = np.linalg.svd(row[:, None] * beyond * factor)
-        more = vt[int(np.sum(s > 1e-11 * s.max(initial=0.0))) :].T
+        _, factor, _, more = _null_spaces(beyond)
         if more.shape[1] <= still.shape[1]:
-            return column[:, None] * still
+            return still
         still = factor[:, None] * more
 
 
@@ -177,17 +176,21 @@ def _half_way(largest: Array) -> Array:
 
 
 def mean_state(system: LureSystem, value: Array, bias: Array, mean: Array) -> Array:
-    """State at which inputs and outputs of the elements have the given means, shape (n,); hidden modes stay at zero."""
+    """State at which inputs and outputs of the elements have the given means, shape (n,); hidden modes stay at zero.
+
+    The angle of a drive whose speed is controlled is such a mode: it turns at any speed, which its rate does not tell.
+    """
     rows = np.array([s.start for s in system.input_slices], dtype=int)
     n = system.A.shape[0]
-    A = system.A - (np.eye(n) if system.time_step else 0.0)
-    matrix = np.vstack([A, system.C[rows]])
-    right = np.concatenate(
-        [
-            -(system.B @ mean + system.B_input @ value + system.constant_state),
-            bias - system.D[rows] @ mean - system.D_input[rows] @ value - system.constant_input[rows],
-        ]
-    )
+    A, C = system.A - (np.eye(n) if system.time_step else 0.0), system.C[rows]
+    rates = -(system.B @ mean + system.B_input @ value + system.constant_state)
+    inputs = bias - system.D[rows] @ mean - system.D_input[rows] @ value - system.constant_input[rows]
+    _, column, _, still = _null_spaces(np.vstack([A, C]))
+    if still.size:
+        hidden = _hidden(A, C, column, still)
+        seen = np.linalg.qr(hidden, mode="complete")[0].T[hidden.shape[1] :] / column
+        A, rates = seen @ A, seen @ rates
+    matrix, right = np.vstack([A, C]), np.concatenate([rates, inputs])
     # Of all solutions that of least norm, in which modes stay at zero that neither rates nor inputs tell.
     row, column = equilibrate(matrix)
     return column * np.linalg.lstsq(row[:, None] * matrix * column, row * right, rcond=1e-11)[0]

@@ -29,6 +29,23 @@ def test_integrators_that_no_element_sees_leave_a_prediction_as_it_is(row, drive
     )
 
 
+@pytest.mark.parametrize("row", [1, 2])
+@pytest.mark.parametrize("seed", [None, 3])
+def test_what_turns_freely_at_a_mean_speed_leaves_that_speed_as_it_is(row, seed):
+    """The angle of a drive whose speed is controlled: integrators of what an element sees, none of which it sees."""
+    drawn = epp.LureSystem.from_tf(([2.0], [1.0, 3.0, 3.0, 1.0]), epp.Relay(low=-1.0, high=3.0))
+    biased = epp.LureSystem.build(drawn.A, drawn.B, drawn.C, drawn.elements)
+    A = scipy.linalg.block_diag(np.diag(np.ones(row - 1), 1), biased.A)
+    A[row - 1, row:] = biased.C[0]
+    B, C = np.vstack([np.zeros((row, 1)), biased.B]), np.hstack([np.zeros((1, row)), biased.C])
+    loop = epp.LureSystem.build(A, B, C, biased.elements)
+    loop = loop if seed is None else turned(loop, np.random.default_rng(seed))
+    (alone,), (cycle,) = epp.predict_limit_cycles(biased), epp.predict_limit_cycles(loop)
+    for name in alone.mean:
+        assert abs(alone.mean[name]) > 0.01 * alone.peak_to_peak[name]
+        assert cycle.mean[name] == pytest.approx(alone.mean[name], rel=1e-8)
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_solved_for_means_a_balance_holds_for_the_same_ones(seed):
     """Three elements, the last with two outputs; the second's mean input alone is prescribed, but not in one row."""
