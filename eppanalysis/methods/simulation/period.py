@@ -211,9 +211,14 @@ class _Pieces:
 
     def coefficients(self, values: Array, first: int = 0) -> Array:
         """Legendre coefficients from degree `first` on of signals (s, pieces, nodes), shape (s, pieces, degrees)."""
-        # One product of matrices, not one for each signal.
-        found = values.reshape(-1, values.shape[-1]) @ _rule(self.rule[0])[2][first:].T
-        return found.reshape(*values.shape[:-1], -1)
+        # From a node on: at the ends of a piece the rounding of an offset grows with the square of their number. One
+        # product of matrices, not one for each signal.
+        offset = values[..., :1]
+        found = (values - offset).reshape(-1, values.shape[-1]) @ _rule(self.rule[0])[2][first:].T
+        found = found.reshape(*values.shape[:-1], -1)
+        if first == 0:
+            found[..., :1] += offset
+        return found
 
     def unresolved(self, values: Array, before: Array | None) -> tuple[BoolArray, Array]:
         """Pieces on which some signal's last coefficients are neither near rounding of its range nor rounding.

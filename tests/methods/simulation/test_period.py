@@ -157,3 +157,14 @@ def test_a_run_whose_period_cannot_be_computed_again_is_on_no_cycle(events, monk
         # Few events are enough for one period behind its own first event.
         assert (each.limit_cycle is None) == (each.status is Status.UNDECIDED) == (events == 0)
     assert again.events == whole.events
+
+
+def test_the_swing_beside_an_offset_has_the_rounding_of_the_samples():
+    """Ends of pieces are told from sums, in which the rounding of an offset grew by the square of their terms."""
+
+    def bump(t):
+        return (1.0 + 1e-3 * np.sin(np.pi * t))[:, None]
+
+    shape = analyse_period(np.array([0.0, 0.3, 1.0]), np.zeros(0), 0.1, ["x"], bump)
+    assert shape.peak_to_peak["x"] == pytest.approx(1e-3, abs=1e-15)
+    assert shape.mean["x"] == pytest.approx(1.0 + 2e-3 / np.pi, abs=1e-15)
