@@ -52,6 +52,7 @@ class Case(ShownCase):
     name, title : str
         Stem of the file; what the case is about, in a few words.
     kind : {"elbow", "loop", "diagram"}
+        The paper's elbow, a loop of a transfer function and elements, or a diagram of blocks.
     source : str
         The file, as the user gave it.
     parameters : dict of str to Parameter

@@ -59,6 +59,7 @@ def diagnose(
     operating_point : OperatingPoint or mapping of str to float, optional
         Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
     progress : callable, optional
+        Told the number of candidates done, of all, and which one is being looked at.
 
     Returns
     -------

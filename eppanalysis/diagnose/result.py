@@ -108,9 +108,11 @@ class Diagnosis(Listing[Explanation]):
     Attributes
     ----------
     explanations : tuple of Explanation
+        Of all candidates, likeliest first.
     verdict : {"named", "cannot be told", "unexplained"}
         "named" where one candidate has at least the probability `threshold`, "unexplained" where none fits the record.
     threshold : float
+        Probability from which on a candidate is named.
     oscillation : Oscillation
         Of the record.
     model_error : float
@@ -118,11 +120,13 @@ class Diagnosis(Listing[Explanation]):
     left_out : dict of str to str
         Elements that were not candidates, and why.
     record : Record
+        The record that was explained.
     case : str
         Name of the case.
     units : dict of str to str
         Of the recorded signals.
     status : Status
+        INCOMPLETE where a candidate could not be tried; its note says why.
     elsewhere : str
         Where a linear instability fits best, or nothing does, the other signal as a record of which an element explains
         the oscillation far better, in words; empty where there is none.

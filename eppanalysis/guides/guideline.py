@@ -91,6 +91,7 @@ def design_guide(
     workers : int
         Processes.
     seed : int
+        Of runs and draws: the same seed, the same numbers.
     branch : Branch, optional
         Exact cycles of this case over the limited parameter, where they are known already. The end of the branch is
         then put to the test in place of a bound that harmonic balance finds, in a fraction of the time and without the

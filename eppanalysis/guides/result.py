@@ -137,11 +137,13 @@ class Guide(Result):
     Attributes
     ----------
     case : Case
+        The case that the guideline is for.
     over, limit : str
         The parameter that runs, and the one that is bounded.
     varied : tuple of str
         The parameters that make the variants.
     rows : tuple of GuideRow
+        One for each value of the parameter that runs and each variant.
     margins : dict of str to float
         Factors that were asked for, by parameter.
     not_covered : str

@@ -81,6 +81,7 @@ class LimitCycle(Result):
     method : str
         "describing function", "harmonic balance", "exact orbit" or "simulation".
     status : Status
+        CONVERGED where the method's own equation is solved.
     period, frequency : float
         [s], [Hz].
     mean, peak_to_peak : dict of str to float
@@ -90,11 +91,13 @@ class LimitCycle(Result):
     stable : bool or None
         None when the method cannot tell.
     stability_criterion : str
+        From what stability is told, in words.
     multipliers : complex array or None
         Floquet multipliers, where the method has them.
     residual, error_estimate : float
         Residual of the method's own equation; estimated relative error against the true cycle (nan when unknown).
     events : sequence of Event
+        Switches of a period, in their order, with time, element and name.
     time, waveform : array, dict of str to array
         One period, sampled.
     state, memory : array, shape (n,), tuple
@@ -345,6 +348,7 @@ class Prediction(Listing[LimitCycle]):
     cycles : tuple of LimitCycle
         By amplitude.
     status : Status
+        INCOMPLETE where the search is; `search` says why.
     search : str
         How completeness was sought, in plain words.
     curves : mapping

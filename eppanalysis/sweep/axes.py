@@ -86,6 +86,7 @@ class Tolerances:
     n : int
         Number of cells.
     seed : int
+        Of the draws: the same seed, the same machines.
     names : sequence of str, optional
         Parameters; by default all that have a tolerance.
     distribution : {"uniform", "normal"}

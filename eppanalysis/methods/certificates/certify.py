@@ -232,6 +232,7 @@ def check_certificate(path: str | Path) -> Check:
     Parameters
     ----------
     path : str or Path
+        The file that a proof was written to.
 
     Returns
     -------

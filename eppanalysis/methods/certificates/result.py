@@ -132,6 +132,7 @@ class Check(PlainData):
     Attributes
     ----------
     accepted : bool
+        Whether every step of the proof was found true.
     statement : str
         As the file names it.
     message : str

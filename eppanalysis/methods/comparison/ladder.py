@@ -141,7 +141,9 @@ class Ladder(Result):
     signal : str
         The signal that rows and pictures show.
     prediction : Prediction or None
+        Cycles that first order predicts; None where it cannot be asked.
     run : Trajectory
+        The case's own run.
     matched : int or None
         Number of the predicted cycle that the run is on.
     missed : tuple of int
@@ -153,9 +155,11 @@ class Ladder(Result):
         Oscillations of the signal within one period of the run's cycle (its largest harmonic); frequencies are compared
         oscillation by oscillation.
     probes : tuple of Probe
+        Runs that begin on, below or above a predicted cycle, and where they went.
     probe_seconds : float
         How long all probes took.
     agreement : Agreement
+        What prediction and run say of each other.
     verdict : str
         Plain sentences.
     rows : tuple of Rung

@@ -54,6 +54,7 @@ class FoldCurve(Result):
     multiplier : array, shape (k,)
         Its largest Floquet multiplier, which is 1 but for rounding.
     status : Status
+        CONVERGED where it covers all values asked for.
     message : str
         How the curve ended.
     units : dict of str to str

@@ -64,7 +64,9 @@ class Branch(Result):
         "<signal>" for the peak-to-peak of every signal; of a sampled loop also "samples", the number in a period, nan
         where a cycle is not locked to them.
     special : tuple of SpecialPoint
+        Folds, changes of stability and of the sequence of events, and ends, in the order of the branch.
     status : Status
+        NOT_CONVERGED where no orbit continues it at one of its ends.
     message : str
         How the branch ended, at both ends.
     signals : tuple of str

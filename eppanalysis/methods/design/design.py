@@ -151,6 +151,7 @@ def design(
         Runs of each test, from a seeded cloud of initial states and steps of the inputs; with tolerances as many again,
         each of a machine of its own.
     seed : int
+        Of the runs of each test: the same seed, the same runs.
     progress : callable, optional
         Told the number of optima done, and of all.
 

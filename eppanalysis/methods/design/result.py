@@ -106,12 +106,15 @@ class Design(Result):
     Attributes
     ----------
     case : str
+        Name of the case.
     objective : str
         The parameter, or the measure of the linearised loop, that is maximised or minimised.
     goal : Sense
+        The largest value of the objective, or the smallest.
     tune : dict of str to (float, float)
         Ranges of the tuned parameters [SI].
     optimum : Optimum
+        The best values, what is active there, and whether tests on both sides confirm it.
     bounded : str
         The tuned parameter that cycles bound at each place of the others; by default the objective.
     kept : tuple of Kept
@@ -127,6 +130,7 @@ class Design(Result):
     margin : float
         How far inside the active constraint the design is tested, as a share of the bounded parameter's value there.
     allowed : Allowed or None
+        The largest stable cycle that is allowed; None where no cycle is.
     readable : dict of str to (str, float)
         The unit that people use for each parameter, and the factor from SI to it.
     units : dict of str to str

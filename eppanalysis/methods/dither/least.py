@@ -47,6 +47,7 @@ def dither(
     frequency : float
         Of the dither [Hz]; at least five times that of the cycle.
     wave : {"sine", "triangle"}
+        Form of the dither.
     element : str, optional
         Name of the element that is dithered: one without memory, or a play; by default the only one.
     operating_point : OperatingPoint or mapping of str to float, optional

@@ -34,6 +34,7 @@ class Dither(Result):
     characteristic : Nonlinearity
         That element.
     wave : {"sine", "triangle"}
+        Form of the dither.
     frequency : float
         Of the dither [Hz].
     amplitude : float

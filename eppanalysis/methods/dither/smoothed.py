@@ -126,6 +126,7 @@ def smoothed(element: Nonlinearity, amplitude: float, wave: Wave = "sine") -> No
     amplitude : float
         Of the dither, in the unit of the element's input; positive.
     wave : {"sine", "triangle"}
+        Form of the dither.
 
     Returns
     -------

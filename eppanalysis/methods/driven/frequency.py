@@ -121,13 +121,17 @@ def amplitude_response(
     ----------
     system : LureSystem or Case
     input, output : str, optional
+        Names of the driven input and of a signal; as in :func:`frequency_response` by default.
     frequency : float, optional
         [Hz]; by default that of the case's own sine.
     amplitudes : (float, float)
         Range, in the SI unit of the input; it is run over in its logarithm.
     operating_point : OperatingPoint or mapping of str to float, optional
+        Where the inputs are held, the driven one in the mean [SI]; by default that of the case or loop.
     n_points : int
+        At most so many points of a branch.
     max_step : float
+        Longest step along a branch, relative to the range and the motion.
 
     Returns
     -------

@@ -110,6 +110,7 @@ class ForcedResponse(Listing[PeriodicResponse]):
     Attributes
     ----------
     input : str
+        Name of the driven input.
     amplitude : float
         Of the sine, in the input's SI unit.
     frequency : float
@@ -126,6 +127,7 @@ class ForcedResponse(Listing[PeriodicResponse]):
     status : Status
         NOT_CONVERGED where no periodic response was found.
     message : str
+        What was found, and what was not, in sentences.
     first_order : dict of str to complex array
         Complex gains that describing functions say, by signal, one for each of their solutions; empty where they have
         none.
@@ -230,6 +232,7 @@ class ResponseBranch(Brief):
     multiplier : array, shape (k,)
         Largest magnitude of the Floquet multipliers; empty for describing functions.
     special : tuple of SpecialResponse
+        Folds and changes of stability, in the order of the branch.
     ends : (str, str)
         How it ends at its first and at its last point.
     """
@@ -267,6 +270,7 @@ class FrequencyResponse(Result):
     Attributes
     ----------
     input, output : str
+        Names of the driven input and of the signal.
     over : Over
         "frequency" or "amplitude".
     branches : tuple of ResponseBranch
@@ -276,6 +280,7 @@ class FrequencyResponse(Result):
     status : Status
         INCOMPLETE where a branch ends within the range.
     message : str
+        How the branches end, in sentences.
     units : dict of str to str
         SI units of input and output, by their names.
     """

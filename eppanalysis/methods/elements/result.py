@@ -29,6 +29,7 @@ class ElementCheck(Result):
     Attributes
     ----------
     name : str
+        Of the element.
     status : Status
         INCOMPLETE where the rules are not decided or there is no describing function; `message` says why.
     findings : tuple of Finding
@@ -43,6 +44,7 @@ class ElementCheck(Result):
     decided : bool
         Whether the rules could be examined.
     message : str
+        Why the check is incomplete; empty where it is not.
     """
 
     name: str

@@ -54,6 +54,7 @@ def rational_model(
     Parameters
     ----------
     response : MeasuredResponse
+        The data, from :func:`read_response` or of one's own arrays.
     order : int, optional
         Number of states beside the integrators. By default as few as bring the misfit below `tolerance` or, with a
         standard deviation, as many as Schwarz's criterion finds in the data, up to 16.

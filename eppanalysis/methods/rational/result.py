@@ -31,6 +31,7 @@ class RationalModel(Result):
     poles : complex array
         Integrators included [rad/s].
     integrators : int
+        Number of poles at zero.
     delay : float
         Dead time that belongs to it [s].
     misfit, typical_misfit : float

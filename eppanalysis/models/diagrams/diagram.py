@@ -45,6 +45,7 @@ class Diagram:
     ports_as_signals : bool
         Whether all ports are signals beside those named.
     name : str
+        Of the loop, in sentences and messages.
 
     Raises
     ------

@@ -57,7 +57,7 @@ def _vector(values: ArrayLike, size: int) -> Array:
 
 @dataclass(frozen=True)
 class Mode:
-    """One mode of an element.
+    """One mode: the outputs are ``from_input @ z + from_memory @ h + from_smooth @ sigma + constant``.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class Guard:
     mode, target, bypass : int
         The event leads to `bypass` where the target is a sticking mode that the loop does not admit.
     on_input, on_rate, on_memory, on_output, impulse, constant : array or float
-    memory_from_input, memory_from_memory, memory_constant : array
+    memory_from_input, memory_from_memory, memory_constant : array, shapes (h, z), (h, h) and (h,)
     """
 
     name: str

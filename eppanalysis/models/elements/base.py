@@ -54,9 +54,13 @@ class OwnStates:
     Parameters
     ----------
     A : array, shape (k, k)
+        From the states to their rates.
     B : array, shape (k, x + w)
+        From x and w to the rates.
     C : array, shape (z + y, k)
+        From the states to z and y.
     D : array, shape (z + y, x + w)
+        From x and w straight to z and y.
     n_before, n_behind : int
         Numbers of the loop's signals x and y; one each by default.
     start : array, shape (k,)

@@ -63,11 +63,13 @@ class LureSystem(Responses):
     elements : tuple of Nonlinearity
         In the order in which their inputs and outputs are stacked.
     element_names : tuple of str
+        One for each element; made of their kinds by default.
     signals : SignalMap
         The named signals.
     B_input, D_input : array, shapes (n, nv) and (nz, nv)
         From the external inputs.
     input_names, state_names : tuple of str
+        One for each external input and each state.
     constant_state, constant_input : array, shapes (n,) and (nz,)
         Constant terms.
     x0 : array, shape (n,)

@@ -140,6 +140,7 @@ def tolerance_bound(
     within : (quantity, quantity)
         Range in which bounds are sought.
     probabilities : sequence of float
+        Shares of machines that are to be free of cycles, each between 0 and 1.
     samples : int
         Draws; 0 for the worst case alone.
     distribution : {"uniform", "normal"}

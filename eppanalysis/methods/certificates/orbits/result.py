@@ -57,6 +57,7 @@ class CertifiedOrbit(WithFile):
     Attributes
     ----------
     status : Proof
+        PROVED, VIOLATED where an element is shown to switch otherwise, or NOT_DECIDED.
     message : str
         Why it is not proved; empty where it is.
     period : float
@@ -73,6 +74,7 @@ class CertifiedOrbit(WithFile):
     state : array, shape (n,)
         State of the loop at the beginning of the period.
     stability : OrbitStability
+        STABLE, ONE_OUTSIDE, SEVERAL_OUTSIDE or NOT_DECIDED, from the discs that hold the multipliers.
     stability_message : str
         Why stability is not decided; empty where it is.
     multipliers, multiplier_radii : complex array, array, shape (m,)

@@ -262,6 +262,7 @@ class ElbowParameters:
     forearm : Forearm
         Inertia, friction and weight of forearm and prehensor.
     cable : Cable
+        Stiffness and damping of the control cable.
     pulley : Pulley
         Radius and friction on the elbow axis.
     harness : Harness
@@ -269,6 +270,7 @@ class ElbowParameters:
     sensor : Sensor
         Of the force; what is not given is left out.
     parking : Parking
+        The band and the time after which the controller brakes.
 
     Examples
     --------

@@ -148,6 +148,7 @@ class SampledLaw(Nonlinearity):
     Parameters
     ----------
     law : PiecewiseLinear
+        What is computed of the input at each sample.
     period : float
         Sample period [s].
 

@@ -58,6 +58,7 @@ class MeasuredLoop:
     feedback : {-1, 1}
         Sign of the feedback.
     name : str
+        Of the loop, in sentences and messages.
     means : (array (m, m), array (m, nw), array (m,)), optional
         Balance of the means, ``E b + F mean = p``, between mean inputs b and mean outputs of the elements. By default
         what the static gains say, ``b = feedback * G(0) mean``, and of an input that integrates a single output, that
