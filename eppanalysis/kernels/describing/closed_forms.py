@@ -139,10 +139,10 @@ def _push(a, inside, q):
     falls through zero at the angle `end` behind the peak and rises through it at `begin` before the peak (which counts
     only where the gap is not reached, depth >= 2); the half-angle tangents are roots of a quadratic.
     """
-    if inside >= a * math.hypot(1.0, q):
-        return 2.0 * math.pi * inside, math.pi, math.pi * q
     if not inside > -a:
         return 0.0, 0.0, 0.0
+    if inside >= a and inside >= a * math.hypot(1.0, q):
+        return 2.0 * math.pi * inside, math.pi, math.pi * q
     d = (a + inside) / a
     root = math.sqrt(max(q * q + d * (2.0 - d), 0.0))
     edge = d <= 2.0
