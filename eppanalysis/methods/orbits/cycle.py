@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 
 from eppanalysis.arrays import Array
@@ -16,15 +18,26 @@ from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
 from eppanalysis.results.events import Events
 from eppanalysis.results.provenance import Provenance
 
+#: The cycles of orbits, and of which loops: a search compares an orbit with what it asks for before it lists it.
+_MADE: WeakKeyDictionary[Orbit, tuple[LureSystem, LimitCycle]] = WeakKeyDictionary()
+
 
 def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
-    """What a closed orbit looks like to its user.
+    """What a closed orbit looks like to its user; an orbit, which does not change, has one cycle.
 
     Parameters
     ----------
     system : LureSystem
         The loop whose orbit it is.
     """
+    of, cycle = _MADE.get(orbit, (None, None))
+    if cycle is None or of is not system:
+        cycle = _cycle_of(system, orbit)
+        _MADE[orbit] = system, cycle
+    return cycle
+
+
+def _cycle_of(system: LureSystem, orbit: Orbit) -> LimitCycle:
     shape = orbit_shape(system, orbit)
     values = orbit.multipliers
     n = orbit.hybrid.n_plant
