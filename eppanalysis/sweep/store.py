@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
 Bounds = tuple[tuple[int, int], ...]
 _FORMAT = 2
-#: Threads that bring blocks to the disk: a disk takes several at once.
-_MARKERS = 4
+#: Threads that write blocks and bring them to the disk: a disk takes several at once.
+_KEEPERS = 4
 #: What stores of the first form, which had no digests, hold in their attributes.
 _FIRST_FORM = b'"eppanalysis_sweep"'
 
@@ -97,8 +97,8 @@ class ZarrStore:
             self._lock = integrity.Lock(path)
             # Bringing numbers to the disk takes longer than computing them at times: the next block need not wait. But
             # what is not marked yet stays little, as an end waits for it and a kill loses it.
-            self._marker, self._failure = ThreadPoolExecutor(_MARKERS), list[BaseException]()
-            self._room = Semaphore(2 * _MARKERS)
+            self._keeper, self._failure = ThreadPoolExecutor(_KEEPERS), list[BaseException]()
+            self._room = Semaphore(2 * _KEEPERS)
             try:
                 self._open(block_shape(design.shape, chunk), resume)
             except BaseException:
@@ -108,14 +108,14 @@ class ZarrStore:
                 raise
 
     def close(self) -> None:
-        """Mark what is still to be marked, and let others write.
+        """Write and mark what is still to be kept, and let others write.
 
         Raises
         ------
         EppError
-            If a mark cannot be written.
+            If a block or its mark cannot be written.
         """
-        self._marker.shutdown()
+        self._keeper.shutdown()
         self._lock.release()
         with _writing(self.path):
             self._fail()
@@ -234,29 +234,39 @@ class ZarrStore:
                     self.whole.add(key)
 
     def write(self, bounds: Bounds, columns: Columns) -> None:
-        """Keep the results of a block; it is marked as done as soon as they are on the disk."""
-        place, key = tuple(slice(*b) for b in bounds), self._key(bounds)
-        shape = [stop - start for start, stop in bounds]
+        """Keep the results of a block while the next one is computed; it is marked as done when they are on the disk.
+
+        Raises
+        ------
+        EppError
+            If a block before it cannot be written.
+        """
         with _writing(self.path):
             self._fail()
+        self._room.acquire()
+        self._keeper.submit(self._keep, bounds, columns)
+
+    def _keep(self, bounds: Bounds, columns: Columns) -> None:
+        place, key = tuple(slice(*b) for b in bounds), self._key(bounds)
+        shape = [stop - start for start, stop in bounds]
+        try:
             for name, values in columns.items():
                 # What stands there may be torn, and nothing is written where it is what an empty block has anyway.
                 (self.path / name / "c" / key).unlink(missing_ok=True)
                 if values.dtype != object or any(values):
                     self.arrays[name][place] = values.reshape(shape)
-            self._room.acquire()
-            self._marker.submit(self._mark, key)
-
-    def _mark(self, key: str) -> None:
-        try:
-            integrity.write_mark(self.path, key, self.stamp, tuple(self.variables))
+            self._mark(key)
         except BaseException as error:
             self._failure.append(error)
         finally:
             self._room.release()
 
+    def _mark(self, key: str) -> None:
+        """Mark a block as finished when all its numbers are on the disk."""
+        integrity.write_mark(self.path, key, self.stamp, tuple(self.variables))
+
     def _fail(self) -> None:
-        """Raise what went wrong with a mark."""
+        """Raise what went wrong with a block."""
         if self._failure:
             raise self._failure[0]
 

@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -82,7 +83,8 @@ def test_interrupted_between_results_and_mark(wanted, tmp_path, monkeypatch) -> 
 
     def write_half(store, bounds, columns):
         if len(computed) == 10:
-            store._mark = lambda key: store._room.release()  # the end comes first
+            mark, torn = store._mark, store._key(bounds)
+            store._mark = lambda key: None if key == torn else mark(key)  # the end comes first
             write(store, bounds, {k: v[::-1] for k, v in columns.items()})  # what a torn write leaves is wrong
             raise KeyboardInterrupt
         write(store, bounds, columns)
@@ -222,6 +224,30 @@ def test_an_empty_folder_is_a_place_to_write_to(wanted, tmp_path) -> None:
 def test_a_read_only_place_is_one_sentence() -> None:
     with pytest.raises(EppError, match=r"cannot be written .*expected a place to write to"):
         sweep(CASE, AXES, store="/proc/map.zarr", progress=False)
+
+
+def test_the_next_block_is_computed_while_one_is_written(wanted, tmp_path, monkeypatch) -> None:
+    """Writing waits until the block after it has begun, or two seconds in vain."""
+    import zarr.storage._local as local
+
+    path, put, block, begun, in_time = tmp_path / "map.zarr", local._put, Work.block, [], []
+    second = threading.Event()
+
+    def computed(work, bounds):
+        begun.append(bounds)
+        if len(begun) == 2:
+            second.set()
+        return block(work, bounds)
+
+    def put_late(*arguments, **more):
+        if begun:
+            in_time.append(second.wait(2.0))
+        return put(*arguments, **more)
+
+    monkeypatch.setattr(Work, "block", computed)
+    monkeypatch.setattr(local, "_put", put_late)
+    assert wanted.identical(sweep(CASE, AXES, store=path, chunk=12, workers=1, progress=False).load())
+    assert all(in_time)
 
 
 def test_a_full_disk_loses_nothing(wanted, tmp_path, monkeypatch) -> None:
