@@ -86,7 +86,7 @@ class LimitCycle(Result):
         [s], [Hz].
     mean, peak_to_peak : dict of str to float
         Of every named signal, in its SI unit.
-    harmonics : dict of str to complex array
+    harmonics : mapping of str to complex array
         Coefficients c[k] of ``sum Re(c[k] exp(j k omega t))`` of every named signal, c[0] the mean.
     stable : bool or None
         None when the method cannot tell.
