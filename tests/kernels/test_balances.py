@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from numba import typeof
 
 import eppanalysis as epp
 from eppanalysis.kernels.balances import drive
@@ -83,3 +86,9 @@ def test_steps_are_shortened_by_their_largest_part_in_its_own_scale() -> None:
     assert sound.all()
     X[2, 0], X[3, 4] = 400.0, np.nan
     assert moved(balance, X, np.zeros_like(X), 0.7)[1].tolist() == [True, True, False, False, True, True]
+
+
+def test_kernels_are_compiled_once_however_the_static_balance_is_written() -> None:
+    balance, _ = an_elbow()
+    by_element = replace(balance, static=balance.static.solved(balance.owner))
+    assert typeof(by_element._of_means) == typeof(balance._of_means)

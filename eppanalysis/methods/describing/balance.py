@@ -211,9 +211,10 @@ class Balance:
 
     @cached_property
     def _of_means(self) -> tuple[Array, Array, Array]:
-        """The static balance as kernels take it."""
-        on_bias, on_mean = (np.ascontiguousarray(part, float) for part in (self.on_bias, self.on_mean))
-        return on_bias, on_mean, self.prescribed
+        """The static balance as kernels take it, laid out alike: numba compiles a kernel anew for each layout."""
+        parts = self.on_bias, self.on_mean, self.prescribed
+        on_bias, on_mean, prescribed = (np.ascontiguousarray(part, float) for part in parts)
+        return on_bias, on_mean, prescribed
 
     def newton_compiled(
         self,
