@@ -16,7 +16,15 @@ from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Answer, Nonlinearity
 from eppanalysis.models.elements.exact import Half, Pieces, Reading
-from eppanalysis.models.elements.phases import NOT_NEGATIVE, broadcast, layers, require, require_numbers, with_nan
+from eppanalysis.models.elements.phases import (
+    NOT_NEGATIVE,
+    broadcast,
+    layers,
+    require,
+    require_numbers,
+    some_at_a_time,
+    with_nan,
+)
 from eppanalysis.models.elements.static import Coulomb
 
 #: Largest exponent of a Stribeck curve, parts of a panel of one that falls steeply, and how much shorter panels are at
@@ -175,6 +183,7 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
         dry = self.coulomb + (self.static - self.coulomb) * self._decay(v / self.velocity)
         return np.asarray(dry * np.sign(v) + self.viscous * v), memory
 
+    @some_at_a_time
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean and gain (real) for a velocity ``bias + amplitude * sin(omega t)``, which never rests.
 

@@ -17,7 +17,14 @@ from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
 from eppanalysis.models.elements.base import OUT, RATIO, SLOPE, Answer, Nonlinearity
 from eppanalysis.models.elements.exact import Named, Reading
-from eppanalysis.models.elements.phases import POSITIVE, broadcast, layers, require_numbers, with_nan
+from eppanalysis.models.elements.phases import (
+    POSITIVE,
+    broadcast,
+    layers,
+    require_numbers,
+    some_at_a_time,
+    with_nan,
+)
 
 #: Smooth functions that powers are made of.
 _POWERS = {2: "square", 3: "cube", 4: "fourth_power", 5: "fifth_power"}
@@ -318,6 +325,7 @@ class Tanh(_Saturating, kind="tanh"):
         """Output for any array `x`; `memory` is handed through unused."""
         return np.asarray(self.level * np.tanh(self.slope / self.level * floats(x, "output: x"))), memory
 
+    @some_at_a_time
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean and gain by quadrature, for there is no closed form; accurate to about 1e-12.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,20 @@ def test_a_steep_tanh_is_the_relay_but_for_its_layer() -> None:
     np.testing.assert_allclose(gain, 4 * 1.5 / (np.pi * a) * (1 - np.pi**2 / 24 / a**2), rtol=1e-12)
     mean = epp.Tanh(1.5, 1.5).describing_function(1e5, 0.3e5)[0]
     assert mean == pytest.approx(2 * 1.5 / np.pi * np.arcsin(0.3), rel=1e-9)
+
+
+@pytest.mark.parametrize("element", [epp.Tanh(1.5, 2.0), epp.StribeckFriction(1.0, 1.5, 0.1)], ids=lambda e: e.kind)
+def test_many_arguments_need_the_memory_of_few_and_have_the_answers_of_each(element: epp.Nonlinearity) -> None:
+    a = np.geomspace(1e-9, 1e9, 2000)
+    b = np.random.default_rng(2).normal(size=a.size) * a
+    tracemalloc.start()
+    answer = element.describing_function(a, b)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 30e6  # the nodes of all arguments at once fill 100 MB
+    alone = [element.describing_function(a[k], b[k]) for k in range(0, a.size, 50)]
+    for together, each in zip(answer, zip(*alone, strict=True), strict=True):
+        np.testing.assert_allclose(together[::50], each, rtol=1e-12)
 
 
 def driven(element: epp.Nonlinearity) -> epp.LureSystem:
