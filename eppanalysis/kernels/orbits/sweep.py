@@ -56,8 +56,8 @@ def _weights(channels, gs, slope):
     return weight
 
 
-@njit(**KERNEL)
-def along(channels, a, F, S, g, gs, smooth, y, tau, end, Phi, sigma, row):
+@njit(**PART)
+def _along(channels, a, F, S, g, gs, smooth, y, tau, end, Phi, sigma, row):
     """Arc a from y: fill its end and the derivative Phi of that, the channels there, and the guard's derivative."""
     n, N = F.shape
     slope = np.zeros(S.shape[1])
@@ -80,7 +80,7 @@ def carry(channels, F, S, g, gs, J, smooth, at_once, starts, tau, D):
     m, Phi, E = D.shape[1], np.zeros((N, N)), np.zeros((N, D.shape[1]))
     end, row, sigma, rate = np.zeros(N), np.zeros(N), np.zeros(S.shape[2]), np.zeros(n)
     for a in range(p):
-        along(channels, a, F[a], S[a], g[a], gs[a], smooth[a], starts[a], tau[a], end, Phi, sigma, row)
+        _along(channels, a, F[a], S[a], g[a], gs[a], smooth[a], starts[a], tau[a], end, Phi, sigma, row)
         _times(Phi, D, E, n, m)
         if at_once[a] != 1:  # the instant of a sample stands
             # A switch of another element comes sooner or later with the start: by that time, at the arc's rate, the

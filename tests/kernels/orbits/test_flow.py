@@ -10,7 +10,15 @@ from scipy.linalg import expm
 import eppanalysis as epp
 from eppanalysis.kernels.orbits.flow import Channels, room
 from eppanalysis.kernels.orbits.newton import newton
-from eppanalysis.kernels.orbits.sweep import along, sweep_by
+from eppanalysis.kernels.orbits.sweep import carry, sweep_by
+
+
+def carried(channels, F, guard, J, at_once, y, tau, start):
+    """What becomes of disturbances of the start of an arc; smooth elements, if there are any, have one channel."""
+    count, D, linear = 0 if channels is None else 1, start.copy(), np.zeros(1, np.int64)
+    S, gs = np.zeros((*F.shape[:2], count)), np.zeros((1, count))
+    carry(channels, F, S, guard[None], gs, J[None], linear, np.full(1, at_once), y[None], np.array([tau]), D)
+    return D
 
 
 @pytest.mark.parametrize(("plant", "clocks", "memory"), [(2, 0, 1), (2, 40, 3), (9, 0, 2), (9, 60, 4), (1, 7, 1)])
@@ -22,27 +30,25 @@ def test_flow_of_an_arc_with_clocks(plant: int, clocks: int, memory: int, tau: f
     F[0, :plant, :plant] = rng.normal(size=(plant, plant))
     F[0, :plant, n:] = rng.normal(size=(plant, memory))
     F[0, plant:, -1] = rng.choice([0.0, 1.0], clocks)
-    y, end, Phi, row, none = rng.normal(size=N), np.zeros(N), np.zeros((N, N)), np.zeros(N), np.zeros(0)
+    y, guard, J, start = rng.normal(size=N), rng.normal(size=N), rng.normal(size=(N, N)), rng.normal(size=(N, 3))
     # Exponentials cost the cube of it, once for each arc.
     assert room(F).shape[1] < plant + 8
-    guard = rng.normal(size=N)
-    along(None, 0, F[0], np.zeros((n, 0)), guard, none, 0, y, tau, end, Phi, none, row)
-    assert np.array_equal(row, guard)
     exact = expm(tau * np.vstack([F[0], np.zeros((memory, N))]))
-    np.testing.assert_allclose(Phi, exact, rtol=1e-12, atol=1e-13 * np.abs(exact).max())
-    np.testing.assert_allclose(end, exact @ y, rtol=1e-12, atol=1e-12 * np.abs(exact).max())
+    sooner, rate = exact @ start, F[0] @ exact @ y
+    sooner[:n] -= np.outer(rate, guard @ sooner / (guard[:n] @ rate))
+    for at_once, moved in ((1, exact @ start), (0, sooner)):
+        size = np.abs(J) @ (np.abs(exact) @ np.abs(start) + np.abs(moved))
+        assert np.all(np.abs(carried(None, F, guard, J, at_once, y, tau, start) - J @ moved) <= 1e-12 * size)
 
 
 def test_without_smooth_channels_an_arc_is_that_with_one_that_does_not_act() -> None:
     rng = np.random.default_rng(3)
     n, N = 3, 5
-    F, S, guard, y = rng.normal(size=(n, N)), np.zeros((n, 1)), rng.normal(size=N), rng.normal(size=N)
-    still = Channels(np.zeros(1, np.int64), np.ones((1, n)), np.ones((1, 2)), np.zeros((1, 1)), np.ones(1), S[:1])
-    found = []
-    for channels in (None, still):
-        end, row, Phi = np.zeros(N), np.zeros(N), np.zeros((N, N))
-        along(channels, 0, F, S, guard, np.zeros(1), 0, y, 0.7, end, Phi, np.zeros(1), row)
-        found.append(np.vstack([end, row, Phi]))
+    F, guard, y, J = rng.normal(size=(1, n, N)), rng.normal(size=N), rng.normal(size=N), rng.normal(size=(N, N))
+    still = Channels(
+        np.zeros(1, np.int64), np.ones((1, n)), np.ones((1, 2)), np.zeros((1, 1)), np.ones(1), np.zeros((1, 1))
+    )
+    found = [carried(channels, F, guard, J, 0, y, 0.7, np.eye(N)) for channels in (None, still)]
     np.testing.assert_array_equal(*found)
 
 
