@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import eppanalysis as epp
 from eppanalysis.methods.bounds.result import BoundCell
-from eppanalysis.readable import in_print
+from eppanalysis.readable import cut, in_print
 from studies import STORED
 
 RESULT = STORED / "limits.md"
@@ -56,13 +56,17 @@ def line(job: Job, cell: BoundCell) -> tuple[str, ...]:
     def text(value: float) -> str:
         return in_print(case.text(job.limit, value, 4)) if math.isfinite(value) else "–"
 
+    def on_the_safe_side(value: float) -> float:
+        in_shown = float(case.text(job.limit, 1.0, 15).split()[0])
+        return cut(in_shown * value, 4, up=cell.sign < 0) / in_shown
+
     at = f"{job.over} {case.text(job.over, cell.value, 4)}"
     at += "".join(f", {name} {value}" for name, value in job.given.items())
     side = {1.0: "below", -1.0: "above"}[cell.sign] if cell.finding == "bound" else cell.finding
     harmonic = text(cell.harmonic) + (f" (order {cell.order})" if cell.order else "")
     runs = str(cell.n_settled) if cell.verified else cell.message
     tested = f"± {100 * job.margin:g} %" if cell.n_runs else "–"
-    return (job.limit, at, side, text(cell.first_order), harmonic, text(cell.exact), tested, runs)
+    return (job.limit, at, side, text(cell.first_order), harmonic, text(on_the_safe_side(cell.exact)), tested, runs)
 
 
 def cells(job: Job, starts: int = 1000) -> epp.DesignBounds:

@@ -18,9 +18,11 @@ _PARSERS: dict[type, Callable[[str], Any]] = {str: str, int: int, float: float, 
 
 
 def write_rows(rows: Sequence[Any], kind: type, path: Path, script: str) -> None:
-    """Rows to CSV, with a first line that says which script of this folder they come from."""
+    """Rows to CSV, with a first line that says which script of this package they come from."""
     with path.open("w", newline="", encoding="utf-8") as stream:
-        stream.write(f"# python docs/{Path(script).name}, eppanalysis {epp.__version__}, numpy {np.__version__}\n")
+        stream.write(
+            f"# python -m studies.{Path(script).stem}, eppanalysis {epp.__version__}, numpy {np.__version__}\n"
+        )
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow([f.name for f in fields(kind)])
         writer.writerows([f"{v:.6g}" if isinstance(v, float) else v for v in asdict(row).values()] for row in rows)
