@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 DESCRIBING_FUNCTION, HARMONIC_BALANCE = "describing function", "harmonic balance"
 EXACT_ORBIT, SIMULATION = "exact orbit", "simulation"
 
+#: A signal that moves by less than this share of another of its unit does not tell the oscillation; no gear does that.
+_HARDLY = 1e-3
+
 
 class Outcome(StrEnum):
     """What a run does in the end, in the word that case files have for it."""
@@ -205,8 +208,16 @@ class LimitCycle(Result):
         """How large and how fast it is in one of its signals, in words."""
         if signal not in self.peak_to_peak:
             return f"{number(self.frequency)} Hz"
-        span = quantity(self.peak_to_peak[signal], self.units.get(signal, ""))
-        return f"{words(signal)} {span} peak to peak at {number(self.frequency)} Hz"
+        spans = ((words(n), quantity(self.peak_to_peak[n], self.units.get(n, ""))) for n in self._moving(signal))
+        named = " but ".join(map(" ".join, spans))
+        return f"{named} peak to peak at {number(self.frequency)} Hz"
+
+    def _moving(self, signal: str) -> list[str]:
+        """A signal, and where that all but stands still the one of its unit that moves most: a motor within its gap."""
+        unit = self.units.get(signal, "")
+        alike = [name for name in self.peak_to_peak if unit and self.units.get(name) == unit]
+        most = max(alike, key=lambda name: self.peak_to_peak[name], default=signal)
+        return [signal, most] if self.peak_to_peak[signal] < _HARDLY * self.peak_to_peak[most] else [signal]
 
     def __str__(self) -> str:
         """The cycle in a sentence: whether it is stable, its size, its frequency, and by which method."""

@@ -412,3 +412,19 @@ def test_no_gain_margin_is_told_of_a_loop_on_the_border_of_stability(plant, deci
     sentence = str(epp.predict_limit_cycles(epp.LureSystem.from_tf(([0.5], plant), epp.DeadZone())))
     assert ("whether the linearised loop is stable is not decided" in sentence) is not decided
     assert ("gain margin" in sentence) is decided
+
+
+def test_of_a_signal_that_all_but_stands_still_the_one_that_moves_is_named_too():
+    """A motor hunts within the gap of its gear; nothing is said of other units, nor of what a gear's ratio makes."""
+    units = {"load": "rad", "motor": "rad", "voltage": "V"}
+    hunting = replace(cycle(), units=units, mean={}, harmonics={}, peak_to_peak=dict.fromkeys(units, 5e-7))
+    spoken = (
+        (3e-3, r"load \S+ deg but motor 0\.1719 deg peak to peak at 2 Hz"),
+        (8e-5, r"load \S+ deg peak .*"),
+    )
+    for motor, told in spoken:
+        found = replace(hunting, peak_to_peak={"load": 5e-7, "motor": motor, "voltage": 9.0})
+        assert re.fullmatch(told, found.size), found.size
+        assert re.fullmatch(r"motor \S+ deg peak to peak at 2 Hz", found.size_of("motor"))
+    bare = replace(hunting, units={}, peak_to_peak={"x": 1e-6, "y": 2.0})
+    assert "but" not in bare.size
