@@ -255,7 +255,8 @@ def _exact(
             if again.status.ok and abs(again.period / cycle.period - 1.0) < 1e-6:
                 seconds, note = clock.lap(), ""
         method = f"{cycle.method}, {_STABILITY[cycle.stable]}"
-        errors = {"period": 0.0, "peak-to-peak": 0.0}
+        # A cycle that only a run has found is nothing that errors could be taken against.
+        errors = {"period": 0.0, "peak-to-peak": 0.0} if cycle.method == EXACT_ORBIT else {}
         rows.append(Rung(method, quantities(cycle, signal), seconds, note, cycle, i, errors))
     return tuple(rows)
 
