@@ -127,9 +127,9 @@ def guide(
             prove=prove or certificates is not None,
             progress=advance,
         )
-    answer("guide", found, settings, as_json, result.to_dict, lambda: _show(result), title(result))
     for path in outputs:
         result.write(path)
+    answer("guide", found, settings, as_json, result.to_dict, lambda: _show(result, rounding), title(result))
     if certificates is not None:
         result.write_certificates(certificates)
     write_manual(result, manuals, rounding)
@@ -155,26 +155,26 @@ def _factor(name: str, text: str) -> float:
         raise EppError(f"--margin {name}={text}: is no factor; expected a number of 1 or more.") from None
 
 
-def _show(result: Guide) -> None:
-    """The strictest limit, all limits as a grid, what they are in words, and what made them."""
+def _show(result: Guide, step: float | None) -> None:
+    """The strictest limit, all limits as a grid in the step of the manual, what they are in words, and their source."""
     from eppanalysis.guides.manual import source
 
     typer.echo(str(result))
     if any(math.isfinite(row.allowed) for row in result.rows):
-        _show_grid(result)
+        _show_grid(result, step)
         for sentence in result.sentences():
             typer.echo(sentence)
     typer.echo(source(result))
 
 
-def _show_grid(result: Guide) -> None:
+def _show_grid(result: Guide, rounding: float | None) -> None:
     """The limits by design."""
     from eppanalysis.guides.manual import limit_grid
     from eppanalysis.guides.result import in_words
     from eppanalysis.readable import with_unit
     from eppanalysis.tables.cells import table_of
 
-    cells, heads, texts, step = limit_grid(result)
+    cells, heads, texts, step = limit_grid(result, rounding)
     unit = result.case.readable(result.limit)[0]
     what = with_unit(f"{in_words(result.limit)} at {'most' if result.side == 'below' else 'least'}", unit)
     beside = [head or what for head in heads]

@@ -107,8 +107,15 @@ def _of_guide(guide: Guide, given: float | None) -> ManualTable:
     return ManualTable(title, heads, tuple(rows), (*notes, *said, *more, made_by), _shades(r.cell for r in guide.rows))
 
 
-def limit_grid(guide: Guide) -> tuple[list[list[GuideRow | None]], list[str], list[list[str]], str]:
+def limit_grid(
+    guide: Guide, rounding: float | None = None
+) -> tuple[list[list[GuideRow | None]], list[str], list[list[str]], str]:
     """The limits as a grid: values of the parameter that runs down, variants across.
+
+    Parameters
+    ----------
+    rounding : float, optional
+        As `step` of :func:`manual_table`.
 
     Returns
     -------
@@ -116,11 +123,11 @@ def limit_grid(guide: Guide) -> tuple[list[list[GuideRow | None]], list[str], li
     heads : list of str
         The variants in words.
     texts : list of list of str
-        The limits, rounded to the safe side in a step of a drawing; a dash where there is none.
+        The limits, rounded to the safe side; a dash where there is none.
     step : str
         That step with its unit.
     """
-    limits, step = _limits(guide, None, up=_holds_from_below(row.cell for row in guide.rows))
+    limits, step = _limits(guide, rounding, up=_holds_from_below(row.cell for row in guide.rows))
     printed = {id(row): str(limit) for row, limit in zip(guide.rows, limits, strict=True)}
     groups = guide.variants()
     values = list(dict.fromkeys(row.values[guide.over] for row in guide.rows))

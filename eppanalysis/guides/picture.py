@@ -137,19 +137,23 @@ def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow]) -> float:
     own = factor * rows[0].own
     sign = 1.0 if guide.side is Side.BELOW else -1.0
     edges, top = _edges(factor, rows, bound, own, sign)
-    # A single value has no width: its regions are drawn as a strip around it.
-    strip = x.size == 1
-    over = x * np.array([0.96, 1.04]) if strip else x
     for i, (region, colour, hatch) in enumerate(_REGIONS):
-        low, high = ((np.repeat(e, 2) if strip else e) for e in (edges[i], edges[i + 1]))
-        if np.nanmax(np.abs(high - low), initial=0.0) > 0.0:
-            style: dict[str, Any] = {"facecolor": (colour, 0.25), "edgecolor": (colour, 0.8), "hatch": hatch}
-            ax.fill_between(over, low, high, **style, linewidth=0, label=guide.says(region))
+        style: dict[str, Any] = {"facecolor": (colour, 0.25), "edgecolor": (colour, 0.8), "hatch": hatch}
+        label = guide.says(region)
+        for across, at in _pieces(x, np.isfinite(bound)):
+            low, high = edges[i][at], edges[i + 1][at]
+            if np.max(np.abs(high - low)) > 0.0:
+                ax.fill_between(across, low, high, **style, linewidth=0, label=label)
+                label = "_"  # named once
     ax.plot(x, bound, color=BLUE, linewidth=1.4)
     for known, (_, mark) in _KNOWN.items():
         these = np.array([row.cell.known is known for row in rows]) & np.isfinite(bound)
         if np.any(these):
             ax.plot(x[these], bound[these], linestyle="none", markeredgecolor=BLUE, **mark, label=f"limit, {known}")
+    none = x[~np.isfinite(bound)]
+    if none.size:
+        lone: dict[str, Any] = {"linestyle": "none", "color": GREY, "clip_on": False, "label": str(Known.NONE)}
+        ax.plot(none, np.zeros(none.size), marker="x", markersize=5, **lone)
     if math.isfinite(own):
         whose = "this elbow" if guide.case.kind == "elbow" else "this case"
         ax.axhline(own, color=GREY, linestyle="--", linewidth=1.0, label=whose)
@@ -159,6 +163,13 @@ def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow]) -> float:
     label_up(ax, with_unit(in_words(guide.limit), unit))
     ax.spines[["top", "right"]].set_visible(False)
     return top
+
+
+def _pieces(x: np.ndarray, known: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Values next to each other that have a bound, and their numbers; one alone has no width and is made a strip."""
+    places = np.flatnonzero(known)
+    runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
+    return [(x[at], at) if at.size > 1 else (x[at] * np.array([0.96, 1.04]), np.repeat(at, 2)) for at in runs]
 
 
 def _edges(

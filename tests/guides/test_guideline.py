@@ -349,6 +349,32 @@ def test_a_guide_of_any_two_parameters_is_a_grid_on_the_safe_side() -> None:
     assert not any("pulley" in name or "lbf" in name for name in generic_guide().to_frame())
 
 
+@pytest.mark.parametrize("step", [None, 0.05, 0.02])
+def test_the_grid_has_the_limits_of_the_manual(step: float | None) -> None:
+    texts, said = limit_grid(generic_guide(), step)[2::1]
+    printed = [row[1] for row in epp.manual_table(generic_guide(), step).texts()]
+    assert [texts[i][j] for j in (0, 1) for i in (0, 1)] == printed
+    assert step is None or said == f"{step:g}"
+
+
+def test_a_picture_shows_the_regions_of_a_limit_between_values_without_one() -> None:
+    """Of three gains only the middle one had a limit: its regions were named below a picture that showed none."""
+    guide = generic_guide()
+    middle, *_ = guide.rows
+    unknown = dataclasses.replace(middle.cell, exact=math.nan, verified=False)
+    rows = [
+        dataclasses.replace(
+            middle, values={**middle.values, "play.gap": gap}, cell=middle.cell if gap == 2 else unknown
+        )
+        for gap in (1, 2, 3)
+    ]
+    rows = [row if row.cell is middle.cell else dataclasses.replace(row, allowed=math.nan) for row in rows]
+    ax = dataclasses.replace(guide, rows=tuple(rows)).plot()
+    shown = [c for c in ax.collections if c.get_label() in ax.get_legend_handles_labels()[1]]
+    assert shown and all(np.ptp(path.vertices[:, 0]) > 0 for c in shown for path in c.get_paths())
+    assert ax.get_xlim()[0] <= 1000 and ax.get_xlim()[1] >= 3000 and "no bound" in ax.get_legend_handles_labels()[1]
+
+
 def test_a_limit_from_below_is_kept_above_and_rounded_up() -> None:
     guide = generic_guide(-1.0)
     assert limit_grid(guide)[2][1] == ["1.86", "1.86"] and guide.side == "above"
