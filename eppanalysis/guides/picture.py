@@ -139,12 +139,12 @@ def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow]) -> float:
     edges, top = _edges(factor, rows, bound, own, sign)
     for i, (region, colour, hatch) in enumerate(_REGIONS):
         style: dict[str, Any] = {"facecolor": (colour, 0.25), "edgecolor": (colour, 0.8), "hatch": hatch}
-        label = guide.says(region)
+        said = guide.says(region)
         for across, at in _pieces(x, np.isfinite(bound)):
             low, high = edges[i][at], edges[i + 1][at]
             if np.max(np.abs(high - low)) > 0.0:
-                ax.fill_between(across, low, high, **style, linewidth=0, label=label)
-                label = "_"  # named once
+                ax.fill_between(across, low, high, **style, linewidth=0, label=said)
+                said = "_"  # named once
     ax.plot(x, bound, color=BLUE, linewidth=1.4)
     for known, (_, mark) in _KNOWN.items():
         these = np.array([row.cell.known is known for row in rows]) & np.isfinite(bound)
