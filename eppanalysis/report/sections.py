@@ -66,21 +66,18 @@ epp.table([pair for pair in zip(cases, ladders) if pair[1] is not None])"""
 _FIRST = """\
 run = epp.simulate(case) if ladder is None else ladder.run
 cycles = None if ladder is None else ladder.search
-{search}{branch}proof = None
+if cycles is None:
+    try:
+        cycles = epp.find_limit_cycles(case)
+    except epp.EppError as reason:
+        no_cycles = reason
+{branch}proof = None
 try:
     cycle = run.limit_cycle or next(iter(cycles or ()), None)
     proof = epp.certify(case, "absence") if cycle is None else epp.certify_orbit(case, cycle)
 except epp.EppError:
     pass
 epp.first_page(case, run, ladder, cycles, branch, proof)"""
-
-_SEARCH = """\
-if cycles is None:
-    try:
-        cycles = epp.find_limit_cycles(case)
-    except epp.EppError:
-        pass
-"""
 
 _START = """\
 epp.table(case)"""
@@ -123,7 +120,7 @@ else:
 
 _CYCLES = """\
 if cycles is None:
-    print("Exact limit cycles were not sought here: eppanalysis cycles does, and eppanalysis report --full (minutes).")
+    print(no_cycles)
 else:
     display(epp.table(cycles, case.named_signals))
     print(cycles, "Sought with", cycles.search)
@@ -137,7 +134,7 @@ if cycles:
     except epp.EppError as reason:
         print(reason)
 elif cycles is None:
-    print("Exact limit cycles were not sought here, so none is known that a disturbance could start.")
+    print("Exact limit cycles were not sought, so none is known that a disturbance could start.")
 else:
     print("No exact limit cycle was found, so there is none that a disturbance could start.")"""
 
@@ -217,23 +214,13 @@ def _shown(case: Case) -> list[str]:
     return main_signals(case.to_system().signals.names, case.expected.signal)
 
 
-def _first(case: Case) -> str:
-    """All that the first page needs, but of a sampled loop what takes minutes."""
-    return _first_of(case, _followed(case), search="" if in_samples(case.to_system()) else _SEARCH)
-
-
-def _full_first(case: Case) -> str:
-    """All that the first page needs."""
-    return _first_of(case, _followed(case, full=True), search=_SEARCH)
-
-
-def _first_of(case: Case, name: str, search: str) -> str:
-    """The ladder, the exact cycles, and the branch over a parameter where there is one to follow."""
+def _first(case: Case, *, full: bool = False) -> str:
+    """All that the first page needs: the ladder, the exact cycles, and a branch where there is one to follow."""
+    name = _followed(case, full=full)
     if not name:
-        return _FIRST.format(search=search, branch="branch = None\n")
+        return _FIRST.format(branch="branch = None\n")
     places = zip(("near", "far", "stop"), variation_of(case).branch(name), strict=True)
-    branch = _FOLLOW.format(name=name, **{key: case.text(name, at) for key, at in places})
-    return _FIRST.format(search=search, branch=branch)
+    return _FIRST.format(branch=_FOLLOW.format(name=name, **{key: case.text(name, at) for key, at in places}))
 
 
 def _branch(case: Case, *, full: bool = False) -> str:
@@ -268,7 +255,7 @@ def _full_guideline(case: Case) -> str:
 
 
 SECTIONS: tuple[Section, ...] = (
-    Section("In short", "", _first, _full_first),
+    Section("In short", "", _first, partial(_first, full=True)),
     Section(
         "Prediction",
         "All limit cycles that describing functions predict, stable and unstable. In the picture a cycle is where the "

@@ -174,6 +174,20 @@ def test_runs_of_a_design_map_are_long_enough_for_the_slowest_cycle_that_was_fou
     assert asked == [4.0 * case.t_end, 80.0 * case.t_end]
 
 
+def test_of_a_loop_in_samples_cycles_are_sought_in_a_short_report_too_and_a_refusal_is_told(monkeypatch, capsys):
+    case = epp.case("virtual_spring")
+
+    def refused(loop):
+        raise epp.EppError(f"{loop.name}: is not searched here.")
+
+    monkeypatch.setattr(epp, "find_limit_cycles", refused)
+    scope = {"epp": epp, "case": case, "ladder": None}
+    for section in sections.SECTIONS:
+        if section.title in ("In short", "Limit cycles"):
+            exec(section.cell(case, full=False), scope)
+    assert "virtual_spring: is not searched here." in capsys.readouterr().out
+
+
 def test_a_full_report_has_the_guideline_at_several_gains():
     short, long = (
         making.make_notebook([epp.case("fig8a_original")], full=full).cells[-5].source for full in (False, True)
