@@ -90,9 +90,10 @@ def _show_cycles(case: Case, search: CycleSearch, triggers: Sequence[Trigger]) -
     for cycle in search:
         name = case.expected.signal or next(iter(cycle.peak_to_peak))
         kind = "stable  " if cycle.stable else "unstable"
+        told = "; ".join(filter(None, (cycle.stability_criterion, cycle.note)))
         typer.echo(
             f"  {kind}  period {number(cycle.period)} s  frequency {number(cycle.frequency)} Hz  {words(name)} "
-            f"{quantity(cycle.peak_to_peak[name], cycle.units[name])} peak to peak  {cycle.stability_criterion}"
+            f"{quantity(cycle.peak_to_peak[name], cycle.units[name])} peak to peak  {told}"
         )
     for hit in triggers:
         typer.echo(f"trigger: {_trigger_text(case, hit)}")

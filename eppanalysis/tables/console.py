@@ -270,8 +270,10 @@ def cycles_table(cycles: Sequence[LimitCycle], signals: Sequence[str] | None = N
         for c in cycles:
             cells += [cell(c.peak_to_peak.get(name, math.nan) * factor), _mean(c, name, factor)]
         table.add_row(with_unit(words(name), unit), *cells)
-    if any(c.error_estimate > 1.0 for c in cycles):
-        table.caption, table.caption_justify, table.caption_style = _BEYOND, "left", ""
+    said = [_BEYOND] * any(c.error_estimate > 1.0 for c in cycles)
+    said += [f"cycle {i}: {c.note}" for i, c in enumerate(cycles, 1) if c.note]
+    if said:
+        table.caption, table.caption_justify, table.caption_style = "\n".join(said), "left", ""
     return table
 
 

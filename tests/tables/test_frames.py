@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.cli.cycles import _show_cycles
 from eppanalysis.errors import EppError
 from eppanalysis.methods.search.trigger import Trigger
 from eppanalysis.tables.console import ladder_table, rungs_table
@@ -139,3 +140,15 @@ def test_sentences_below_a_table_stay_in_view_where_it_is_pushed_about():
     shown = epp.table(epp.predict_limit_cycles(epp.case("backlash_servo")))._repr_html_()
     caption = shown[shown.index("<caption") : shown.index("</caption>")]
     assert "may not exist: " in caption and "position: sticky; left: 0; max-width: min(46em, 90vw)" in caption
+
+
+def test_what_is_to_be_known_of_a_cycle_is_told_with_it(capsys):
+    """Of one whose turns differ by a fifth a size alone would be taken for exact."""
+    case = epp.case("relay_hyst_servo")
+    search, note = epp.find_limit_cycles(case), "not locked to the samples of 0.001 s: its states came back to 19 %"
+    (cycle,) = search
+    assert note not in str(epp.table([cycle]))
+    noted = replace(cycle, note=note)
+    assert " ".join(f"cycle 1: {note}".split()) in " ".join(str(epp.table([noted])).split())
+    _show_cycles(case, replace(search, cycles=(noted,)), [])
+    assert capsys.readouterr().out.rstrip().endswith(note)
