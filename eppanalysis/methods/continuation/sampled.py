@@ -259,7 +259,8 @@ class _Point:
 
     def in_words(self) -> str:
         """How it stands to the samples."""
-        return "not locked to the samples" if self.once is None else count(int(self.samples), "sample")
+        locked = "that is not locked to the samples" if self.once is None else f"of {count(int(self.samples), 'sample')}"
+        return f"cycle {locked}"
 
 
 def _moved(old: Round, new: Round) -> float:
@@ -351,13 +352,12 @@ class _Walk:
         )
         leading = np.min(np.abs(inside.multipliers - 1.0), initial=np.inf)
         fold = ": a multiplier comes to 1, as at a fold" if inside.once is not None and leading < _AT_FOLD else ""
-        ceased = f"the cycle of {inside.in_words()} ceases to exist{fold}"
-        if inside.once is None:
-            ceased = "the cycle that is not locked to the samples is not there any more, or no longer stable"
+        gone = "is not there any more, or no longer stable" if inside.once is None else f"ceases to exist{fold}"
+        ceased = f"the {inside.in_words()} {gone}"
         if new is None:
             self.special.append((Change.END, inside, f"{ceased}; no cycle near it was found beyond", len(self.rows)))
             return False
-        self.special.append((Change.SAMPLES, inside, f"{ceased}; on with {new.in_words()}", len(self.rows)))
+        self.special.append((Change.SAMPLES, inside, f"{ceased}; on with a {new.in_words()}", len(self.rows)))
         self.rows.append(new.row())
         self.last = new
         return True

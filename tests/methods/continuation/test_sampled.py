@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -33,6 +34,11 @@ def test_borders_are_those_of_closed_forms(branch: Branch) -> None:
     for special in branch.special:
         assert np.abs(ends - special.value).min() < 2e-6 * 0.2
     assert [s.kind for s in branch.special[:-1]] == [Change.SAMPLES] * (len(branch.special) - 1)
+    told = [
+        re.fullmatch(r"the (cycle of \d+ samples) .*; on with a (cycle of \d+ samples)", s.note)
+        for s in branch.special[:-1]
+    ]
+    assert all(told)
 
 
 def test_the_branch_goes_on_with_neighbours_until_no_cycle_is_left(branch: Branch) -> None:
