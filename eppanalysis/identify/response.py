@@ -27,6 +27,8 @@ from eppanalysis.models.systems.sampled.strobe import Strobe
 SHORTEST_DELAY = 2e-5
 #: Longest span of averaged rows that leaves the motion as it is [s]; most switches of a run.
 LONGEST_BLOCK, MOST_EVENTS = 2e-3, 50_000
+#: Share of a sample time within which a row is at a sample.
+_AT_SAMPLE = 1e-6
 #: Rows on end at the same extreme reading that make a saturation.
 _SATURATED_ROWS = 5
 #: Share of the fastest time constant in which a loop at its start is seen before anything moves; largest signal.
@@ -234,9 +236,13 @@ class Response:
 
 
 def _run(hybrid: HybridSystem, times: Array) -> Run:
-    """The loop's signals at times."""
-    end = float(times[-1]) * (1 + 1e-12) or _INSTANT * hybrid.time_scale
+    """The loop's signals at times; at a sample, behind it, as a controller writes down what it has just computed."""
     strobe = Strobe.of(hybrid)
+    for controller in () if strobe is None else strobe.controllers:
+        T = controller.sample_time
+        at_sample = np.abs(times - T * np.round(times / T)) < _AT_SAMPLE * T
+        times = np.where(at_sample, T * np.round(times / T) + _AT_SAMPLE * T, times)
+    end = float(times[-1]) * (1 + 1e-12) or _INSTANT * hybrid.time_scale
     samples = 0 if strobe is None else strobe.samples_in(end)
     return run_hybrid(hybrid, end, times, 2.0 * hybrid.time_scale, MOST_EVENTS + samples, 1)
 

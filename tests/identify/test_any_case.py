@@ -15,6 +15,8 @@ import eppanalysis as epp
 from eppanalysis.cli.commands import app
 from eppanalysis.identify import with_estimates
 from eppanalysis.identify.estimate import BenchFit, Estimate
+from eppanalysis.identify.response import _run
+from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.results import Status
 
 DRIVE = """
@@ -248,3 +250,25 @@ def _tables(held):
     for inner in held.values():
         if isinstance(inner, dict):
             yield from _tables(inner)
+
+
+@pytest.mark.parametrize("T", [0.1, 0.3, 1.0])
+def test_a_row_at_a_sample_holds_what_the_controller_has_then_computed(T):
+    """From sample to sample in closed form: a lag behind a sampled gain, whose limit is not reached."""
+    tables = {
+        "kind": "diagram",
+        "title": "Lag behind a sampled gain",
+        "connect": ["-lag -> law", "law -> limit", "limit -> lag"],
+        "run": {"t_end": "1 s"},
+        "blocks": {
+            "law": {"kind": "gain", "gain": 0.5, "sample_time": f"{T} s"},
+            "lag": {"kind": "transfer_function", "num": [1], "den": [1, 1], "start": [1.0]},
+        },
+        "elements": {"limit": {"element": "saturation", "lower": -5, "upper": 5}},
+    }
+    loop, times = epp.Case.from_tables(tables, name="lag").to_system(), T * np.arange(20)
+    factor = np.exp(-T) - 0.5 * (1.0 - np.exp(-T))
+    run = _run(HybridSystem.from_lure(loop), times)
+    law, lag = (run.samples[:, loop.signals.names.index(name)] for name in ("law", "lag"))
+    np.testing.assert_allclose(lag, factor ** np.arange(20), atol=3e-6)
+    np.testing.assert_allclose(law, -0.5 * factor ** np.arange(20), atol=3e-6)

@@ -259,8 +259,9 @@ class _Point:
 
     def in_words(self) -> str:
         """How it stands to the samples."""
-        locked = "that is not locked to the samples" if self.once is None else f"of {count(int(self.samples), 'sample')}"
-        return f"cycle {locked}"
+        if self.once is None:
+            return "cycle that is not locked to the samples"
+        return f"cycle of {count(int(self.samples), 'sample')}"
 
 
 def _moved(old: Round, new: Round) -> float:
