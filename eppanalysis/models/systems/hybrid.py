@@ -85,8 +85,8 @@ class HybridSystem:
         """Sentence on elements whose sliding a run cannot follow; empty where there are none."""
         names = [words(self.element_names[e]) for e in not_held(self)]
         slides = "slides" if len(names) == 1 else "slide"
-        told = f"Where {listed(names)} {slides} a run switches without end, as another element acts straight on it; "
-        told += "a fast lag between the two (of a rate limiter, a bandwidth) lets it follow."
+        told = f"Where {listed(names)} {slides} a run switches without end, as the output of an element, its own or "
+        told += "another's, acts straight on it; a fast lag between (of a rate limiter, a bandwidth) lets it follow."
         return told if names else ""
 
     @property
@@ -380,8 +380,8 @@ class _Packer:
             for channel in a.smooth:
                 if np.any(channel.on_input @ D[inputs]):
                     raise ModelError(
-                        f"{self.system.name}: the input of {self.names[e]} jumps with another element's output; "
-                        "a smooth element needs an input from the linear part."
+                        f"{self.system.name}: the output of an element, its own or another's, acts straight on "
+                        f"{self.names[e]}; a smooth element needs an input from the linear part, as behind a fast lag."
                     )
                 rows_x.append(channel.on_input @ C[inputs])
                 row = channel.on_input @ Kz[inputs]

@@ -497,7 +497,7 @@ def test_a_limiter_straight_behind_another_element_is_said_to_chatter(before, mo
     monkeypatch.setattr("eppanalysis.methods.search.ends.MOST_EVENTS", 1_200)
     loop = epp.LureSystem.from_blocks([([1.0], [1.0, 1.0, 0.0]), before, epp.RateLimiter(1.0)])
     run, found = epp.simulate(loop, t_end=30.0), epp.find_limit_cycles(loop)
-    why = "as another element acts straight on it"
+    why = "as the output of an element, its own or another's, acts straight on it"
     assert run.status is epp.Status.EVENT_LIMIT and why in run.note and not found.status.ok and why in found.message
     alone = epp.LureSystem.from_blocks([([1.0], [1.0, 1.0, 0.0]), before, ([5.0], [1.0, 5.0]), epp.RateLimiter(1.0)])
     assert why not in epp.simulate(alone, t_end=30.0).note and why not in epp.find_limit_cycles(alone).message

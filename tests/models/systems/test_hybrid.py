@@ -111,8 +111,18 @@ def test_what_has_no_hybrid_form_is_refused():
     smooth = epp.LureSystem.build(
         [[0.0]], [[1.0, 1.0]], [[1.0], [0.0]], [epp.Relay(), epp.Cube(scale=1.0)], D=[[0, 0], [1, 0]]
     )
-    with pytest.raises(ModelError, match="a smooth element needs an input from the linear part"):
-        HybridSystem.from_lure(smooth)
+    of_itself = epp.LureSystem.from_tf(([0.3, 3.0], [1.0, 1.0]), epp.Tanh(1.0, 2.0))
+    for loop in (smooth, of_itself):
+        with pytest.raises(ModelError, match="its own or another's, acts straight on .*; a smooth element needs"):
+            HybridSystem.from_lure(loop)
+
+
+def test_an_element_that_acts_straight_on_itself_is_not_said_to_be_acted_on_by_another():
+    loop = epp.LureSystem.from_tf(([1.0, 3.0], [1.0, 1.0]), epp.Relay())
+    assert (
+        "relay slides a run switches without end, as the output of an element, its own"
+        in HybridSystem.from_lure(loop).chatters
+    )
 
 
 # A quantiser of many levels ------------------------------------------------------------------------------------------
