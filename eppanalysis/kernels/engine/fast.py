@@ -6,7 +6,7 @@ Derived in docs/theory/engine.md, "Two ways to advance".
 """
 
 from eppanalysis.kernels.compiling import njit
-from eppanalysis.kernels.engine.flow import compile_long, compile_step
+from eppanalysis.kernels.engine.flow import compile_long, compile_step, rate_from
 from eppanalysis.kernels.engine.series import EPS
 from eppanalysis.kernels.engine.signals import slack_at, write
 from eppanalysis.kernels.engine.tables import HOT, INLINE, LONG_DOUBLINGS, LONGS
@@ -45,6 +45,15 @@ def violated(compiled, q, x, recent, constant, wide):
 
 
 @njit(**INLINE)
+def pays(compiled, samples, now):
+    """Whether steps by matrices may be made: where series go as far for less, only long ones, once they are due."""
+    if compiled.far[now.q] == 0.0:
+        return True
+    until_sample = now.i_sample == now.n_samples or samples.times[now.i_sample] >= now.t + LONG_QUIET * now.h
+    return now.quiet >= LONG_QUIET and until_sample
+
+
+@njit(**INLINE)
 def arm(compiled, work, q, workspace):
     """Matrices, rates and guards of a linear mode combination, for the fast steps that follow."""
     if not compiled.ready[q]:
@@ -59,7 +68,7 @@ def arm(compiled, work, q, workspace):
     )
     take_sizes(wide, x)
     # The rate is summed anew from the state, so that steps carry no rounding from one mode into the next.
-    row_sum_from(workspace.push, compiled.M[q], x, 1.0, xd)
+    rate_from(compiled, q, workspace.push, x, 1.0, xd)
     take_sizes(speed, xd)
     G = compiled.n_guards[q]
     for g in range(G):
@@ -139,7 +148,7 @@ def _long_step(compiled, q, level, xd, speed, g0, tol, stray, end):
 @njit(**HOT)
 def go_fast(compiled, workspace, samples, now):
     """Fast steps, proven free of events from the values at their ends; whether a series step need not follow."""
-    if not now.armed:
+    if not now.armed or compiled.far[now.q] > 0.0:
         return False
     q, before = now.q, now.j_grid
     now.j_grid, now.i_sample, now.why = _fast_steps(

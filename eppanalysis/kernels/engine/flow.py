@@ -7,8 +7,49 @@ bound on how far a guard can stray from the cubic through its end values; for lo
 import numpy as np
 
 from eppanalysis.kernels.compiling import njit
-from eppanalysis.kernels.engine.tables import HOT, LONG_DOUBLINGS
-from eppanalysis.kernels.simd.vectors import add, add_sizes, any_above, dot, row_sum, take, take_sizes
+from eppanalysis.kernels.engine.tables import HOT, INLINE, LONG_DOUBLINGS
+from eppanalysis.kernels.simd.sparse import sparse_size_sum, sparse_sum, sparse_sum_from
+from eppanalysis.kernels.simd.vectors import (
+    VECTOR_SIZE,
+    add,
+    add_sizes,
+    any_above,
+    dot,
+    row_sum,
+    row_sum_from,
+    take,
+    take_sizes,
+)
+
+#: How far a series goes of which the terms are to fall to rounding by order 32, in turns of 1/rate; and in steps.
+REACH, MOST_FAR, _ORDERS = 3.0, 64, 32
+
+
+@njit(**INLINE)
+def rate_from(compiled, q, start, x, scale, out):
+    """out = scale * (start + M x)."""
+    if compiled.row_end.shape[1] > 0:
+        sparse_sum_from(start, compiled.entries[q], compiled.row[q], compiled.row_end[q], x, scale, out)
+    else:
+        row_sum_from(start, compiled.M[q], x, scale, out)
+
+
+@njit(**INLINE)
+def rate_of(compiled, q, x, scale, out):
+    """out = scale * M x."""
+    if compiled.row_end.shape[1] > 0:
+        sparse_sum(compiled.entries[q], compiled.row[q], compiled.row_end[q], x, scale, out)
+    else:
+        row_sum(compiled.M[q], x, scale, out)
+
+
+@njit(**INLINE)
+def size_of_rate(compiled, q, sizes, scale, out):
+    """out = scale * abs(M) sizes."""
+    if compiled.row_end.shape[1] > 0:
+        sparse_size_sum(compiled.entries[q], compiled.row[q], compiled.row_end[q], sizes, scale, out)
+    else:
+        row_sum(compiled.M_size[q], sizes, scale, out)
 
 
 @njit(**HOT)
@@ -103,11 +144,38 @@ def choose_step(compiled, work, q, base_step):
     use.
     """
     rate = growth_rate(compiled.M[q], work.square[0], work.square[1])
-    h = base_step
-    # At this length the bound of a fast step, a series in half of it, may be e^3 times what it begins with.
-    while rate * h > 6.0:
+    h, sparse = base_step, compiled.row_end.shape[1] > 0
+    # At 6 the bound of a fast step, a series in half of it, may be e^3 times what it begins with; what goes by series
+    # goes no further than these.
+    while rate * h > (REACH if sparse else 6.0):
         h *= 0.5
-    compiled.step[q], compiled.rate[q], compiled.ready[q], compiled.longs[q] = h, rate, 0, 0
+    compiled.step[q], compiled.rate[q], compiled.ready[q], compiled.longs[q], compiled.far[q] = h, rate, 0, 0, 0
+    if sparse:
+        _keep_sparse(compiled.M[q], compiled.entries[q], compiled.row[q], compiled.row_end[q])
+        _keep_sparse(compiled.Y[q], compiled.y_entries[q], compiled.y_row[q], compiled.y_row_end[q])
+        compiled.spread_rate[q] = growth_rate(compiled.M_size[q], work.square[0], work.square[1])
+        far = MOST_FAR * h if rate * h * MOST_FAR <= REACH else REACH / rate
+        # By the numbers that are read: those of M at each order, those of T at each step.
+        if compiled.linear[q] and _ORDERS * VECTOR_SIZE * compiled.row_end[q, -1] < far / h * compiled.T[q].size:
+            compiled.far[q] = far
+
+
+@njit(**HOT)
+def _keep_sparse(M, entries, row, row_end):
+    """Keep a rate matrix by its rows of eight numbers that are not zero, filled up to four at a time."""
+    k = 0
+    for block in range(row_end.size):
+        first = block * VECTOR_SIZE
+        for j in range(M.shape[0]):
+            some = False
+            for i in range(VECTOR_SIZE):
+                row[k], entries[k, i] = j, M[j, first + i]
+                some = some or entries[k, i] != 0.0
+            k += some
+        while k % 4 > 0:
+            row[k], entries[k] = 0, 0.0
+            k += 1
+        row_end[block] = k
 
 
 @njit(**HOT)

@@ -232,7 +232,8 @@ def _write_mode(compiled, q, rate, F, inputs, signals):
     for i in range(n):
         for j in range(n):
             compiled.M[q, j, i], compiled.M_size[q, j, i] = rate[i, j], abs(rate[i, j])
-    multiply(compiled.M[q], compiled.M[q], 1.0, compiled.M_twice[q])
+    if compiled.row_end.shape[1] == 0:
+        multiply(compiled.M[q], compiled.M[q], 1.0, compiled.M_twice[q])
     _take(compiled.N[q], rate, n)
     _take(compiled.S[q], rate, n + n_H)
     _take(compiled.Wx[q], F, 0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.engine.delays import segment_reach, start_lines
-from eppanalysis.kernels.engine.fast import OFF_GRID, arm, go_far, go_fast, too_large, violated
+from eppanalysis.kernels.engine.fast import OFF_GRID, arm, go_far, go_fast, pays, too_large, violated
 from eppanalysis.kernels.engine.jumps import clearly_above, let_go, may_leave_behind, place_of
 from eppanalysis.kernels.engine.modes import find_combination
 from eppanalysis.kernels.engine.periodicity import carry_on, come_back
@@ -73,7 +73,7 @@ def run(model, compiled, work, workspace, samples, buffer, now):
                 break
             come_back(model, compiled, work, workspace, samples, now)
             continue
-        _aim(model, compiled, work, workspace, now)
+        _aim(model, compiled, work, workspace, samples, now)
         # What costs least and proves most comes first; the series step needs no grid and misses nothing
         # (docs/theory/engine.md, Two ways to advance).
         if go_far(compiled, work, workspace, samples, now) or go_fast(compiled, workspace, samples, now):
@@ -84,7 +84,7 @@ def run(model, compiled, work, workspace, samples, buffer, now):
         if now.code == DONE:
             look_ahead(model, compiled, workspace, samples, now)
             if now.which < 0:
-                reach(compiled, workspace, now)
+                reach(compiled, workspace, samples, now)
             elif _happen(model, compiled, work, workspace, buffer, now):
                 _enter_event(model, workspace, samples, buffer, now)
     _finish(model, compiled, workspace, samples, now)
@@ -177,7 +177,7 @@ def _stand(compiled, workspace, now):
 
 
 @njit(**HOT)
-def _aim(model, compiled, work, workspace, now):
+def _aim(model, compiled, work, workspace, samples, now):
     """Step of the mode, how far the run may go, a guard that is passed already, and what fast steps need."""
     now.h, now.t_stop = compiled.step[now.q], now.until
     if now.i_breakpoint < model.breakpoint_time.size and model.breakpoint_time[now.i_breakpoint] < now.t_stop:
@@ -188,7 +188,7 @@ def _aim(model, compiled, work, workspace, now):
         # A guard that a jump has passed fires before any step is made.
         if now.which < 0 and now.i_sample == now.n_samples:
             # All samples are taken, so nothing binds the run to the old grid: a new one starts here.
-            now.origin, now.j_grid, now.armed, now.renewed = now.t, 0, True, False
+            now.origin, now.j_grid, now.armed, now.renewed = now.t, 0, pays(compiled, samples, now), False
     if now.armed and not now.renewed:
         arm(compiled, work, now.q, workspace)
         now.renewed = True
@@ -243,7 +243,7 @@ def _happen(model, compiled, work, workspace, buffer, now):
         now.t += now.best * now.d
     if now.last >= 0:
         rates(compiled, now.q, workspace.x, workspace.push, workspace.Sg, now.last, now.best, workspace.rate)
-    now.armed = False
+    now.armed, now.quiet = False, 0
     # Times closer than the rounding of a step are one instant: only a clock that has moved ends the count.
     if now.t - now.last_t > 1e-13 * now.h:
         now.same_instant = 0

@@ -7,6 +7,7 @@ import numpy as np
 
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.engine.curves import CUBE, EXPONENTIAL, SINE, SQUARE, curve_term, has_fallen
+from eppanalysis.kernels.engine.flow import rate_from, rate_of, size_of_rate
 from eppanalysis.kernels.engine.tables import HOT, INLINE
 from eppanalysis.kernels.simd.vectors import (
     any_above,
@@ -22,6 +23,8 @@ from eppanalysis.kernels.simd.vectors import (
 ORDER = 32
 EPS = 2.220446049250313e-16
 DELAY_LINE = EXPONENTIAL + 1
+#: Order up to which the terms of a series that goes far are not looked at.
+_SOON = 8
 #: Weights of a guard's terms in its rise behind the start, and in its second derivative at 1.
 AFTER = np.where(np.arange(padded(ORDER + 1)) > 0, 1.0, 0.0)
 CURVATURE = np.arange(padded(ORDER + 1)) * (np.arange(padded(ORDER + 1)) - 1.0)
@@ -36,14 +39,14 @@ def expand(model, compiled, q, x, f, H, h, largest, small, X, Sg, arg, aux):
     order at which two terms in a row are below the rounding of every state's own size (or of a trace of its size over
     the run); -1 when that is not reached.
     """
-    M, S = compiled.M[q], compiled.S[q]
+    S = compiled.S[q]
     n, n_s = S.shape
     for i in range(n):
         X[0, i] = x[i]
         # A state that passes zero has no size there; without a trace of its largest the order would rise for nothing.
         small[i] = 0.5 * EPS * max(abs(x[i]), 1e-2 * largest[i])
-    if n_s == 0:
-        return _expand_linear(M, compiled.M_twice[q], f, h, small, X)
+    if n_s == 0 and compiled.row_end.shape[1] == 0:
+        return _expand_linear(compiled.M[q], compiled.M_twice[q], f, h, small, X)
     below = 0
     for k in range(ORDER):
         for j in range(n_s):
@@ -51,13 +54,14 @@ def expand(model, compiled, q, x, f, H, h, largest, small, X, Sg, arg, aux):
                 smooth_term(model, j, k, X, H, Sg, arg, aux)
         factor = h / (k + 1)
         if k == 0:
-            row_sum_from(f, M, X[0], h, X[1])
+            rate_from(compiled, q, f, X[0], h, X[1])
         else:
-            row_sum(M, X[k], factor, X[k + 1])
+            rate_of(compiled, q, X[k], factor, X[k + 1])
         for j in range(n_s):
             for i in range(n):
                 X[k + 1, i] += factor * S[i, j] * Sg[k, j]
-        over = any_above(X[k + 1], 1.0, small)
+        # Of what moves at the pace of its step the first terms are not small.
+        over = n_s == 0 and k < _SOON or any_above(X[k + 1], 1.0, small)
         for j in range(n_s):
             kind, scale = model.smooth_kind[j], model.smooth_scale[j]
             over = over or not has_fallen(kind, j, k, 0.25 * EPS, scale, Sg, arg, aux)
@@ -204,7 +208,7 @@ def term_sizes(compiled, q, X, Sg, H, h, recent, clock, first, last, Y, wide):
         take_larger(Y[0], X[0], recent)
     for k in range(max(first, 1), last + 1):
         take_larger(wide, X[k - 1], Y[k - 1])
-        row_sum(compiled.M_size[q], wide, h / k, Y[k])
+        size_of_rate(compiled, q, wide, h / k, Y[k])
         if k == 1:
             for i in range(n):
                 v = 0.0

@@ -8,16 +8,28 @@ import numpy as np
 
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.engine.delays import extend_lines, read_line, segment_reach
-from eppanalysis.kernels.engine.fast import EVENT_AHEAD, predicted
+from eppanalysis.kernels.engine.fast import EVENT_AHEAD, pays, predicted
+from eppanalysis.kernels.engine.flow import size_of_rate
 from eppanalysis.kernels.engine.series import DELAY_LINE, expand, guard_series, may_rise, term_sizes
-from eppanalysis.kernels.engine.signals import sample_series, slack_at
+from eppanalysis.kernels.engine.signals import sample_series, sample_signals, slack_at
 from eppanalysis.kernels.engine.switches import rise_from_start
 from eppanalysis.kernels.engine.tables import HOT, INLINE
 from eppanalysis.kernels.engine.workspace import HISTORY, STALLED
-from eppanalysis.kernels.simd.vectors import polynomial, row_sum_from, size_sum, take_larger
+from eppanalysis.kernels.simd.vectors import (
+    any_above,
+    polynomial,
+    raise_to,
+    row_sum_from,
+    size_sum,
+    take,
+    take_larger,
+    take_sizes,
+)
 
 #: A step that is so little of its mode's does not move the clock; so many in a row may die out, or grow beyond bounds.
 UNTIMED, MOST_UNTIMED = 1e-14, 2500
+#: What counts of the size that a state is to have.
+TRACE = 1e-3
 #: A series that has fallen to rounding by this order does so by the last one over twice the step.
 GROWS = 19
 
@@ -25,8 +37,8 @@ GROWS = 19
 @njit(**HOT)
 def plan(model, compiled, workspace, now):
     """Length of a series step: at most to the next point of the grid, and what counts of it where the past is read."""
-    now.quiet = 0
-    t, h = now.t, now.h
+    t, h, far = now.t, now.h, compiled.far[now.q]
+    now.quiet = now.quiet + int(far / h) if far > 0.0 else 0
     if workspace.line_h.shape[1] > 1:
         now.origin = t  # where the past is read, the steps made then are the grid
     now.j_grid = int(np.floor((t - now.origin) / h + 1e-9)) + 1
@@ -34,6 +46,9 @@ def plan(model, compiled, workspace, now):
     if now.t1 - t <= 1e-9 * h:
         # Late in a long run rounding shifts the points of the grid.
         now.j_grid += 1
+        now.t1 = now.origin + now.j_grid * h
+    if t + far > now.t1:
+        now.j_grid = int(np.floor((t + far - now.origin) / h + 1e-9))
         now.t1 = now.origin + now.j_grid * h
     now.on_grid = True
     if now.t1 > now.t_stop:
@@ -78,7 +93,7 @@ def expand_step(model, compiled, workspace, now):
             workspace.small, workspace.X, workspace.Sg, workspace.arg,
             workspace.aux,
         )  # fmt: skip
-        if now.last < 0:
+        if now.last < 0 and not _give_sizes(compiled, now.q, workspace):
             now.d, now.on_grid = 0.5 * now.d, False
             if model.S.shape[1] > 0:  # without, the next mode tells its own step
                 now.holds = now.d
@@ -94,6 +109,33 @@ def expand_step(model, compiled, workspace, now):
     if now.untimed > MOST_UNTIMED:
         now.code = STALLED
     now.series_steps += now.last >= 0
+
+
+@njit(**HOT)
+def _give_sizes(compiled, q, workspace):
+    """Give a trace of their sizes to be to states that have none yet; whether there were such. In large loops alone.
+
+    What moves reaches a state that lies many others behind with as high an order of its series, whatever the step, and
+    as next to nothing. Its size is what comes along in one turn at each of the others.
+    """
+    if compiled.row_end.shape[1] == 0 or compiled.spread_rate[q] == 0.0:
+        return False
+    sizes, further, per_turn = workspace.wide, workspace.spread, 1.0 / compiled.spread_rate[q]
+    take_sizes(sizes, workspace.x)
+    for i in range(compiled.N.shape[1]):
+        sizes[i] = max(sizes[i], per_turn * abs(workspace.push[i]))
+    for _ in range(compiled.N.shape[1]):
+        size_of_rate(compiled, q, sizes, per_turn, further)
+        raise_to(further, sizes)
+        grown = any_above(further, 0.5, sizes)
+        take(sizes, further)
+        if not grown:
+            break
+    given = False
+    for i in range(compiled.N.shape[1]):
+        if TRACE * sizes[i] > workspace.largest[i]:
+            workspace.largest[i], given = TRACE * sizes[i], True
+    return given
 
 
 @njit(**HOT)
@@ -142,7 +184,9 @@ def look_ahead(model, compiled, workspace, samples, now):
             samples.times[now.i_sample] < reached or samples.times[now.i_sample] <= t
         ):
             now.i_sample += 1
-        if now.i_sample > first:
+        if compiled.far[q] > 0.0 and compiled.y_row_end[q, -1] < (now.i_sample - first) * compiled.row_end.shape[1]:
+            sample_signals(compiled, q, workspace, last, samples, first, now.i_sample, t, d)
+        elif now.i_sample > first:
             sample_series(
                 compiled.Y[q], compiled.Ys[q], X, last, Sg, samples.times, samples.rows, first, now.i_sample, t, d,
                 workspace.still, workspace.wide, samples.out,
@@ -182,9 +226,10 @@ def _first_guard(compiled, q, workspace, last, d, clock, forced):
 
 
 @njit(**HOT)
-def reach(compiled, workspace, now):
+def reach(compiled, workspace, samples, now):
     """To the end of a series step on which no guard rises."""
     polynomial(workspace.X, now.last, now.ahead / now.d, workspace.x)
     now.t = now.t1 if now.on_grid or now.t1 - now.t == now.ahead else now.t + now.ahead
-    now.armed, now.renewed = bool(compiled.linear[now.q]) and now.on_grid, False
+    now.armed = compiled.linear[now.q] != 0 and now.on_grid and pays(compiled, samples, now)
+    now.renewed = False
     now.stepped = True

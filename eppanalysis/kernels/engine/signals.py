@@ -1,10 +1,12 @@
 """Compiled: what follows from a state in its mode: constant parts until the next event, its rate, the signals."""
 
 from eppanalysis.kernels.compiling import njit
+from eppanalysis.kernels.engine.flow import rate_from, size_of_rate
 from eppanalysis.kernels.engine.series import DELAY_LINE, EPS, smooth_term
 from eppanalysis.kernels.engine.switches import smooth_at
 from eppanalysis.kernels.engine.tables import HOT, INLINE
-from eppanalysis.kernels.simd.vectors import polynomial, row_sum, row_sum_from, take, take_sizes
+from eppanalysis.kernels.simd.sparse import sparse_sum
+from eppanalysis.kernels.simd.vectors import add, polynomial, row_sum_from, take, take_sizes
 
 
 @njit(**INLINE)
@@ -35,7 +37,7 @@ def enter(compiled, q, H, f, constant, lift, still):
 @njit(**INLINE)
 def rates(compiled, q, x, f, Sg, last, u, rate):
     """Rate of the state x at place u of a series step."""
-    row_sum_from(f, compiled.M[q], x, 1.0, rate)
+    rate_from(compiled, q, f, x, 1.0, rate)
     for j in range(Sg.shape[1]):
         sigma = smooth_at(Sg, last, j, u)
         for i in range(compiled.S.shape[1]):
@@ -53,7 +55,7 @@ def rate_at_end(model, compiled, q, workspace):
             smooth_term(model, j, 0, workspace.X, workspace.H, Sg, workspace.arg, workspace.aux)
     rates(compiled, q, workspace.x, f, Sg, 0, 0.0, rate)
     take_sizes(workspace.wide, workspace.x)
-    row_sum(compiled.M_size[q], workspace.wide, 1.0, small)
+    size_of_rate(compiled, q, workspace.wide, 1.0, small)
     for i in range(compiled.S.shape[1]):
         # The verdict recognises a run at rest by rates that are exactly zero.
         if n_s == 0 and not abs(rate[i]) > 64.0 * EPS * (abs(f[i]) + small[i]):
@@ -83,6 +85,20 @@ def write_rest(compiled, q, x, still, sigma, rows, first, stop, out):
     """Signals at state x at the samples first..stop."""
     for k in range(first, stop):
         write(compiled.Y[q], compiled.Ys[q], x, still, sigma, out[rows[k]])
+
+
+@njit(**HOT)
+def sample_signals(compiled, q, workspace, last, samples, first, stop, t, d):
+    """Signals at the samples first..stop of a series step without smooth channels, by series of their own.
+
+    They see few states of a large loop, and several samples come in a step.
+    """
+    Z, per_unit = workspace.Z, 1.0 / d
+    for k in range(last + 1):
+        sparse_sum(compiled.y_entries[q], compiled.y_row[q], compiled.y_row_end[q], workspace.X[k], 1.0, Z[k])
+    add(Z[0], workspace.still)
+    for k in range(first, stop):
+        polynomial(Z, last, max(0.0, (samples.times[k] - t) * per_unit), samples.out[samples.rows[k]])
 
 
 @njit(**HOT)

@@ -13,7 +13,7 @@ import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
 from eppanalysis.kernels.simd.tuples import by_address
-from eppanalysis.kernels.simd.vectors import aligned, aligned_by_name, padded
+from eppanalysis.kernels.simd.vectors import VECTOR_SIZE, aligned, aligned_by_name, padded
 
 #: The engine's functions allocate nothing, so that reference counts (which cost more than the arithmetic) are left out.
 ENTRY = {**KERNEL, "_nrt": False}
@@ -24,6 +24,10 @@ INLINE = {**HOT, "forceinline": True}
 
 #: A long step is 2**4 steps of the grid, the longest 2**16: a creep may go on for a million time constants.
 LONG_DOUBLINGS, LONGS = 4, 4
+
+#: Loops of more states keep the rate matrix of a mode by what is not zero, and go far by series. Shorter rows are
+#: summed faster than their places are looked up.
+FEW = 16
 
 #: Steps after which a run pauses (a fraction of a second), and after which it ends; sixteen fast ones count as one.
 SLICE, MOST_STEPS = 20_000.0, 1e7
@@ -95,8 +99,16 @@ class Combinations(NamedTuple):
     rate: np.ndarray  # (q,) bound on the growth of the powers of M
     ready: np.ndarray  # (q,) int: whether T and bound are filled
     M: np.ndarray  # (q, n+, n+) transposed: M[j, i] = d x_i' / d x_j
-    M_twice: np.ndarray  # (q, n+, n+) its square
+    M_twice: np.ndarray  # (q, n+, n+) its square, of few states
     M_size: np.ndarray  # (q, n+, n+) its absolute values
+    entries: np.ndarray  # (q, n+ n+ / 8, 8) rows of eight numbers of M that are not zero, of more than a few states
+    row: np.ndarray  # (q, n+ n+ / 8) int: their rows in M; four at a time, where need be with zeros
+    row_end: np.ndarray  # (q, n+ / 8) int: behind those of eight columns; () of a few states
+    spread_rate: np.ndarray  # (q,) bound on the growth of the powers of M_size, where M is kept so
+    far: np.ndarray  # (q,) time that a series goes, where the steps of that time cost more; 0 where they do not
+    y_entries: np.ndarray  # (q, n+ y+ / 8, 8), and so on: Y kept in the same way
+    y_row: np.ndarray  # (q, n+ y+ / 8) int
+    y_row_end: np.ndarray  # (q, y+ / 8) int
     N: np.ndarray  # (q, n, H)
     S: np.ndarray  # (q, n, s)
     Wx: np.ndarray  # (q, w, n)
@@ -166,8 +178,10 @@ def make_combinations(model: Model, capacity: int) -> Combinations:
     n_z, n_H, n_s, n_y = model.C.shape[0], model.K.shape[1], model.S.shape[1], model.Yx.shape[0]
     n_e, G = model.mode_first.size - 1, most_guards(model)
     q, wide, most, steps = capacity, padded(n), padded(G), 2 * padded(n) + 2 * padded(G)
+    blocks, y_blocks = (0, 0) if n <= FEW else (wide // VECTOR_SIZE, padded(n_y) // VECTOR_SIZE)
     numbers = aligned_by_name({
-        "step": (q,), "rate": (q,),
+        "step": (q,), "rate": (q,), "spread_rate": (q,), "far": (q,),
+        "entries": (q, blocks * wide, VECTOR_SIZE), "y_entries": (q, y_blocks * wide, VECTOR_SIZE),
         "M": (q, wide, wide), "M_twice": (q, wide, wide), "M_size": (q, wide, wide),
         "N": (q, n, n_H), "S": (q, n, n_s),
         "Wx": (q, n_w, n), "WH": (q, n_w, n_H), "Ws": (q, n_w, n_s),
@@ -179,7 +193,15 @@ def make_combinations(model: Model, capacity: int) -> Combinations:
         "T_long": (q, LONGS, wide, steps), "reach": (q, LONGS, wide, most),
     })  # fmt: skip
     per_guard = ("guard", "next", "ga_count", "on_rate", "smooth_guard")
-    places = {"count": (3,), "key": (q, n_e), "ga_place": (q, G, n)} | dict.fromkeys(per_guard, (q, G))
+    places = {
+        "count": (3,),
+        "key": (q, n_e),
+        "ga_place": (q, G, n),
+        "row": (q, blocks * wide),
+        "row_end": (q, blocks),
+        "y_row": (q, y_blocks * wide),
+        "y_row_end": (q, y_blocks),
+    } | dict.fromkeys(per_guard, (q, G))
     places |= dict.fromkeys(("linear", "ready", "n_guards", "longs"), (q,))
     return Combinations(**numbers, **{name: np.zeros(shape, np.int64) for name, shape in places.items()})
 

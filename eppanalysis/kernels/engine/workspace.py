@@ -48,6 +48,7 @@ class Workspace(NamedTuple):
 
     X: np.ndarray  # (order + 1, n+) series of the state
     Y: np.ndarray  # (order + 2, n+) sizes behind it
+    Z: np.ndarray  # (order + 1, y+) series of the signals
     Sg: np.ndarray  # (order + 1, s) series of the smooth channels, their arguments, and helpers
     arg: np.ndarray
     aux: np.ndarray
@@ -169,7 +170,7 @@ def make_workspace(model: Model) -> Workspace:
     size = LINE_CAPACITY if np.any(model.smooth_kind == DELAY_LINE) else 1
     wide, half = padded(n), padded(most_guards(model))
     numbers = aligned_by_name({
-        "X": (ORDER + 1, wide), "Y": (ORDER + 2, wide),
+        "X": (ORDER + 1, wide), "Y": (ORDER + 2, wide), "Z": (ORDER + 1, padded(model.Yx.shape[0])),
         "Sg": (ORDER + 1, n_s), "arg": (ORDER + 1, n_s), "aux": (ORDER + 1, n_s), "p": (padded(ORDER + 1),),
         "still": (padded(model.Yx.shape[0]),), "memory": (n_H,), "end": (2 * wide + 2 * half,), "watch": (3,),
         "line_t": (n_s, size, 2), "line_h": (n_s, size), "line_c": (n_s, size, ORDER + 1),

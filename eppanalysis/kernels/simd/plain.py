@@ -23,6 +23,27 @@ def row_sum_from(start, rows, weights, scale, out):
     out[:] = scale * (sums[0] + sums[1])
 
 
+def sparse_sum(entries, rows, ends, weights, scale, out):
+    """out = scale * weights @ a matrix that is kept by its rows of eight numbers that are not zero."""
+    sparse_sum_from(np.zeros(out.size), entries, rows, ends, weights, scale, out)
+
+
+def sparse_sum_from(start, entries, rows, ends, weights, scale, out):
+    """out = scale * (start + weights @ such a matrix): four of its rows beside each other."""
+    begin = 0
+    for column, end in zip(range(0, out.size, VECTOR_SIZE), ends, strict=False):
+        sums = [start[column : column + VECTOR_SIZE].copy(), *np.zeros((3, VECTOR_SIZE))]
+        for k in range(begin, end):
+            sums[k % 4] = weights[rows[k]] * entries[k] + sums[k % 4]
+        begin = end
+        out[column : column + VECTOR_SIZE] = scale * ((sums[0] + sums[1]) + (sums[2] + sums[3]))
+
+
+def sparse_size_sum(entries, rows, ends, weights, scale, out):
+    """out = scale * weights @ the absolute values of such a matrix."""
+    sparse_sum(np.abs(entries), rows, ends, weights, scale, out)
+
+
 def add(out, a):
     """out += a."""
     out += a[: out.size]
@@ -143,6 +164,9 @@ PLAIN = {
     for function in (
         row_sum,
         row_sum_from,
+        sparse_sum,
+        sparse_sum_from,
+        sparse_size_sum,
         add,
         take,
         take_sizes,
