@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -93,10 +93,13 @@ def _times(system: LureSystem, t_end: float) -> Array | None:
 def _begin(case: Case, system: LureSystem, run: Trajectory) -> Trajectory:
     """What there is to see of a run: a small part of it is run again, as its samples are too coarse."""
     until = shown_until(run)
-    if system.time_step or not 0.0 < until < _SHARE * case.t_end:
+    if not 0.0 < until < _SHARE * case.t_end:
         return run
     decade = 10.0 ** math.floor(math.log10(until))
     end = next(decade * factor for factor in _ROUND if decade * factor >= until)
+    if system.time_step:
+        early = run.t <= end
+        return replace(run, t=run.t[early], signals={name: y[early] for name, y in run.signals.items()})
     return simulate(system, case.input, end, t_eval=_times(system, end))
 
 
