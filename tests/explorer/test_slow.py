@@ -22,3 +22,9 @@ def test_a_branch_that_is_lost_says_where_and_is_sought_from_the_case_too():
     assert facts["doubts"].startswith("not followed beyond 3.364 mm")
     values = [value for piece in facts["pieces"] for value in piece["value"]]
     assert min(values) <= own < 3.3638e-3 < max(values)
+
+
+def test_in_discrete_time_no_branch_is_followed_which_is_not_none_found():
+    case = epp.case("backlash_discrete_pi")
+    facts = slow.branch(slow.Given.of(case, case.to_system().signals.names[0]), "loop.gain", 0.5, 2.0)
+    assert not facts["pieces"] and facts["doubts"] == "not followed in discrete time"
