@@ -265,7 +265,8 @@ def _known(
     moving = " and ".join(f"{name} {why}" for name, why in case.operating_point.moving.items())
     held = f" Proofs are of inputs that are held; here {moving}." if moving else ""
     if proof is None:
-        yield "Proved", f"Nothing was asked to be proved; eppanalysis certify and eppanalysis bounds --prove do.{held}"
+        told = "Nothing: no proof was asked for, or none covers this loop; eppanalysis certify says which."
+        yield "Proved", f"{told}{held}"
     elif proof.proved:
         theorem = str(proof).removeprefix("Proved: ")
         told = f"{theorem[:1].upper()}{theorem[1:]} This sentence is a theorem, all others here are computed."
