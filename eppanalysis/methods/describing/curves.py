@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.arrays import Array, BoolArray
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.methods.describing.balance import ON_THE_WAY, Balance, newton
 from eppanalysis.roots import between, least
 
@@ -107,6 +107,20 @@ def contour_lines(values: Array) -> list[Array]:
 def at_index(nodes: Array, index: Array) -> Array:
     """Values between nodes, at fractional indices."""
     return np.interp(index, np.arange(len(nodes)), nodes)
+
+
+def interpolate(X: Array, loop: ComplexArray, path: Array) -> tuple[Array, ComplexArray]:
+    """Unknowns and loop gain at fractional indices (bilinear; contour points lie on edges of the grid)."""
+    i, j = (np.clip(np.floor(path[:, k]).astype(int), 0, X.shape[k] - 2) for k in (0, 1))
+    u, v = path[:, 0] - i, path[:, 1] - j
+    points, values = np.zeros((len(path), X.shape[2])), np.zeros(len(path), complex)
+    for di, wi in ((0, 1 - u), (1, u)):
+        for dj, wj in ((0, 1 - v), (1, v)):
+            weight = wi * wj
+            used = weight > 0
+            points[used] += weight[used, None] * X[i + di, j + dj][used]
+            values[used] += weight[used] * loop[i + di, j + dj][used]
+    return points, values
 
 
 def crossings(balance: Balance, curves: list[Array]) -> Array:

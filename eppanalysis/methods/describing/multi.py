@@ -9,13 +9,14 @@ with an artificial gain; where that gain is one there is a limit cycle.
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.methods.describing.balance import ON_THE_WAY, Balance, describe, moved, newton, ranges, solved_in_part
-from eppanalysis.methods.describing.curves import contour_lines, crossings, distinct, polish, settle
+from eppanalysis.methods.describing.curves import contour_lines, crossings, distinct, interpolate, polish, settle
 from eppanalysis.methods.describing.search import Found, frequency_scales, stretches
 from eppanalysis.methods.describing.trace import Box, trace
 from eppanalysis.models.systems.lure import LureSystem
@@ -33,6 +34,8 @@ _SAME_CURVE = 0.15
 _AT_ONCE = 4
 #: Share of a measured response within which another is that of the same signal.
 _ALIKE = 0.1
+#: Loops of their own whose phases are combined; less than a quarter of a turn; where others stand beside the pivot.
+_MOST_LOOPS, _QUARTER, _QUARTERS = 8, 1.4, (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
 
 
 def choose_pivot(system: LureSystem) -> int:
@@ -87,7 +90,7 @@ def search_several(balance: Balance) -> Found:
             pieces += _pieces(X, loop, path)
     limits = [(float(np.log(g[0])), float(np.log(g[-1]))) for g in (amplitude, omega)]
     box = Box(limits[0], limits[1], _GAIN_RANGE)
-    seeds = _seeds(balance, sheets)
+    seeds = _seeds(balance, sheets, _kept_up(balance, omega, L))
     curves = _followed(balance, settle(balance, pieces), seeds, box)
     cycles = [polish(balance, seeds[seeds[:, -1] == 0.0]), crossings(balance, curves)]
     sizes, frequencies = ranges(balance.system, balance.pivot, amplitude, omega)
@@ -103,7 +106,7 @@ def search_several(balance: Balance) -> Found:
 
 def _pieces(X: Array, loop: ComplexArray, path: Array) -> list[Array]:
     """Stretches of a contour with a positive loop gain that is not hopelessly far from one."""
-    points, values = _interpolate(X, loop, path)
+    points, values = interpolate(X, loop, path)
     with np.errstate(all="ignore"):
         points[:, -1] = -np.log(np.abs(values))
         good = np.all(np.isfinite(points), -1) & (values.real > 0) & (np.abs(points[:, -1]) < _GAIN_RANGE)
@@ -135,12 +138,33 @@ def _followed(balance: Balance, lines: list[Array], seeds: Array, box: Box) -> l
     return curves
 
 
-def _seeds(balance: Balance, sheets: list[tuple[Array, ComplexArray]]) -> Array:
+def _kept_up(balance: Balance, omega: Array, L: ComplexArray) -> Array:
+    """Points from which loops that each swing by themselves come to swing together, shape (n, 3 m + 1).
+
+    Driven by the pivot such a loop answers only near its own frequency, between those of the grid. So each begins at
+    the size at which it keeps itself up, in each quarter of the pivot's turn (of many, in each half).
+    """
+    m = balance.m
+    if not 1 < m <= _MOST_LOOPS or balance.owner.size > m:
+        return np.zeros((0, 3 * m + 1))
+    a = np.geomspace(1e-3, 1e3, 121)[:, None] * usual_amplitudes(balance)
+    loops = np.diagonal(L, 0, 1, 2)[:, None] * balance.evaluate(a, np.zeros_like(a), np.ones(len(a)))[1]
+    up = (np.abs(np.angle(loops[:, 1:])) < _QUARTER) & (np.abs(loops[:, :-1]) >= 1.0) & (np.abs(loops[:, 1:]) < 1.0)
+    at = np.flatnonzero(np.all(np.any(up, axis=1), axis=1))
+    sizes = a[len(a) - 1 - np.argmax(up[at, ::-1], axis=1), np.arange(m)]
+    quarters = _QUARTERS[:: 1 if m <= 3 else 2]
+    turns = np.array([*product(*([0.0] if i == balance.pivot else quarters for i in range(m)))])
+    n, each = len(turns), np.repeat(np.arange(len(at)), len(turns))
+    bias = np.tile(balance.operating_bias, (len(each), 1))
+    return balance.pack(sizes[each], np.tile(turns, (len(at), 1)), bias, omega[at][each], np.ones(n * len(at)))
+
+
+def _seeds(balance: Balance, sheets: list[tuple[Array, ComplexArray]], kept_up: Array) -> Array:
     """Solutions at a few artificial gains, by Newton from points of the grid that are not far off in phase and gain.
 
     They reach curves that run between the points of the grid, or along the edge of a region without solutions.
     """
-    starts = []
+    starts = [kept_up[:: max(1, len(kept_up) // _MOST_SEEDS)]]
     for X, loop in sheets:
         # From a point where the loop is off by less than 80 degrees and a factor of twelve Newton's method still comes
         # home.
@@ -164,20 +188,6 @@ def _apart(seeds: Array, curves: list[Array]) -> Array:
     known = np.concatenate([c[:, columns] for c in curves]) if curves else np.zeros((0, 3))
     keep = [not len(known) or np.abs(known - x[columns]).max(-1).min() > _SAME_CURVE for x in seeds]
     return seeds[np.array(keep, bool)]
-
-
-def _interpolate(X: Array, loop: ComplexArray, path: Array) -> tuple[Array, ComplexArray]:
-    """Unknowns and loop gain at fractional indices (bilinear; contour points lie on edges of the grid)."""
-    i, j = (np.clip(np.floor(path[:, k]).astype(int), 0, X.shape[k] - 2) for k in (0, 1))
-    u, v = path[:, 0] - i, path[:, 1] - j
-    points, values = np.zeros((len(path), X.shape[2])), np.zeros(len(path), complex)
-    for di, wi in ((0, 1 - u), (1, u)):
-        for dj, wj in ((0, 1 - v), (1, v)):
-            weight = wi * wj
-            used = weight > 0
-            points[used] += weight[used, None] * X[i + di, j + dj][used]
-            values[used] += weight[used] * loop[i + di, j + dj][used]
-    return points, values
 
 
 def _pivot_nodes(balance: Balance) -> Array:
