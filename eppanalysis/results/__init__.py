@@ -84,7 +84,6 @@ class LimitCycle(Result):
     method : str
         "describing function", "harmonic balance", "exact orbit" or "simulation".
     status : Status
-        CONVERGED where the method's own equation is solved.
     period, frequency : float
         [s], [Hz].
     mean, peak_to_peak : dict of str to float
@@ -94,7 +93,6 @@ class LimitCycle(Result):
     stable : bool or None
         None when the method cannot tell.
     stability_criterion : str
-        From what stability is told, in words.
     multipliers : complex array or None
         Floquet multipliers, where the method has them.
     residual, error_estimate : float

@@ -338,12 +338,11 @@ def _solve_grid(
 def _new(balance: Balance, X: Array, sheets: list[tuple[Array, ComplexArray]], stride: int = 1) -> BoolArray:
     """Where a solution is none of those that are known, phases up to whole turns."""
     new, phases = np.ones(X.shape[:2], bool), balance.places[balance.others] - 1
-    here = X[:, :, 2:-1]
     for known, loop in sheets:
         there = np.isfinite(loop[::stride, ::stride])
-        off = known[::stride, ::stride, 2:-1] - here
+        off = known[::stride, ::stride, 2:-1] - X[:, :, 2:-1]
         off[:, :, phases] -= 2.0 * np.pi * np.round(off[:, :, phases] / (2.0 * np.pi))
-        new &= ~(there & np.all(np.abs(off) <= 1e-5 * (1e-6 + np.abs(here)), -1))
+        new &= ~(there & np.all(np.abs(off) <= 1e-5 * (1e-6 + np.abs(X[:, :, 2:-1])), -1))
     return new
 
 
