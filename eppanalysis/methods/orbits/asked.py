@@ -83,7 +83,8 @@ class Asked:
         cycle = self.cycle
         if not _near(found.period, cycle.period, self.tolerance):
             return f"has {number(found.frequency)} Hz"
-        names = [k for k, c in cycle.harmonics.items() if len(c) > 1 and abs(c[1]) * abs(found.harmonics[k][1]) > 0]
+        moving = [k for k, c in cycle.harmonics.items() if len(c) > 1 and found.peak_to_peak[k] > 0.0]
+        names = [k for k in moving if abs(cycle.harmonics[k][1]) * abs(found.harmonics[k][1]) > 0.0]
         # The estimate holds for the first signal that moves, but that may be a difference of large parts, as what comes
         # out of an element is the same at any size: the one that is asked for is as large in it or in most signals.
         ratios = [abs(found.harmonics[k][1]) / abs(cycle.harmonics[k][1]) for k in names] or [1.0]
