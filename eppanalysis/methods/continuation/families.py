@@ -110,13 +110,6 @@ class Family:
         hybrid = self.at(value)
         return constant(_flat_numbers(hybrid, Arcs.build(hybrid, arcs.event_sequence, arcs)), value)
 
-    def arcs(self, hybrid: HybridSystem, value: float, like: Arcs) -> Arcs:
-        """The arcs of the system at a value, equal to those built from it to rounding."""
-        known = self._arcs.get((like.event_sequence.key, self._part(value)))
-        if known is None or not known.covers(value):
-            return Arcs.build(hybrid, like.event_sequence, like)
-        return _with_numbers(hybrid, like, known.at(value))[0]
-
     def _part(self, value: float) -> tuple[float, float] | None:
         """The part of the range of the stand-in that a value is in; None where it is in none."""
         stand_in = self._standing_in(value)
@@ -168,30 +161,25 @@ def _arcs_over(
 
 
 def _numbers_of(hybrid: HybridSystem, arcs: Arcs) -> tuple[Array, ...]:
-    """What an orbit's equations and signals depend on: its arcs, and, last, where the loop's inputs stand."""
+    """What an orbit's equations depend on: its arcs, and where the loop's inputs stand."""
     c = arcs.channels
     smooth = c.smooth_x, c.smooth_H, c.smooth_s, c.smooth_scale
-    inputs = hybrid.x0[hybrid.n_plant :]
-    return arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.shift, *smooth, arcs.Y, arcs.Ys, arcs.W, inputs
+    return arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.shift, *smooth, hybrid.x0[hybrid.n_plant :]
 
 
 def _flat_numbers(hybrid: HybridSystem, arcs: Arcs) -> Array:
     return np.concatenate([a.ravel() for a in _numbers_of(hybrid, arcs)])
 
 
-def _with_numbers(hybrid: HybridSystem, like: Arcs, flat: Array) -> tuple[Arcs, Array]:
-    """Arcs with other numbers, and where the inputs stand; see `_flat_numbers`."""
-    parts, at = [], 0
-    for array in _numbers_of(hybrid, like):
-        parts.append(flat[at : at + array.size].reshape(array.shape))
-        at += array.size
-    F, S, g, gs, J, shift, x, H, s, scale, Y, Ys, W, inputs = parts
-    channels = like.channels._replace(smooth_x=x, smooth_H=H, smooth_s=s, smooth_scale=scale)
-    return replace(like, F=F, S=S, g=g, gs=gs, J=J, shift=shift, channels=channels, Y=Y, Ys=Ys, W=W), inputs
-
-
 def _slope_from(orbit: Orbit, numbers: Polynomial, value: float) -> Array:
-    change, inputs = _with_numbers(orbit.hybrid, orbit.arcs, numbers.slope(value))
+    like, slopes, at = _numbers_of(orbit.hybrid, orbit.arcs), [], 0
+    flat = numbers.slope(value)
+    for array in like:
+        slopes.append(flat[at : at + array.size].reshape(array.shape))
+        at += array.size
+    F, S, g, gs, J, shift, x, H, s, scale, inputs = slopes
+    channels = orbit.arcs.channels._replace(smooth_x=x, smooth_H=H, smooth_s=s, smooth_scale=scale)
+    change = replace(orbit.arcs, F=F, S=S, g=g, gs=gs, J=J, shift=shift, channels=channels)
     start = np.zeros(orbit.y.size)
     start[orbit.hybrid.n_plant : orbit.hybrid.x0.size] = inputs
     return residual_slope(orbit, change, start)

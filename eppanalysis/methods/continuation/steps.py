@@ -14,6 +14,7 @@ from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.ranges import NEAR, near
+from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.guess import Guess
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, effort_of, evaluate, room_for, solve
 from eppanalysis.methods.orbits.shooting import close_orbit, is_met, next_guess
@@ -137,7 +138,7 @@ def make_point(
     # Equations and one row across: regular at a fold, where those alone are singular (docs/theory/exact_orbits.md,
     # Branches).
     t = bordered(orbit, slope, row, right)
-    return Point(family, value, orbit, slope, t / np.sqrt((w * t) @ t), before)
+    return Point(family, value, orbit, slope, t / np.sqrt(np.sum(w * t * t)), before)
 
 
 def _column_sizes(orbit: Orbit, slope: Array) -> Array:
@@ -210,7 +211,8 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
                 return None
             if code == ARRIVED:
                 hybrid = family.at(float(u[-1]))
-                return _Found(float(u[-1]), Orbit(hybrid, family.arcs(hybrid, float(u[-1]), like), *here), u)
+                found = Orbit(hybrid, Arcs.build(hybrid, like.event_sequence, like), *here)
+                return _Found(float(u[-1]), found, u)
         except (EppError, ModelError):
             return None
         along = none
@@ -247,8 +249,7 @@ def bend(old: Point, new: Point) -> float:
 
 def turned(w: Array, old: Array, new: Array) -> float:
     """How much a direction turns, in weighted coordinates: one less the cosine of the angle."""
-    along = w * old
-    return float(1.0 - along @ new / np.sqrt((along @ old) * ((w * new) @ new)))
+    return float(1.0 - np.sum(w * old * new) / np.sqrt(np.sum(w * old**2) * np.sum(w * new**2)))
 
 
 def admissible(point: Point) -> bool:
@@ -354,9 +355,8 @@ def astray(point: Point, new: Point | None) -> bool:
     """
     if new is None or bend(point, new) > _MOST_BEND:
         return True
-    way = new.unknowns - point.unknowns
-    far = point.weights * way
-    return bool(far @ way > _MOST_LENGTH**2 * (far @ point.tangent) ** 2)
+    way, w = new.unknowns - point.unknowns, point.weights
+    return bool(np.sum(w * way * way) > _MOST_LENGTH**2 * np.sum(w * point.tangent * way) ** 2)
 
 
 def regular(point: Point) -> bool:

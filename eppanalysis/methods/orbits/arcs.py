@@ -17,7 +17,7 @@ import numpy as np
 from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.simulation.workspaces import of_thread
-from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
+from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
 
 if TYPE_CHECKING:
     from eppanalysis.kernels.orbits.flow import Channels
@@ -291,15 +291,15 @@ def _constant_outputs(W: Array, moves: BoolArray) -> Array:
     return W
 
 
+@of_model
 def _clock_shift(hybrid: HybridSystem) -> Array:
     """What memory values advance by per unit of time that are readings of a clock."""
     model = hybrid.model
-    if not model.K[: hybrid.n_plant, -1].any():
-        return np.zeros(model.K.shape[1])
     n = model.A.shape[0]
     shift = np.zeros(model.K.shape[1])
     clock = (model.K[:, -1] != 0) & (np.arange(n) < hybrid.n_plant)
-    clock &= ~np.any(model.A, axis=1) & ~np.any(model.B, axis=1)
+    if clock.any():
+        clock &= ~np.any(model.A, axis=1) & ~np.any(model.B, axis=1)
     if not clock.any():
         return shift
     passes = np.where(clock, model.K[:, -1], 0.0)

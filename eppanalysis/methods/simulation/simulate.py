@@ -177,14 +177,14 @@ def _asked(
     return system, given, float(getattr(loop, "t_end", _USUAL_END) if t_end is None else t_end)
 
 
+@of_model
 def _of_smooth(hybrid: HybridSystem) -> tuple[bool, float]:
     """Whether inputs step at the start, before which a dead time still has what the elements put out until then, and
     what a step is worth.
     """
-    if not hybrid.model.smooth_kind.size:
-        return False, 1.0
-    late = hybrid.model.smooth_kind == DELAY_LINE
-    return bool(late.any() and (hybrid.model.breakpoint_time <= 0.0).any()), _DELAYED if late.all() else _SMOOTH
+    model, late = hybrid.model, hybrid.model.smooth_kind == DELAY_LINE
+    cost = (_DELAYED if np.all(late) else _SMOOTH) if late.size else 1.0
+    return bool(np.any(late) and np.any(model.breakpoint_time <= 0.0)), cost
 
 
 @cache
