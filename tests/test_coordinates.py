@@ -186,8 +186,8 @@ def test_the_input_of_an_element_has_a_unit_in_all_states_where_it_is_a_differen
         assert "amplitudes of actuator from 0.00025 to 0.75 deg" in epp.predict_limit_cycles(loop).search
 
 
-def test_a_mean_within_one_step_of_an_encoder_may_be_any():
-    """In states as given nothing moved the mean, which was taken for no solution; by rounding it was found turned."""
+def test_a_solution_whose_phase_is_whole_turns_off_is_the_same():
+    """In turned states it was counted as a further branch."""
     system = epp.case("azimuth_servo").to_system()
     wanted = epp.predict_limit_cycles(system)
     assert "(1 branch)" in wanted.search

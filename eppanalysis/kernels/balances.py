@@ -190,10 +190,7 @@ def room_for(size):
 
 @njit(**_INNER)
 def _take(J, R, rows, columns, border, edge, matrix):
-    """Rows and columns of a linear system, and its border, each divided by its largest entry; False without a solution.
-
-    A row of zeros that asks for nothing is kept: a mean within a dead zone is any, and stays where it is.
-    """
+    """Rows and columns of a linear system, and its border, each divided by its largest entry; False if one is zeros."""
     n = columns.size
     for r in range(n):
         size, own = 0.0, r < rows.size
@@ -204,9 +201,7 @@ def _take(J, R, rows, columns, border, edge, matrix):
             size = max(size, abs(value))
         # What is not a number, or infinite, is found in the solution.
         if not size > 0.0:
-            if matrix[r, n] != 0.0:
-                return False
-            continue
+            return False
         share = 1.0 / size
         for c in range(n + 1):
             matrix[r, c] *= share
