@@ -162,7 +162,7 @@ class CaseError(EppError):
     expected : str
         What was expected in its place.
     fault : Fault, optional
-        What it is about, where another part of the program asks.
+        What kind of fault it is, for programs that act on it.
     also : tuple of CaseError
         What is wrong beside it in the same part.
     """
@@ -206,7 +206,7 @@ class ModelError(EppError):
     beside : (str, object), optional
         Another field that `expected` ends with, and its value [SI].
     fault : Fault, optional
-        What it is about, where another part of the program asks.
+        What kind of fault it is, for programs that act on it.
 
     Examples
     --------

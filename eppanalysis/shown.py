@@ -95,7 +95,7 @@ class Shown:
         return sentence[: next(whole, None)].removesuffix(".")
 
     def in_brief(self) -> pandas.DataFrame:
-        """What of the table is shown with the sentence: all of it, where nothing else is said."""
+        """The rows of the table that are shown with the sentence; by default all of them."""
         return self.to_frame()
 
     def __repr__(self) -> str:

@@ -116,7 +116,7 @@ def case_from_text(text: str, name: str = "case", folder: str | Path | None = No
 
 
 def case(name: str) -> Case:
-    """A case that ships.
+    """A case that comes with the package.
 
     Parameters
     ----------

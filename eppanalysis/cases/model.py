@@ -187,7 +187,7 @@ class Case(ShownCase):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences on values that are possible and hardly meant: an angle without a unit, a length of parsecs.
+        """Sentences on values that are possible but hardly meant: an angle without a unit, a length of parsecs.
 
         Examples
         --------
@@ -243,7 +243,7 @@ class Case(ShownCase):
 
     @checked
     def value(self, name: str) -> float:
-        """A parameter in SI units; of the elbow also those that follow from others or are left at their default.
+        """A parameter in SI units; of an elbow also one that follows from others or keeps its default.
 
         Raises
         ------

@@ -128,8 +128,8 @@ class Diagnosis(Listing[Explanation]):
     status : Status
         INCOMPLETE where a candidate could not be tried; its note says why.
     elsewhere : str
-        Where a linear instability fits best, or nothing does, the other signal as a record of which an element explains
-        the oscillation far better, in words; empty where there is none.
+        Where a linear instability fits best, or nothing does: that an element explains the oscillation far better,
+        if the record is of the other signal, in words; empty where none does.
     """
 
     explanations: tuple[Explanation, ...]
@@ -157,7 +157,7 @@ class Diagnosis(Listing[Explanation]):
 
     @property
     def growth(self) -> float:
-        """Of the record's amplitude per period, as a logarithm."""
+        """Growth of the record's amplitude per period, as a logarithm."""
         return self.oscillation.growth
 
     @property
@@ -170,7 +170,7 @@ class Diagnosis(Listing[Explanation]):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of these."""
+        """Names of the candidates in `named`."""
         return tuple(e.name for e in self.named)
 
     def headline(self) -> str:

@@ -178,7 +178,7 @@ class Guide(Result):
         return region if self.allowed is None else region.sized
 
     def without(self, cycle: str) -> str:
-        """What there is not on the safe side of the limits, in words; `cycle` where none is allowed."""
+        """What does not occur on the safe side of the limits, in words: `cycle`, or one larger than allowed."""
         return f"without a {cycle if self.allowed is None else self.allowed.exceeded}"
 
     def variants(self) -> dict[tuple[float, ...], list[GuideRow]]:

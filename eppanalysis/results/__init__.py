@@ -85,7 +85,7 @@ class LimitCycle(Result):
         "describing function", "harmonic balance", "exact orbit" or "simulation".
     status : Status
     period, frequency : float
-        [s], [Hz].
+        Period [s] and frequency [Hz].
     mean, peak_to_peak : dict of str to float
         Of every named signal, in its SI unit.
     harmonics : mapping of str to complex array
@@ -361,7 +361,7 @@ class Prediction(Listing[LimitCycle]):
     search : str
         How completeness was sought, in plain words.
     curves : mapping
-        What the Nyquist picture needs: "omega", "response", "amplitude" and "locus" for one element; for several the
+        What the Nyquist plot needs: "omega", "response", "amplitude" and "locus" for one element; for several the
         loop gain over the amplitude at the principal element.
     margins : mapping
         Those of the linearised loop: where it is cut ("at"), the numbers, and the gains that stand for the elements
@@ -412,7 +412,7 @@ class Prediction(Listing[LimitCycle]):
 
     @checked
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Nyquist picture with the -1/N locus, its intersections and arrows of stability."""
+        """Nyquist plot with the -1/N locus, its intersections and arrows of stability."""
         return self.drawn("plot_nyquist", ax)
 
 

@@ -39,7 +39,7 @@ class MeasuredCycle(LimitCycle):
 
     @property
     def amplitude_of_first(self) -> float:
-        """At the input of the first element."""
+        """Amplitude at the input of the first element."""
         return float(next(iter(self.elements.values()))["amplitude"])
 
     def with_intervals(self) -> str:

@@ -44,7 +44,7 @@ class Boundary(Result):
     axes : (str, str)
         Dotted names of the parameters.
     points : array, shape (k, 2)
-        Points along the curve [SI]; rows of nan part its pieces.
+        Points along the curve [SI]; rows of nan separate its pieces.
     label : str
         What it is the boundary of, for a legend.
     status : Status
@@ -80,7 +80,7 @@ class Boundary(Result):
         return f"Boundary ({self.label}): {where}. {self.message}{ended}"
 
     def to_frame(self) -> pandas.DataFrame:
-        """The points, one a row [SI]; rows without numbers part the pieces of the curve."""
+        """The points, one a row [SI]; rows without numbers separate the pieces of the curve."""
         rows = [dict(zip(self.axes, point, strict=True)) for point in self.points.tolist()]
         return frame_of(rows, self.units, self.readable)
 

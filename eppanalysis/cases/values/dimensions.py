@@ -235,7 +235,7 @@ def _right(fact: _Fact, name: str) -> float:
 
 
 def remarks(parameters: Mapping[str, Parameter], without_unit: Sequence[str]) -> tuple[str, ...]:
-    """Sentences on values that are possible and hardly meant.
+    """Sentences on values that are possible but hardly meant.
 
     Parameters
     ----------

@@ -124,7 +124,7 @@ def design_bounds(
         Processes that correct and test; results do not depend on their number. More than one needs a script that is
         guarded by ``if __name__ == "__main__"``.
     sweep : HarmonicSweep, optional
-        An earlier sweep of the same case, whose compiled programmes are used again; a new one by default.
+        An earlier sweep of the same case, whose compiled programs are used again; a new one by default.
     progress : callable, optional
         Told the number of cells done, of all cells, and nothing in words.
 

@@ -79,7 +79,7 @@ def certify(
     -----
     First order is an approximation: roots of its balance are proved, not limit cycles. Absence is proved of the loop
     itself (Popov 1961, in the form of Garber 1967 for periodic motions; piecewise quadratic functions are from
-    Johansson and Rantzer 1998). How is derived on the pages "Certificates" and "No limit cycle with play" of the
+    Johansson and Rantzer 1998). The derivations are on the pages "Certificates" and "No limit cycle with play" of the
     theory.
 
     Examples

@@ -121,7 +121,7 @@ class Certificate(WithFile):
 
     @checked
     def plot(self, ax: Axes | None = None) -> Axes:
-        """The cover of the box with its roots, the Popov plot, a level of the function that falls, or gain to loss."""
+        """The box and its roots, the Popov plot, a level set of the Lyapunov function, or energy gained over lost."""
         return self.drawn("plot_certificate", ax)
 
 

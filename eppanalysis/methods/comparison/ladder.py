@@ -134,7 +134,7 @@ class Probe:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Ladder(Result):
-    """All methods side by side.
+    """A limit cycle by all methods side by side: first order, harmonic balance, exact orbit, run.
 
     Attributes
     ----------

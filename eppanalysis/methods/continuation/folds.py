@@ -41,7 +41,7 @@ _MOST_STEPS, _LONGEST = 20, 0.1
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FoldCurve(Result):
-    """Folds over two parameters.
+    """Folds of limit cycles, followed over two parameters.
 
     Attributes
     ----------

@@ -169,5 +169,5 @@ class Branch(Result):
 
     @checked
     def plot(self, ax: Axes | None = None, signal: str | None = None, at: float | None = None) -> Axes:
-        """Amplitude and frequency against the parameter, with a dotted line where it is `at` [SI]."""
+        """Amplitude and frequency against the parameter, with a dotted line at its value `at` [SI]."""
         return self.drawn("plot_branch", ax, signal, at)

@@ -162,7 +162,7 @@ def nearest_cycle(
 def frozen_nyquist(
     system: LureSystem | CaseLike, cycle: LimitCycle, operating_point: PointLike | None = None
 ) -> FrozenLoop | None:
-    """Nyquist picture of a loop with any number of elements at one of its cycles, the others frozen there.
+    """Nyquist plot of a loop with any number of elements at one of its cycles, the others frozen there.
 
     Parameters
     ----------

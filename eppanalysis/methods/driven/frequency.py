@@ -56,7 +56,7 @@ def frequency_response(
     amplitude : float, optional
         Of the input, in its SI unit; by default that of the case's own sine.
     frequencies : (float, float)
-        Range [Hz]; it is run over in its logarithm.
+        Range [Hz]; it is covered in logarithmic steps.
     operating_point : OperatingPoint or mapping of str to float, optional
         Where the inputs are held, the driven one in the mean [SI]; by default that of the case or loop.
     n_points : int
@@ -125,7 +125,7 @@ def amplitude_response(
     frequency : float, optional
         [Hz]; by default that of the case's own sine.
     amplitudes : (float, float)
-        Range, in the SI unit of the input; it is run over in its logarithm.
+        Range, in the SI unit of the input; it is covered in logarithmic steps.
     operating_point : OperatingPoint or mapping of str to float, optional
         Where the inputs are held, the driven one in the mean [SI]; by default that of the case or loop.
     n_points : int

@@ -129,11 +129,11 @@ class ForcedResponse(Listing[PeriodicResponse]):
     message : str
         What was found, and what was not, in sentences.
     first_order : dict of str to complex array
-        Complex gains that describing functions say, by signal, one for each of their solutions; empty where they have
-        none.
+        Complex gains predicted by describing functions, by signal, one for each of their solutions; empty where there
+        are none.
     beat : float
-        Time after which a weak sine and the loop's own oscillation meet again as they did, by Adler's law [s]: of n
-        periods of the one beside m of the other. nan where the run has come to no such oscillation, or keeps step.
+        Beat period [s] of a weak sine with the loop's own oscillation, by Adler's law: of n periods of the one beside m
+        of the other. nan where the run has come to no such oscillation, or keeps step.
     tongue : (float, float)
         Frequencies between which a weak sine entrains the oscillation that the run has come to, by Adler's law [Hz];
         nan where that law, of first order in the sine, knows none.
@@ -160,7 +160,7 @@ class ForcedResponse(Listing[PeriodicResponse]):
 
     @property
     def stable(self) -> tuple[PeriodicResponse, ...]:
-        """Those that are stable."""
+        """The stable responses."""
         return tuple(r for r in self.responses if r.stable)
 
     def __str__(self) -> str:
@@ -276,7 +276,7 @@ class FrequencyResponse(Result):
     branches : tuple of ResponseBranch
         Exact responses, the longest branch first.
     first_order : tuple of ResponseBranch
-        What describing functions say beside them; empty where they say nothing.
+        Predictions of describing functions beside them; empty where there are none.
     status : Status
         INCOMPLETE where a branch ends within the range.
     message : str

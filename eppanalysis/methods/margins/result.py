@@ -114,7 +114,7 @@ class Margins(Result):
 
     @checked
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Nyquist picture of the loop cut open at the place, with its crossovers."""
+        """Nyquist plot of the loop cut open at the place, with its crossovers."""
         return self.drawn("plot_margins", ax)
 
 

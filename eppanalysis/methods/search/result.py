@@ -99,7 +99,7 @@ class CycleSearch(Listing[LimitCycle]):
 
     @property
     def stable(self) -> tuple[LimitCycle, ...]:
-        """The stable cycles: what the device can do for ever."""
+        """The stable cycles: what the loop can keep up for ever."""
         return tuple(c for c in self.cycles if c.stable)
 
     @property

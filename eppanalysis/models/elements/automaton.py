@@ -286,7 +286,7 @@ class Automaton:
 
     @cached_property
     def followed(self) -> BoolArray:
-        """In which modes the element follows its input, and holds on to where it was where the input turns back."""
+        """Modes in which the output follows the input, and holds its value when the input turns back."""
         out = np.zeros(len(self.modes), bool)
         if self.n_memory:
             out[self.guard_columns["mode"][np.any(self.guard_columns["on_rate"] != 0.0, axis=1)]] = True

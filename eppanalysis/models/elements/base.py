@@ -199,7 +199,7 @@ class Nonlinearity(ABC):
     of_frequency : bool
         Whether the describing function depends on the frequency though there is one input.
     by_quadrature : bool
-        Whether each point of the describing function takes some tenths of a millisecond.
+        Whether the describing function is a quadrature, which takes some tenths of a millisecond a point.
     linear_gain_is : str
         What `linear_gain` is, in words that margins print beside it.
     """
@@ -301,7 +301,7 @@ class Nonlinearity(ABC):
         return has_states or type(self).start is not Nonlinearity.start or self.automaton().n_memory > 0
 
     def memory_at(self, mode: int, stored: Array, x: Array, output: Array) -> Any:
-        """What `output` and `start` take as memory, in a mode with memory values, shape (n_memory,), input
+        """Memory as `output` and `start` take it, from the mode, the memory values, shape (n_memory,), input
         and output.
         """
         return self.memory_of(output)
@@ -369,7 +369,7 @@ class Nonlinearity(ABC):
         return None
 
     def harmonics(self, amplitude: float, bias: float, omega: float, order: int) -> ComplexArray | None:
-        """Of the settled output under ``bias + amplitude sin(omega t)``, over the amplitude; the mean is the zeroth.
+        """Harmonics of the settled output for ``bias + amplitude sin(omega t)``, over the amplitude, from the mean on.
 
         Shape (1, order + 1); None where the answer is that of the automaton to its input.
         """
@@ -382,7 +382,7 @@ class Nonlinearity(ABC):
 
     @property
     def sticks_and_slips(self) -> bool:
-        """Whether it resists more at rest than in motion, so that a loop that winds up hunts."""
+        """Whether it resists more at rest than in motion, so that a loop with integral action hunts."""
         return False
 
     def to_control(self) -> control.DescribingFunctionNonlinearity:

@@ -38,9 +38,9 @@ class LockPin(Nonlinearity, kind="lock_pin"):
     gap : float
         Total free width [rad], at least zero.
     stiffness : float
-        [N*m/rad], positive.
+        Stiffness of the contact [N*m/rad], positive.
     damping : float
-        [N*m*s/rad], at least zero.
+        Damping of the contact [N*m*s/rad], at least zero.
     model : {"unilateral", "classical"}
         "unilateral": contact only pushes, ``max(0, k (delta - gap/2) + c rate)`` for ``delta > gap/2`` and its mirror
         image, so the pin lets go before delta is back at the gap. "classical": the damper acts wherever
@@ -132,7 +132,7 @@ class LockPin(Nonlinearity, kind="lock_pin"):
         return (-np.inf if self.model == "classical" else 0.0), np.inf
 
     def sector(self) -> tuple[float, float]:
-        """As the slopes: infinite with a damper, whose torque is as great as the rate."""
+        """As the slopes: infinite with a damper, whose torque grows with the rate."""
         return self.slope_bounds()
 
     linear_gain_is = "its stiffness and damping, in contact"

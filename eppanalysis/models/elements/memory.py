@@ -60,7 +60,7 @@ class _Sticking(Nonlinearity):
     """What an element that sticks and follows remembers; the modes of its automaton: stuck, up, down, any others."""
 
     def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, Array]:
-        """Stuck at a plain number; on its way with a :class:`Slip`."""
+        """Stuck where the memory is a plain number, sliding where it is a :class:`Slip` under way."""
         if not isinstance(memory, Slip):
             return super().start(automaton, memory)
         direction = int(np.sign(memory.direction))
@@ -213,7 +213,7 @@ class BacklashCompensator(_Sticking, kind="backlash_compensator"):
         return y, Slip(y, way, x)
 
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
-        """Mean (the bias) and gain, which leads: one, and `gap` over `travel` of what a play of `travel` keeps back.
+        """Mean (the bias) and gain, with phase lead: 1 plus ``gap/travel`` (1 - N) of a play of the width `travel`.
 
         Raises
         ------
@@ -236,7 +236,7 @@ class BacklashCompensator(_Sticking, kind="backlash_compensator"):
         return distances((self.travel or self.gap) / 2)
 
     def sector(self) -> tuple[float, float]:
-        """Infinite, as it adds to an input that passes zero; both are 1 where there is no gap."""
+        """Unbounded, as its output is not zero where the input is; both are 1 where there is no gap."""
         return (-np.inf, np.inf) if self.gap else (1.0, 1.0)
 
     def memory_of(self, output: Array) -> float | None:
@@ -251,7 +251,7 @@ class BacklashCompensator(_Sticking, kind="backlash_compensator"):
         return float(x[0]) - side * self.travel / 2 if side else float(stored[0])
 
     def automaton(self) -> Automaton:
-        """Turns, leads up, leads down."""
+        """Modes: crosses the gap after a reversal, leads upwards, leads downwards."""
         return automata.backlash_compensator(self.gap, self.travel)
 
 

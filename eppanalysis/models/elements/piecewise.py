@@ -30,9 +30,9 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
     breakpoints : array_like, shape (k,)
         Strictly ascending [unit of the input].
     slopes : array_like, shape (k + 1,)
-        [unit of the output per unit of the input]
+        Slope of each piece [unit of the output per unit of the input].
     intercepts : array_like, shape (k + 1,)
-        [unit of the output]
+        Output of each piece, continued to zero input [unit of the output].
 
     Attributes
     ----------
@@ -143,7 +143,7 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
         return mean.reshape(a.shape), gain.reshape(a.shape).astype(complex)
 
     def described_with_slopes(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array] | None:
-        """Mean and gain, and what the mean changes by, of the map alone."""
+        """Mean and gain of the map, and the derivatives of the mean."""
         return None if self.closed_form is None else self._described(amplitude, bias)
 
     @property

@@ -153,7 +153,7 @@ class DeadZone(PiecewiseLinear, kind="dead_zone"):
     lower, upper : float, optional
         Edges, ascending [unit of the input].
     slope : float, optional
-        Outside the edges, not zero [unit of the output per unit of the input].
+        Slope outside the edges, not zero [unit of the output per unit of the input].
 
     Raises
     ------
@@ -183,9 +183,9 @@ class DeadZoneSaturation(PiecewiseLinear, kind="dead_zone_saturation"):
     dead_zone : float
         Half the width of the dead zone [unit of the input], at least zero.
     slope : float
-        Positive [unit of the output per unit of the input].
+        Slope between dead zone and limit, positive [unit of the output per unit of the input].
     limit : float
-        Positive [unit of the output].
+        Greatest output, positive [unit of the output].
 
     Raises
     ------
@@ -333,7 +333,7 @@ class Coulomb(PiecewiseLinear, kind="coulomb"):
 class FrictionCompensator(PiecewiseLinear, kind="friction_compensator"):
     """Friction that is fed forward: `level` in the direction of the velocity, taken up over a ramp about rest.
 
-    Its input is the velocity, measured or (better) that of the reference, which does not rattle about rest.
+    Its input is the velocity, measured or (better) that of the reference, which does not chatter about rest.
 
     Parameters
     ----------

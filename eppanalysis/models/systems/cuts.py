@@ -29,7 +29,7 @@ class Cuts:
     Parameters
     ----------
     names : tuple of str
-        Of the k places, such as "controller.out".
+        Names of the k places, such as "controller.out".
     B : array, shape (n, k)
         From the disturbances to the state rate.
     E : array, shape (nz, k)

@@ -173,9 +173,9 @@ class Sine:
     amplitude : float
         In the unit of the input.
     frequency_hz : float
-        [Hz], positive.
+        Frequency [Hz], positive.
     phase : float
-        [rad].
+        Phase at t = 0 [rad].
 
     Raises
     ------

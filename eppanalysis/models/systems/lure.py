@@ -147,14 +147,14 @@ class LureSystem(Responses):
     ) -> LureSystem:
         """Make a system from what is not zero; everything else is filled in and all shapes are checked.
 
-        Where an element brings linear states of its own, what is given has the places of the signals before and behind
-        it; its states are appended to those given. The memory of one that is described together with them is where they
-        start. The arguments are the fields of the class.
+        Where an element brings linear states of its own, the matrices given connect the signals before and behind it,
+        and its states are appended to those given. The memory of an element that is described together with its states
+        is where these start. The arguments are the fields of the class.
 
         Raises
         ------
         ModelError
-            If shapes or lengths do not fit, a number is not finite, two elements have one name, a dead time or the
+            If shapes or lengths do not fit, a number is not finite, two elements have the same name, a dead time or the
             sample time is negative, a place for margins is not known, or an element with states of its own has a dead
             time or stands in discrete time.
         """

@@ -61,7 +61,7 @@ class CertifiedOrbit(WithFile):
     message : str
         Why it is not proved; empty where it is.
     period : float
-        [s]; nan where nothing is proved.
+        Period [s]; nan where nothing is proved.
     period_ball : str
         Ball that holds the period [s], as ``[middle +/- radius]`` in decimals.
     radius : float

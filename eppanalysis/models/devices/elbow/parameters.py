@@ -279,7 +279,7 @@ class ElbowParameters:
     >>> from eppanalysis.models.devices.elbow.parameters import POUND_FORCE
     >>> nominal = ElbowParameters()
     >>> fig8a = replace(nominal, pulley=replace(nominal.pulley, friction=0.0))
-    >>> play = fig8a.pulley.radius * fig8a.lock_pin.backlash  # of the lock pin, as way of the cable
+    >>> play = fig8a.pulley.radius * fig8a.lock_pin.backlash  # of the lock pin, as travel of the cable
     >>> round(fig8a.cable.stiffness * play / POUND_FORCE, 2)  # and the force that it makes [lbf]
     1.25
     """

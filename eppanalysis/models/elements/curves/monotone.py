@@ -31,7 +31,7 @@ class MonotoneTable(Tabulated, kind="monotone_table"):
     inputs : array_like, shape (k,)
         At least two, ascending [unit of the input].
     outputs : array_like, shape (k,)
-        [unit of the output]
+        Output at each of them [unit of the output].
     beyond : {"line", "hold"}
         Beyond the table: "line" goes on with the slope of the end, "hold" with its value.
 

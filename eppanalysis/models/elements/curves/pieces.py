@@ -20,7 +20,7 @@ from eppanalysis.models.elements.piecewise import PiecewiseLinear
 class BilinearSpring(PiecewiseLinear, kind="bilinear_spring"):
     """Freeplay: the slope `inner` between `lower` and `upper`, the slope `outer` beyond either, without a jump.
 
-    A dead band with a gain inside, and a control surface or a hinge that is soft between its stops.
+    Such as a dead band with a gain inside, or a control surface or a hinge that is soft between its stops.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class _Quantising(PiecewiseLinear):
 
 @dataclass(frozen=True)
 class FloorQuantiser(_Quantising, kind="floor_quantiser"):
-    """Quantiser that rounds down, as a converter that cuts digits off: the greatest multiple of `step` up to the input.
+    """Quantiser that rounds down, as a converter that truncates: the greatest multiple of `step` up to the input.
 
     Parameters
     ----------

@@ -70,9 +70,9 @@ class ViscousCoulomb(_Sliding, kind="viscous_coulomb"):
     Parameters
     ----------
     coulomb : float
-        At least zero [N or N*m].
+        Coulomb friction, at least zero [N or N*m].
     viscous : float
-        At least zero [N*s/m or N*m*s/rad].
+        Viscous friction, at least zero [N*s/m or N*m*s/rad].
 
     Raises
     ------
@@ -135,7 +135,7 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
     velocity : float
         Stribeck velocity, positive [m/s or rad/s].
     viscous : float, optional
-        At least zero [N*s/m or N*m*s/rad].
+        Viscous friction, at least zero [N*s/m or N*m*s/rad].
     shape : float, optional
         Exponent of the falling part, positive, 6 or less: 2 is a Gaussian, 1 an exponential. In runs, orbits and
         balances of harmonics the curve of one that is not a whole number is a line below 1e-10 of `velocity`.
@@ -235,7 +235,7 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
         return float(self.viscous - (excess / self.velocity * steepest if excess else 0.0)), super().slope_bounds()[1]
 
     def automaton(self) -> Automaton:
-        """Slips either way, sticks at rest; of a shape without a Taylor series at rest it creeps in between."""
+        """Slips either way, sticks at rest; a line in between where the shape has no Taylor series at rest."""
         excess = self.static - self.coulomb
         law, constant = automata.decay(self.shape, self.velocity, excess)
         level = self.coulomb + constant

@@ -59,7 +59,7 @@ class Cube(_Power, kind="cube"):
 
     Parameters
     ----------
-    scale : float, optional
+    scale : float
         Output at an input of one [unit of the output per cubed unit of the input].
 
     Raises
@@ -98,12 +98,12 @@ class Cube(_Power, kind="cube"):
 
 @dataclass(frozen=True)
 class Drag(_Power, kind="drag"):
-    """``y = scale * x*|x|``: what a flow resists with, of a velocity.
+    """``y = scale * x*|x|``: quadratic drag of a flow, over the velocity.
 
     Parameters
     ----------
     scale : float
-        [unit of the output per squared unit of the input]
+        Drag at a velocity of one [unit of the output per squared unit of the input].
 
     Raises
     ------
@@ -306,7 +306,7 @@ class Tanh(_Saturating, kind="tanh"):
     level : float
         Output far out, positive [unit of the output].
     slope : float, optional
-        At zero, positive [unit of the output per unit of the input].
+        Slope at zero, positive [unit of the output per unit of the input].
 
     Raises
     ------
@@ -359,7 +359,7 @@ class Arctan(_Saturating, kind="arctan"):
     level : float
         Output far out, positive [unit of the output].
     slope : float, optional
-        At zero, positive [unit of the output per unit of the input].
+        Slope at zero, positive [unit of the output per unit of the input].
 
     Raises
     ------

@@ -53,7 +53,7 @@ class LookupTable(Tabulated, PiecewiseLinear, kind="lookup_table"):
     inputs : array_like, shape (k,)
         At least two, ascending [unit of the input]; two that are the same make a jump.
     outputs : array_like, shape (k,)
-        [unit of the output]
+        Output at each of them [unit of the output].
     beyond : {"line", "hold"}
         Beyond the table: "line" goes on with the slope of the end, "hold" with its value.
 

@@ -193,7 +193,7 @@ class _Arc:
 
 @dataclass(frozen=True)
 class LuGreFriction(StateOutput, kind="lugre_friction"):
-    """Friction force F of a velocity v whose bristles are a spring and a damper, and which falls with speed.
+    """Friction force F over the velocity v, of bristles with a spring and a damper, that falls with speed.
 
     With the bristles' force z and the Stribeck curve g::
 
@@ -216,7 +216,7 @@ class LuGreFriction(StateOutput, kind="lugre_friction"):
     damping : float, optional
         Of the bristles, at least zero [unit of the output per unit of the input].
     viscous : float, optional
-        At least zero [unit of the output per unit of the input].
+        Viscous friction, at least zero [unit of the output per unit of the input].
 
     Raises
     ------
@@ -292,7 +292,7 @@ class LuGreFriction(StateOutput, kind="lugre_friction"):
         return self._law.sticks_and_slips
 
     def linear_gain(self) -> Array:
-        """The viscous part: of a velocity that does not end, the rest is bounded."""
+        """The viscous part: at a steady velocity the rest stays bounded."""
         return np.array([[self.viscous]])
 
     @property

@@ -45,20 +45,20 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
     the integrator s is held, ds/dt = 0, while v is beyond a limit and ki e would drive it further; else ds/dt = ki e.
     Where v comes back from a limit only while s is held, v stays at the limit, and s moves by what keeps it there.
 
-    The states start at zero. What it says of itself is that of the law from v, e and s to ``ds/dt + s`` and u; its
-    describing function is for a v that is a sine, with the e that belongs to it. Margins are those of the PID within
-    its limits.
+    The states start at zero. Its sector, slopes and thresholds are those of the law from v, e and s to ``ds/dt + s``
+    and u; its describing function is for a v that is a sine, with the e that belongs to it. Margins are those
+    of the PID within its limits.
 
     Parameters
     ----------
     kp : float
-        Not zero [unit of the output per unit of the input].
+        Proportional gain, not zero [unit of the output per unit of the input].
     ki : float
-        Not zero, of the sign of kp [unit of the output per unit of the input and s].
+        Integral gain, not zero, of the sign of kp [unit of the output per unit of the input and s].
     lower, upper : float
         Limits of the output, ascending [unit of the output].
     kd : float
-        [unit of the output per unit of the input, times s]
+        Derivative gain [unit of the output per unit of the input, times s].
     filter_time : float
         Time constant of the derivative's filter [s], positive where there is a derivative.
 
@@ -201,7 +201,7 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
         return -np.inf, np.inf
 
     def linear_gain(self) -> Array:
-        """Within the limits."""
+        """Gains of the law within the limits."""
         return np.array([[0.0, self.ki, POLE], [1.0, 0.0, 0.0]])
 
     def automaton(self) -> Automaton:

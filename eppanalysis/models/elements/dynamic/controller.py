@@ -60,22 +60,22 @@ class AntiWindupPID(LimitedPID, PiecewiseLinear, kind="anti_windup_pid"):
         ds/dt = ki e + (u - v)/tracking_time
         dd/dt = (e - d)/filter_time
 
-    so that the integrator s follows the limit within the tracking time. Its states start at zero. What it says of
-    itself, its describing function included, is that of the saturation, from v to u; the states are the loop's. Margins
-    are those of the PID within its limits.
+    so that the integrator s follows the limit within the tracking time. Its states start at zero. Its describing
+    function, sector and slopes are those of the saturation from v to u; the states belong to the loop. Margins are
+    those of the PID within its limits.
 
     Parameters
     ----------
     kp : float
-        [unit of the output per unit of the input]
+        Proportional gain [unit of the output per unit of the input].
     ki : float
-        [unit of the output per unit of the input and s]
+        Integral gain [unit of the output per unit of the input and s].
     tracking_time : float
         Time constant with which the integrator follows the limit [s], positive; the longer, the more it winds up.
     lower, upper : float
         Limits of the output, ascending [unit of the output].
     kd : float
-        [unit of the output per unit of the input, times s]
+        Derivative gain [unit of the output per unit of the input, times s].
     filter_time : float
         Time constant of the derivative's filter [s], positive where there is a derivative.
 

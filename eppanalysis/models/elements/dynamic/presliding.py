@@ -223,5 +223,5 @@ class DahlFriction(StateOutput, kind="dahl_friction"):
         return _answer(a, b, w, self.stiffness, self.coulomb)
 
     def linear_gain(self) -> Array:
-        """Zero: of a velocity that does not end, the force is bounded."""
+        """Zero: at a steady velocity the force stays bounded."""
         return np.zeros((1, 1))

@@ -157,7 +157,7 @@ class RateLimitedServo(_RateLimited, kind="rate_limited_servo"):
     Parameters
     ----------
     bandwidth : float
-        [rad/s], positive.
+        Bandwidth of the servo [rad/s], positive.
     rate : float
         Greatest rate of the output, either way [unit of the output per s], positive.
 

@@ -181,7 +181,7 @@ class CleggIntegrator(_Reset, kind="clegg_integrator"):
     Parameters
     ----------
     gain : float
-        [unit of the output per unit of the input and s], positive.
+        Gain of the integrator [unit of the output per unit of the input and s], positive.
 
     Raises
     ------
@@ -220,9 +220,9 @@ class FirstOrderReset(_Reset, kind="first_order_reset"):
     Parameters
     ----------
     pole : float
-        [rad/s], positive.
+        Corner frequency [rad/s], positive.
     gain : float
-        [unit of the output per unit of the input and s], positive.
+        Gain from the input to the rate of the output [unit of the output per unit of the input and s], positive.
 
     Raises
     ------

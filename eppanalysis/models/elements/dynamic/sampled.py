@@ -70,7 +70,7 @@ class SampledController(Nonlinearity):
     A, B, C, D : array, shapes (n, n), (n, m), (p, n), (p, m)
         Of the discrete-time system; n may be zero.
     sample_time : float
-        [s]
+        Sample time [s].
     delay : float
         Computation delay [s], zero to `sample_time`.
     offset : float
@@ -80,7 +80,7 @@ class SampledController(Nonlinearity):
     y0 : array, shape (p,), optional
         What it puts out before it has computed anything; zero by default.
     state_last : bool
-        Whether the state is renewed behind the outputs, from the inputs as they are then (at the same instant): so an
+        Whether the state is updated after the outputs, from the inputs as they are then (at the same instant): so an
         integrator stops where an element behind it saturates (anti-windup). Only without `delay`: a dead time
         of the loop behind the saturation stands for it there.
     tick : float, optional

@@ -44,7 +44,7 @@ class StateOutput(Nonlinearity):
         return -np.inf, np.inf
 
     def automaton(self) -> Automaton:
-        """That of the law inside, to what drives the state."""
+        """Automaton of the law inside, whose output drives the state."""
         assert self.inside is not None
         return self.inside.automaton()
 

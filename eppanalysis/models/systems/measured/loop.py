@@ -49,8 +49,8 @@ class MeasuredLoop:
     Parameters
     ----------
     response : MeasuredResponse or MeasuredMatrix
-        Of several elements a matrix: a row for each of their inputs, a column for each of their outputs. What follows
-        from others has none: the rate of an input, a clock, a contact angle and the rate that it is the integral of.
+        Of several elements a matrix: a row for each of their inputs, a column for each of their outputs. Nothing
+        stands for what follows from others: the rate of an input, a clock, a contact angle and its rate.
     element : Nonlinearity or sequence of Nonlinearity
         Linear states that an element brings itself are not part of the response. A :class:`SampledController` is taken
         with hold and delay, in the mean over where its samples fall; the response is that of the plant around it, in
@@ -68,7 +68,7 @@ class MeasuredLoop:
     ------
     ModelError
         If shapes do not fit, an input of an element is neither measured nor a rate, `feedback` is neither -1 nor 1, or
-        an element makes a mean of a sine without one and the static gain, which then counts, is not given.
+        an element has a mean output for a sine of mean zero and the static gain, which then counts, is not given.
 
     Examples
     --------
