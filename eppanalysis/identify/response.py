@@ -240,8 +240,8 @@ def _run(hybrid: HybridSystem, times: Array) -> Run:
     strobe = Strobe.of(hybrid)
     for controller in () if strobe is None else strobe.controllers:
         T = controller.sample_time
-        at_sample = np.abs(times - T * np.round(times / T)) < _AT_SAMPLE * T
-        times = np.where(at_sample, T * np.round(times / T) + _AT_SAMPLE * T, times)
+        sample = T * np.round(times / T)
+        times = np.where(np.abs(times - sample) < _AT_SAMPLE * T, sample + _AT_SAMPLE * T, times)
     end = float(times[-1]) * (1 + 1e-12) or _INSTANT * hybrid.time_scale
     samples = 0 if strobe is None else strobe.samples_in(end)
     return run_hybrid(hybrid, end, times, 2.0 * hybrid.time_scale, MOST_EVENTS + samples, 1)

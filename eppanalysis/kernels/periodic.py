@@ -320,10 +320,10 @@ def _advance(table, series, phase, value, counts, z, omega, phi, end, mode, memo
 
 
 @njit(**_INNER)
-def _repeat(
-    table, series, extrema, counts, z, omega, start, mode, memory, least, clocked, begun, work, here, at, fired, holds
-):
-    """Run at least `least` periods from a phase, until one ends as it began; returns as :func:`settle`."""
+def _repeat(table, motion, start, mode, memory, least, clocked, room):
+    """Run at least `least` periods of a motion from a phase, until one ends as it began; returns as :func:`settle`."""
+    series, extrema, counts, z, omega = motion
+    begun, work, here, at, fired, holds = room
     size = 0.0
     for k in range(z.size):
         size += abs(z[k])
@@ -397,6 +397,7 @@ def settle(table, on_free, on_rate, z, omega, mode, clocked, rest):
     counts, here, begun = np.zeros(n_series + 1, np.int64), np.empty(n_series), np.empty(n_memory)
     own, larger, phase, value, wide = series[0], series[1], extrema[0], extrema[1], extrema[2]
     held, work = rest.copy(), np.empty(n_memory)
+    motion, room = (own, extrema, counts, z, omega), (begun, work, here, at, fired, holds)
     # The last row is the input itself, which mostly is one of the series, too.
     same = n_series
     for s in range(n_series):
@@ -426,48 +427,12 @@ def settle(table, on_free, on_rate, z, omega, mode, clocked, rest):
             table, larger, phase, wide, counts, moving, omega, before, start, mode, held, work, here, at, fired, holds
         )
         if count >= 0:
-            count, there, start = _repeat(
-                table,
-                own,
-                extrema,
-                counts,
-                z,
-                omega,
-                start,
-                there,
-                held,
-                2,
-                clocked,
-                begun,
-                work,
-                here,
-                at,
-                fired,
-                holds,
-            )
+            count, there, start = _repeat(table, motion, start, there, held, 2, clocked, room)
         if count == 0:
             fill(held, rest)
             start, there = 0.0, mode
     # What holds nothing, or does not switch in a motion of its own.
     if count == 0:
-        count, there, start = _repeat(
-            table,
-            own,
-            extrema,
-            counts,
-            z,
-            omega,
-            start,
-            there,
-            held,
-            least,
-            clocked,
-            begun,
-            work,
-            here,
-            at,
-            fired,
-            holds,
-        )
+        count, there, start = _repeat(table, motion, start, there, held, least, clocked, room)
     s = max(count, 0)
     return count, there, start, begun, at[:s].copy(), fired[:s].copy(), holds[:s].copy()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import cast
 
 import numpy as np
 
@@ -140,8 +139,7 @@ def continue_branch(
         raise EppError(f"continue_branch: {parameter} runs from {start} to {stop}; expected two different values.")
     limits = min(first, last), max(first, last)
     if (own := OwnStates.of(case)) is not None:
-        case = cast(CaseLike, own)  # it passes on what it does not know itself
-        cycle = None if cycle is None else own.states.asked(cycle)
+        case, cycle = own.asked(cycle)
     family = Family(lambda value: steady_case(case.with_values({parameter: value})), limits)
     walk = Walk(case, parameter, family, limits, n_points, max_step)
     if origin is not None and origin.point is None:

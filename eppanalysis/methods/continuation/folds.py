@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -149,8 +149,7 @@ def continue_folds(
     rows = np.linspace(case.si(other, over[0]), case.si(other, over[1]), n_points)
     low, high = sorted(case.si(parameter, v) for v in limits)
     if (own := OwnStates.of(case)) is not None:
-        case = cast(CaseLike, own)  # it passes on what it does not know itself
-        cycle = None if cycle is None else own.states.asked(cycle)
+        case, cycle = own.asked(cycle)
     first = case.with_values({other: float(rows[0])})
     branch = continue_branch(first, parameter, limits[0], limits[1], cycle=cycle)
     if not branch.folds:

@@ -16,6 +16,7 @@ from eppanalysis.methods.simulation.states import OtherStates, unread_apart
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import is_sampled
 from eppanalysis.models.systems.subject import CaseLike
+from eppanalysis.results import LimitCycle
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +47,11 @@ class OwnStates:
     def with_values(self, values: Mapping[str, Any]) -> OwnStates:
         """The case with other values, in the same states."""
         return replace(self, case=self.case.with_values(values))
+
+    def asked(self, cycle: LimitCycle | None) -> tuple[CaseLike, LimitCycle | None]:
+        """The case in these states, and a cycle in the user's as one of it."""
+        # It passes on what it does not know itself.
+        return cast(CaseLike, self), None if cycle is None else self.states.asked(cycle)
 
     def told(self, branch: Branch) -> Branch:
         """A branch of the case with its cycles in the user's states."""

@@ -168,7 +168,7 @@ def _seeds(balance: Balance, sheets: list[tuple[Array, ComplexArray]], kept_up: 
     for X, loop in sheets:
         # Off by less than 80 degrees and a factor of twelve, Newton's method still comes home.
         size = np.abs(np.log(np.abs(loop), where=loop != 0.0, out=np.full(loop.shape, np.inf)))
-        near = np.isfinite(loop) & (np.abs(np.angle(loop)) < 1.4) & (size < 2.5)
+        near = np.isfinite(loop) & (np.abs(np.angle(loop)) < _QUARTER) & (size < _GAIN_RANGE)
         points = X[near]
         starts.append(points[:: max(1, len(points) // _MOST_SEEDS)])
     start = np.concatenate([np.zeros((0, 3 * balance.m + 1)), *starts])
