@@ -162,7 +162,9 @@ def of_two_sides(first: str, second: str) -> Callable[[Made], Made]:
     >>> Relay(2.0)
     Traceback (most recent call last):
         ...
-    eppanalysis.errors.ModelError: Relay: low is 2.0 alone; expected both, as in Relay(-2.0, 2.0), or low by its name.
+    eppanalysis.errors.ModelError: Relay: low is 2.0 alone; expected both,
+    as in Relay(-2.0, 2.0), or
+    low by its name.
     """
 
     def wrap(made: Made) -> Made:

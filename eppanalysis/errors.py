@@ -80,8 +80,10 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
     Examples
     --------
-    >>> did_you_mean("gian", ["gain", "sum"]), did_you_mean("PI", ["pi"]), did_you_mean("x", ["gain", "sum"])
-    ("did you mean 'gain'?", "did you mean 'pi'?", 'one of gain, sum')
+    >>> did_you_mean("gian", ["gain", "sum"]), did_you_mean("x", ["gain", "sum"])
+    ("did you mean 'gain'?", 'one of gain, sum')
+    >>> did_you_mean("PI", ["pi"])
+    "did you mean 'pi'?"
     >>> did_you_mean("dead_time", ["num", "den", "delay", "sample_time"])
     "did you mean 'delay'?"
     """
@@ -140,7 +142,8 @@ def require_packages(what: str, extra: str, *modules: str) -> None:
     >>> require_packages("a sum", "proof", "math")
     >>> require_packages("a sum", "proof", "no_such_module", "math")
     Traceback (most recent call last):
-    eppanalysis.errors.EppError: a sum needs no_such_module; expected what "pip install 'eppanalysis[proof]'" installs.
+    eppanalysis.errors.EppError: a sum needs no_such_module; expected what
+    "pip install 'eppanalysis[proof]'" installs.
     """
     missing = [_PACKAGES.get(name, name) for name in modules if util.find_spec(name) is None]
     if missing:
@@ -211,7 +214,8 @@ class ModelError(EppError):
     Examples
     --------
     >>> from eppanalysis import ModelError
-    >>> print(ModelError("Saturation", 1.0, "more than lower", field="upper", beside=("lower", 2.0)))
+    >>> given = {"field": "upper", "beside": ("lower", 2.0)}
+    >>> print(ModelError("Saturation", 1.0, "more than lower", **given))
     Saturation: upper is 1.0; expected more than lower (2.0).
     >>> print(ModelError("The system has 2 inputs", expected="signals by name"))
     The system has 2 inputs; expected signals by name.

@@ -145,8 +145,10 @@ def height_of(x: Array, y: Array) -> float:
     Examples
     --------
     >>> x = np.array([0.0, 1.0, 2.0, 2.001])
-    >>> height_of(x, np.array([1.0, 2.0, 3.0, 4.0])), height_of(x, np.array([1.0, 2.0, 3.0, 1e9]))
-    (4.0, 6.0)
+    >>> height_of(x, np.array([1.0, 2.0, 3.0, 4.0]))
+    4.0
+    >>> height_of(x, np.array([1.0, 2.0, 3.0, 1e9]))
+    6.0
     """
     width, height = np.abs(np.diff(x)), np.fmax(y[1:], y[:-1])
     order = np.argsort(height)
@@ -225,8 +227,10 @@ def main_signals(names: Sequence[str], own: str | None = None) -> list[str]:
 
     Examples
     --------
-    >>> main_signals(["theta", "theta_dot", "voltage", "sensor_force"]), main_signals(["x", "y", "z"], "y")
-    (['theta', 'sensor_force'], ['y', 'x'])
+    >>> main_signals(["theta", "theta_dot", "voltage", "sensor_force"])
+    ['theta', 'sensor_force']
+    >>> main_signals(["x", "y", "z"], "y")
+    ['y', 'x']
     """
     first = own or names[0]
     others = sorted((name for name in names if name != first), key=lambda name: name != _READ)
@@ -327,8 +331,10 @@ def in_columns(texts: Iterable[str], width: float) -> tuple[list[str], int]:
 
     Examples
     --------
-    >>> in_columns(["stable", "unstable"], 4.0), in_columns(["no size tried starts a cycle"], 2.0)
-    ((['stable', 'unstable'], 2), (['no size tried\nstarts a cycle'], 1))
+    >>> in_columns(["stable", "unstable"], 4.0)
+    (['stable', 'unstable'], 2)
+    >>> in_columns(["no size tried starts a cycle"], 2.0)
+    (['no size tried\nstarts a cycle'], 1)
     """
     room = _HINTED * 72.0 * width / SMALL
     most = room - _SIGN

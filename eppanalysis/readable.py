@@ -170,7 +170,8 @@ def reasons(by_place: Iterable[tuple[str, str]]) -> str:
 
     Examples
     --------
-    >>> reasons([("1 Hz", "It rests."), ("2 Hz", "It rests."), ("3 Hz", "It oscillates.")])
+    >>> at = ("1 Hz", "It rests."), ("2 Hz", "It rests."), ("3 Hz", "It oscillates.")
+    >>> reasons(at)
     'At 1 Hz and 2 Hz: It rests. At 3 Hz: It oscillates.'
     """
     places: dict[str, list[str]] = {}

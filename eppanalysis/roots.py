@@ -25,7 +25,9 @@ def between(f: Numbered, low: Array, high: Array, ends: tuple[Array, Array] | No
     Examples
     --------
     >>> import numpy as np
-    >>> between(lambda x, i: x * x - np.array([2.0, 9.0])[i], np.zeros(2), np.full(2, 5.0)).round(9).tolist()
+    >>> square = np.array([2.0, 9.0])
+    >>> roots = between(lambda x, i: x * x - square[i], np.zeros(2), np.full(2, 5.0))
+    >>> roots.round(9).tolist()
     [1.414213562, 3.0]
     """
     every = np.arange(low.size)
@@ -78,7 +80,9 @@ def least(f: Numbered, x: Array, y: Array, wanted: Callable[[Array, Array], Bool
     --------
     >>> import numpy as np
     >>> x = np.array([[0.0], [1.0], [5.0]])
-    >>> at, value = least(lambda x, i: (x - 2.0) ** 2, x, (x - 2.0) ** 2, lambda x, y: x[2] - x[0] > 1e-6)
+    >>> bowl = (x - 2.0) ** 2
+    >>> goes_on = lambda x, y: x[2] - x[0] > 1e-6
+    >>> at, value = least(lambda x, i: (x - 2.0) ** 2, x, bowl, goes_on)
     >>> at.round(5).tolist()
     [2.0]
     """

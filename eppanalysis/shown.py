@@ -156,7 +156,8 @@ def for_people(frame: pandas.DataFrame) -> pandas.DataFrame:
 
     Examples
     --------
-    >>> print(for_people(frame_of([{"play.gap": 0.002, "stable": True}], {"play.gap": "m"})).to_string(index=False))
+    >>> frame = frame_of([{"play.gap": 0.002, "stable": True}], {"play.gap": "m"})
+    >>> print(for_people(frame).to_string(index=False))
     play gap [mm] stable
                 2    yes
     """

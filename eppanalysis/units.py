@@ -411,8 +411,10 @@ def rounded(value: float, unit: str, friendly: str | None = None) -> float:
 
     Examples
     --------
-    >>> write_si(2.0 / 3.0, "rad", "deg"), write_si(rounded(2.0 / 3.0, "rad", "deg"), "rad", "deg")
-    ('0.6666666666666666 rad', '38.1971863421 deg')
+    >>> write_si(2.0 / 3.0, "rad", "deg")
+    '0.6666666666666666 rad'
+    >>> write_si(rounded(2.0 / 3.0, "rad", "deg"), "rad", "deg")
+    '38.1971863421 deg'
     """
     return parse_quantity(format_si(value, unit, friendly, digits=12), unit)
 

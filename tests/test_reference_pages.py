@@ -127,6 +127,17 @@ def test_an_example_imports_what_it_uses(name):
     assert {node.id for node in named} <= bound
 
 
+@pytest.mark.parametrize("name", _public())
+def test_an_example_fits_its_page_without_scrolling(name):
+    whole = _public()[name]
+    members = [part for key, part in vars(whole).items() if key[0] != "_"] if inspect.isclass(whole) else []
+    texts = [inspect.getdoc(part) or "" for part in (whole, *members)]
+    examples = [example for text in texts for example in doctest.DocTestParser().get_examples(text)]
+    code = [f">>> {line}" for example in examples for line in example.source.splitlines()]
+    printed = [line for example in examples for line in example.want.splitlines()]
+    assert not [line for line in (*code, *printed) if len(line) > 84]
+
+
 @pytest.fixture(scope="module")
 def configuration():
     pytest.importorskip("sphinx")

@@ -76,7 +76,8 @@ def as_case(given: Case | LureSystem | Diagram) -> Case:
     Examples
     --------
     >>> import eppanalysis as epp
-    >>> as_case(epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0), name="servo")).name
+    >>> plant = ([5.0], [1.0, 1.0, 0.0])
+    >>> as_case(epp.LureSystem.from_tf(plant, epp.Play(gap=2.0), name="servo")).name
     'servo'
     """
     return Case.from_system(given) if isinstance(given, LureSystem | Diagram) else given
@@ -106,7 +107,9 @@ def case_from_text(text: str, name: str = "case", folder: str | Path | None = No
     Examples
     --------
     >>> from eppanalysis import case_from_text
-    >>> mine = case_from_text('base = "fig8a_original"\nlock_pin.backlash = "1 deg"', name="mine")
+    >>> mine = case_from_text(
+    ...     'base = "fig8a_original"\nlock_pin.backlash = "1 deg"', name="mine"
+    ... )
     >>> mine.name, str(mine.parameters["lock_pin.backlash"])
     ('mine', '1 deg')
     """

@@ -192,8 +192,9 @@ class Case(ShownCase):
         Examples
         --------
         >>> from eppanalysis.cases import case
-        >>> case("fig8a_original").with_values({"lock_pin.backlash": 2.5}).remarks
-        ('lock_pin.backlash is 2.5 without a unit: 2.5 rad, which are 143.239 deg; for degrees write "2.5 deg".',)
+        >>> print(*case("fig8a_original").with_values({"lock_pin.backlash": 2.5}).remarks)
+        lock_pin.backlash is 2.5 without a unit: 2.5 rad, which are 143.239 deg; for
+        degrees write "2.5 deg".
         """
         return remarks(self.parameters, [name for name in self.parameters if self._is_plain(name)])
 
@@ -212,7 +213,8 @@ class Case(ShownCase):
         Examples
         --------
         >>> from eppanalysis.cases import case
-        >>> case("azimuth_servo").parameter_of("gear.gap"), case("azimuth_servo").parameter_of("gear.stiffness")
+        >>> servo = case("azimuth_servo")
+        >>> servo.parameter_of("gear.gap"), servo.parameter_of("gear.stiffness")
         ('gap', 'gear.stiffness')
         """
         held = field if field in self.parameters else self._held(field)

@@ -193,8 +193,10 @@ def tolerances_of(texts: Sequence[str]) -> dict[str, str] | None:
 
     Examples
     --------
-    >>> tolerances_of(["Kp 10 %", "play.gap 0.1 mm"]), tolerances_of(["all"]), tolerances_of([])
-    ({'Kp': '10 %', 'play.gap': '0.1 mm'}, {}, None)
+    >>> tolerances_of(["Kp 10 %", "play.gap 0.1 mm"]), tolerances_of(["all"])
+    ({'Kp': '10 %', 'play.gap': '0.1 mm'}, {})
+    >>> tolerances_of([]) is None
+    True
     """
     if list(texts) == ["all"]:
         return {}

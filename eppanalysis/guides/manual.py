@@ -59,7 +59,13 @@ def manual_table(result: Guide | DesignBounds, step: float | None = None) -> Man
     >>> import eppanalysis as epp
     >>> case = epp.case("relay_deadzone")
     >>> bounds = epp.design_bounds(
-    ...     case, over="loop.gain", limit="relay_dead_zone.threshold", start=1.0, stop=1.0, points=1, starts=20
+    ...     case,
+    ...     over="loop.gain",
+    ...     limit="relay_dead_zone.threshold",
+    ...     start=1.0,
+    ...     stop=1.0,
+    ...     points=1,
+    ...     starts=20,
     ... )
     >>> print(str(epp.manual_table(bounds)).splitlines()[4])
     | 1 | 1.68 | 1.66 | 0.15 | yes, 20 simulations |

@@ -56,9 +56,17 @@ def walk(cost: Callable[[Array], float], start: Array, matrix: Array, bounds: tu
 
     Examples
     --------
-    >>> cloud = walk(lambda q: float(((q / [1.0, 0.1]) ** 2).sum()), np.zeros(2), np.eye(2) * 0.2,
-    ...              (np.full(2, -9.0), np.full(2, 9.0)), seed=1)
-    >>> bool(abs(cloud.matrix[0, 0] - 1.0) < 0.3), bool(abs(cloud.matrix[1, 1] - 0.01) < 0.003)
+    >>> cloud = walk(
+    ...     lambda q: float(((q / [1.0, 0.1]) ** 2).sum()),
+    ...     np.zeros(2),
+    ...     np.eye(2) * 0.2,
+    ...     (np.full(2, -9.0), np.full(2, 9.0)),
+    ...     seed=1,
+    ... )
+    >>> (
+    ...     bool(abs(cloud.matrix[0, 0] - 1.0) < 0.3),
+    ...     bool(abs(cloud.matrix[1, 1] - 0.01) < 0.003),
+    ... )
     (True, True)
     """
     rng = np.random.default_rng(seed)

@@ -30,7 +30,10 @@ def strokes(signal: Array, threshold: float) -> tuple[Stroke, ...]:
 
     Examples
     --------
-    >>> [(s.first, s.last, s.direction) for s in strokes(np.array([0.0, 1.0, 2.0, 1.9, 3.0, 1.0, 0.0]), 0.5)]
+    >>> [
+    ...     (s.first, s.last, s.direction)
+    ...     for s in strokes(np.array([0.0, 1.0, 2.0, 1.9, 3.0, 1.0, 0.0]), 0.5)
+    ... ]
     [(0, 5, 1), (5, 7, -1)]
     """
     found: list[Stroke] = []

@@ -52,8 +52,14 @@ def explore(
     --------
     A ridge bent like a banana, 0.05 wide and 1 long:
 
-    >>> cloud = explore(lambda q: np.array([q[0], (q[1] - q[0] ** 2) / 0.05]), np.zeros(2), np.diag([1.0, 0.0025]),
-    ...                 np.full(2, -9.0), np.full(2, 9.0), seed=1)
+    >>> cloud = explore(
+    ...     lambda q: np.array([q[0], (q[1] - q[0] ** 2) / 0.05]),
+    ...     np.zeros(2),
+    ...     np.diag([1.0, 0.0025]),
+    ...     np.full(2, -9.0),
+    ...     np.full(2, 9.0),
+    ...     seed=1,
+    ... )
     >>> bool(abs(cloud.matrix[0, 0] - 1.0) < 0.4), bool(cloud.effective > 50)
     (True, True)
     """

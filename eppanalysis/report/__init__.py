@@ -82,7 +82,8 @@ def report(
     PosixPath('report.html')
     >>> epp.report(epp.case("fig8a_original"), "report.docx")
     Traceback (most recent call last):
-    eppanalysis.errors.EppError: report.docx: cannot write a file that ends in '.docx'; expected one of .html, ...
+    eppanalysis.errors.EppError: report.docx: cannot write a file that ends in
+    '.docx'; ...
     """
     target = Path(path)
     check(target)

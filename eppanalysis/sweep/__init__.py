@@ -108,7 +108,11 @@ def sweep(
     Examples
     --------
     >>> import eppanalysis as epp
-    >>> found = epp.sweep(epp.case("fig8a_original"), {"lock_pin.backlash": "0.5:2.5:2:deg"}, progress=False)
+    >>> found = epp.sweep(
+    ...     epp.case("fig8a_original"),
+    ...     {"lock_pin.backlash": "0.5:2.5:2:deg"},
+    ...     progress=False,
+    ... )
     >>> found["outcome"].values.tolist(), found["outcome"].attrs["flag_meanings"]
     ([1, 2], 'unknown settles oscillates diverges')
     >>> [round(float(f), 2) for f in found["frequency"]]
@@ -117,9 +121,13 @@ def sweep(
     In which of three gaps does a servo stay within what is allowed?
 
     >>> gaps = {"play.gap": [0.2, 0.25, 0.26]}
-    >>> found = epp.sweep(epp.case("backlash_servo"), gaps, "cycles", allow="x 0.5", progress=False)
-    >>> found["exact_size"].values.round(3).tolist(), found["exact_allowed"].values.tolist()
-    ([0.392, 0.49, 0.51], [2, 2, 3])
+    >>> found = epp.sweep(
+    ...     epp.case("backlash_servo"), gaps, "cycles", allow="x 0.5", progress=False
+    ... )
+    >>> found["exact_size"].values.round(3).tolist()
+    [0.392, 0.49, 0.51]
+    >>> found["exact_allowed"].values.tolist()
+    [2, 2, 3]
     """
     case = as_case(case)
     require_packages("sweep", "sweep", "dask", "zarr")
@@ -176,7 +184,9 @@ def sweep_cost(
     Examples
     --------
     >>> import eppanalysis as epp
-    >>> cost = epp.sweep_cost(epp.case("fig8a_original"), {"lock_pin.backlash": "0.5:2.5:1000:deg"})
+    >>> cost = epp.sweep_cost(
+    ...     epp.case("fig8a_original"), {"lock_pin.backlash": "0.5:2.5:1000:deg"}
+    ... )
     >>> cost.cells, cost.core_hours < 0.01
     (1000, True)
     """
@@ -272,8 +282,11 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
     >>> import eppanalysis as epp
     >>> axes = {"loop.gain": [0.5, 1.0]}
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     found = epp.sweep(epp.case("relay_deadzone"), axes, store=f"{folder}/map.zarr", progress=False)
-    ...     epp.open_sweep(f"{folder}/map.zarr")["outcome"].values.tolist()
+    ...     store = f"{folder}/map.zarr"
+    ...     found = epp.sweep(
+    ...         epp.case("relay_deadzone"), axes, store=store, progress=False
+    ...     )
+    ...     epp.open_sweep(store)["outcome"].values.tolist()
     [1, 2]
     """
     require_packages("sweep", "sweep", "zarr")

@@ -147,7 +147,9 @@ def outcome_boundary(
     --------
     >>> import eppanalysis as epp
     >>> axes = {"relay_dead_zone.threshold": "0.5:3:4", "loop.gain": "1:5:3"}
-    >>> found = epp.outcome_boundary(epp.case("relay_deadzone"), axes, "predict", halvings=2, progress=False)
+    >>> found = epp.outcome_boundary(
+    ...     epp.case("relay_deadzone"), axes, "predict", halvings=2, progress=False
+    ... )
     >>> found.axes, found.status.name
     (('relay_dead_zone.threshold', 'loop.gain'), 'CONVERGED')
     """
@@ -220,14 +222,17 @@ def fold_boundary(case: Case | LureSystem, axes: Mapping[str, Axis], *, allow: s
     --------
     >>> import eppanalysis as epp
     >>> case = epp.case("relay_deadzone")
-    >>> found = epp.fold_boundary(case, {"loop.gain": "1:1.1:2", "relay_dead_zone.threshold": "1.2:2.5:2"})
+    >>> found = epp.fold_boundary(
+    ...     case, {"loop.gain": "1:1.1:2", "relay_dead_zone.threshold": "1.2:2.5:2"}
+    ... )
     >>> found.points.round(3).tolist()
     [[1.0, 1.663], [1.1, 1.829]]
 
     Where does a servo stay within what is allowed?
 
     >>> axes = {"loop.gain": "1:2:2", "play.gap": "0.1:1:2"}
-    >>> epp.fold_boundary(epp.case("backlash_servo"), axes, allow="x 0.5").points.round(3).tolist()
+    >>> found = epp.fold_boundary(epp.case("backlash_servo"), axes, allow="x 0.5")
+    >>> found.points.round(3).tolist()
     [[1.0, 0.255], [2.0, 0.159]]
     """
     case = require_case(as_case(case), "fold_boundary")

@@ -58,8 +58,14 @@ def plot_parallel(
     Examples
     --------
     >>> import eppanalysis as epp
-    >>> ranges = {"bands.range": "1:5:lbf", "lock_pin.backlash": "0:3:deg", "forearm.inertia": (0.03, 0.06)}
-    >>> found = epp.sweep(epp.case("fig8a_original"), epp.Sobol(ranges, 8), progress=False)
+    >>> ranges = {
+    ...     "bands.range": "1:5:lbf",
+    ...     "lock_pin.backlash": "0:3:deg",
+    ...     "forearm.inertia": (0.03, 0.06),
+    ... }
+    >>> found = epp.sweep(
+    ...     epp.case("fig8a_original"), epp.Sobol(ranges, 8), progress=False
+    ... )
     >>> len(epp.plot_parallel(found).axes[0].collections)
     2
     """

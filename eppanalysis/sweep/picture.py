@@ -120,7 +120,9 @@ def plot_design_map(
     --------
     >>> import eppanalysis as epp
     >>> axes = {"bands.range": "2:3:2:lbf", "lock_pin.backlash": "0.5:2.5:2:deg"}
-    >>> figure = epp.plot_design_map(epp.sweep(epp.case("fig8a_original"), axes, progress=False))
+    >>> figure = epp.plot_design_map(
+    ...     epp.sweep(epp.case("fig8a_original"), axes, progress=False)
+    ... )
     >>> figure.axes[0].get_xlabel()
     'bands range [lbf]'
     """
@@ -268,7 +270,9 @@ def plot_slices(
     --------
     >>> import eppanalysis as epp
     >>> axes = {"bands.range": "2:3:2:lbf", "lock_pin.backlash": "0.5:2.5:3:deg"}
-    >>> figure = epp.plot_slices(epp.sweep(epp.case("fig8a_original"), axes, progress=False))
+    >>> figure = epp.plot_slices(
+    ...     epp.sweep(epp.case("fig8a_original"), axes, progress=False)
+    ... )
     >>> [ax.get_ylabel() for ax in figure.axes]
     ['amplitude of theta [deg]', 'frequency [Hz]']
     """
@@ -410,7 +414,12 @@ def plot_sweep(dataset: xarray.Dataset, curves: Sequence[Boundary] = ()) -> Figu
     --------
     >>> import eppanalysis as epp
     >>> relay = epp.case("relay_deadzone")
-    >>> cells = epp.sweep(relay, {"relay_dead_zone.threshold": [0.5, 1.0]}, run="predict", progress=False)
+    >>> cells = epp.sweep(
+    ...     relay,
+    ...     {"relay_dead_zone.threshold": [0.5, 1.0]},
+    ...     run="predict",
+    ...     progress=False,
+    ... )
     >>> epp.plot_sweep(cells).axes[-1].get_xlabel()
     'relay dead zone threshold'
     """

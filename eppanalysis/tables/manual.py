@@ -146,8 +146,9 @@ def to_step(value: float, step: Decimal, *, up: bool = False) -> Decimal:
 
     Examples
     --------
-    >>> print(to_step(0.6875, Decimal("0.05")), to_step(0.6875, Decimal("0.05"), up=True), to_step(0.3, Decimal("0.1")))
-    0.65 0.70 0.3
+    >>> step = Decimal("0.05")
+    >>> print(to_step(0.6875, step), to_step(0.6875, step, up=True), to_step(0.3, step))
+    0.65 0.70 0.30
     """
     number = value / float(step)
     whole = math.ceil(number - 1e-9) if up else math.floor(number + 1e-9)

@@ -78,7 +78,8 @@ def alike(first: Unit, second: Unit) -> bool:
     Examples
     --------
     >>> from eppanalysis.units import dimensions
-    >>> alike(dimensions("N*m/rad"), dimensions("N*m")), alike(dimensions("N*m"), dimensions("N"))
+    >>> torque = dimensions("N*m")
+    >>> alike(dimensions("N*m/rad"), torque), alike(torque, dimensions("N"))
     (True, False)
     """
     return not any(power for name, power in times(first, second, -1).items() if name != "radian")
@@ -89,8 +90,10 @@ def same_unit(first: str, second: str) -> bool:
 
     Examples
     --------
-    >>> same_unit("V/rad", "V"), same_unit("rad/s", "1/s"), same_unit("rad/s", "Hz"), same_unit("rad", "m")
-    (True, True, False, False)
+    >>> same_unit("V/rad", "V"), same_unit("rad/s", "1/s")
+    (True, True)
+    >>> same_unit("rad/s", "Hz"), same_unit("rad", "m")
+    (False, False)
     """
     turns = "Hz" in (first, second)
     return first == second or (not turns and alike(dimensions(first), dimensions(second)))
@@ -293,7 +296,8 @@ def is_expression_of(given: object, known: Container[str]) -> bool:
 
     Examples
     --------
-    >>> [is_expression_of(given, {"Kp": 2.0}) for given in ("2*Kp", "tustin", "2*pi", "1 s", "a.csv")]
+    >>> given = ("2*Kp", "tustin", "2*pi", "1 s", "a.csv")
+    >>> [is_expression_of(text, {"Kp": 2.0}) for text in given]
     [True, False, True, False, False]
     """
     try:

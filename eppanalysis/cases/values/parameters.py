@@ -164,9 +164,12 @@ def resolve(tables: Mapping[str, Any], place: str, raw: RawCase) -> dict[str, Na
     --------
     >>> from pathlib import Path
     >>> from eppanalysis.cases.files import RawCase
-    >>> given = {"Ki": "Kp/Ti", "Kp": {"value": "40 V/rad", "tolerance": "10 %"}, "Ti": "0.4 s"}
-    >>> found = resolve(given, "parameters", RawCase("servo", "servo.toml", Path(), {"parameters": given}))
-    >>> print(found["Ki"].parameter, found["Kp"].parameter.tolerance, dict(found["Ki"].value.gradient))
+    >>> gain = {"value": "40 V/rad", "tolerance": "10 %"}
+    >>> given = {"Ki": "Kp/Ti", "Kp": gain, "Ti": "0.4 s"}
+    >>> raw = RawCase("servo", "servo.toml", Path(), {"parameters": given})
+    >>> found = resolve(given, "parameters", raw)
+    >>> Ki, Kp = found["Ki"], found["Kp"]
+    >>> print(Ki.parameter, Kp.parameter.tolerance, dict(Ki.value.gradient))
     100 V/rad/s 4.0 {'Kp': 2.5, 'Ti': -250.0}
     """
     used: dict[str, tuple[str, ...]] = {}

@@ -74,7 +74,8 @@ def read_response(
     >>> import eppanalysis as epp
     >>> response = epp.read_response("frequency_response.csv")
     >>> response
-    Frequency response at 301 frequencies from 0.1257 to 125.7 rad/s, standard deviation 1 %.
+    Frequency response at 301 frequencies from 0.1257 to 125.7 rad/s, standard
+    deviation 1 %.
     """
     path = own_or_shipped(Path(path))
     source = str(path)

@@ -3,8 +3,7 @@
 Each bound is found by harmonic balance (first order, and the order at which it ceases to change), corrected to the
 exact fold, put to the test on both sides, and comes with its elasticities. The parts are in ``harmonic`` (search and
 sweep), ``fold`` (the nonlinear programme), ``equations`` (its equations), ``exact``, ``verify`` and ``elasticity``.
-Where a size of cycles is allowed, exact orbits alone are asked (``sized``), of a sampled loop the search
-(``searched``).
+Where a size of cycles is allowed, exact orbits alone are asked (``sizes``), of a sampled loop ``searched``.
 """
 
 from __future__ import annotations
@@ -148,7 +147,8 @@ def design_bounds(
     How large may the play of a servo be, if its output may move by 0.5?
 
     >>> servo = epp.case("backlash_servo")
-    >>> found = epp.design_bounds(servo, "loop.gain", "play.gap", at=[1.0], allow="x 0.5", starts=100)
+    >>> asked = {"at": [1.0], "allow": "x 0.5", "starts": 100}
+    >>> found = epp.design_bounds(servo, "loop.gain", "play.gap", **asked)
     >>> round(found[0].exact, 7), found[0].kind.value, found[0].verified
     (0.2551403, 'allowed size', True)
     """

@@ -85,23 +85,36 @@ def certify(
     Examples
     --------
     >>> import eppanalysis as epp
-    >>> servo = epp.LureSystem.from_tf(([2.3758], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=2.0), name="servo")
+    >>> servo = epp.LureSystem.from_tf(
+    ...     ([2.3758], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=2.0), name="servo"
+    ... )
     >>> found = epp.certify(servo)
     >>> print(found)
-    Proved: first order has exactly 2 roots for servo; for amplitudes 0.0009766 to 1024 and 0.0009766 to
-    5120 rad/s.
+    Proved: first order has exactly 2 roots for servo; for amplitudes 0.0009766 to
+    1024 and 0.0009766 to 5120 rad/s.
     >>> [f"{root.amplitude[0]:.6f}" for root in found.roots]
     ['1.485175', '1.490930']
-    >>> limited = epp.LureSystem.from_tf(([5.99], [1.0, 3.0, 2.0, 0.0]), epp.Saturation(), name="limited")
+    >>> limited = epp.LureSystem.from_tf(
+    ...     ([5.99], [1.0, 3.0, 2.0, 0.0]), epp.Saturation(), name="limited"
+    ... )
     >>> print(epp.certify(limited, "absence"))
-    Proved: limited has no periodic motion but rest (sector 0 to 1; Popov's criterion with a multiplier of 1.5 s).
-    >>> slack = epp.LureSystem.from_tf(([2.0], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=0.1), name="slack")
+    Proved: limited has no periodic motion but rest (sector 0 to 1;
+    Popov's criterion with a multiplier of 1.5 s).
+    >>> slack = epp.LureSystem.from_tf(
+    ...     ([2.0], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=0.1), name="slack"
+    ... )
     >>> print(epp.certify(slack, "absence"))
-    Proved: slack has no periodic motion but rest, for any gap (a function that falls, quadratic in 8 sectors).
-    >>> relay = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(threshold=1.0), name="relay")
+    Proved: slack has no periodic motion but rest, for any gap (a function that
+    falls, quadratic in 8 sectors).
+    >>> relay = epp.LureSystem.from_tf(
+    ...     ([5.0], [1.0, 2.0, 1.0, 0.0]),
+    ...     epp.RelayDeadZone(threshold=1.0),
+    ...     name="relay",
+    ... )
     >>> print(epp.certify(relay, "cycles"))
-    Proved: relay has exactly 2 limit cycles, of 6.328 s (stable) and of 8.255 s (unstable), and no other periodic
-    motion but rest (its return map in 1228 cells).
+    Proved: relay has exactly 2 limit cycles, of 6.328 s (stable) and
+    of 8.255 s (unstable), and no other periodic motion but rest (its return map
+    in 1228 cells).
     """
     asked = _asked(statement)
     if not 2 <= sectors <= _MOST_SECTORS:
@@ -249,7 +262,8 @@ def check_certificate(path: str | Path) -> Check:
     >>> import tempfile
     >>> import eppanalysis as epp
     >>> folder = tempfile.TemporaryDirectory()
-    >>> file = epp.certify(epp.case("relay_deadzone")).write(f"{folder.name}/roots.json")
+    >>> found = epp.certify(epp.case("relay_deadzone"))
+    >>> file = found.write(f"{folder.name}/roots.json")
     >>> epp.check_certificate(file).accepted
     True
     >>> folder.cleanup()

@@ -49,7 +49,8 @@ def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
 
     Examples
     --------
-    >>> sealed({"statement": "nothing"})["digest"] == sealed({"statement": "Nothing"})["digest"]
+    >>> one, other = sealed({"statement": "nothing"}), sealed({"statement": "Nothing"})
+    >>> one["digest"] == other["digest"]
     False
     """
     rest = {name: part for name, part in document.items() if name != "digest"}

@@ -140,7 +140,14 @@ def continue_folds(
     --------
     >>> import eppanalysis as epp
     >>> case = epp.case("relay_deadzone")
-    >>> curve = epp.continue_folds(case, "relay_dead_zone.threshold", "loop.gain", (1.0, 3.0), (1.0, 1.1), n_points=2)
+    >>> curve = epp.continue_folds(
+    ...     case,
+    ...     "relay_dead_zone.threshold",
+    ...     "loop.gain",
+    ...     (1.0, 3.0),
+    ...     (1.0, 1.1),
+    ...     n_points=2,
+    ... )
     >>> curve.values.round(3).tolist()
     [[1.663, 1.0], [1.829, 1.1]]
     """

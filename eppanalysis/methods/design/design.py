@@ -168,8 +168,10 @@ def design(
     --------
     >>> import eppanalysis as epp
     >>> case = epp.case("wheelchair").with_values({"loop.gain": 0.8, "play.gap": 0.012})
-    >>> found = epp.design(case, {"loop.gain": (0.6, 1.2)}, maximise="loop.gain", starts=50)
-    >>> round(found.optimum.at["loop.gain"], 7), found.optimum.kind.value, found.optimum.confirmed
+    >>> free = {"loop.gain": (0.6, 1.2)}
+    >>> found = epp.design(case, free, maximise="loop.gain", starts=50)
+    >>> best = found.optimum
+    >>> round(best.at["loop.gain"], 7), best.kind.value, best.confirmed
     (0.8462572, 'fold', True)
     """
     case = require_case(case, "design")

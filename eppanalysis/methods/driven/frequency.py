@@ -92,7 +92,9 @@ def frequency_response(
     ...     connect=["force - mass -> spring", "spring -> mass"],
     ...     inputs=["force"],
     ... )
-    >>> found = epp.frequency_response(loop, output="mass", amplitude=0.5, frequencies=(0.11, 0.16))
+    >>> found = epp.frequency_response(
+    ...     loop, output="mass", amplitude=0.5, frequencies=(0.11, 0.16)
+    ... )
     >>> [round(2 * np.pi * fold.frequency, 4) for fold in found.folds]
     [0.7722, 0.8325]
     """
@@ -151,11 +153,16 @@ def amplitude_response(
     >>> import numpy as np
     >>> import eppanalysis as epp
     >>> loop = epp.Diagram(
-    ...     parts={"spring": epp.Cube(1.0), "mass": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 0.2, 1.0])},
+    ...     parts={
+    ...         "spring": epp.Cube(1.0),
+    ...         "mass": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 0.2, 1.0]),
+    ...     },
     ...     connect=["force - spring -> mass", "mass -> spring"],
     ...     inputs=["force"],
     ... )
-    >>> found = epp.amplitude_response(loop, output="mass", frequency=1.5 / (2 * np.pi), amplitudes=(0.1, 2.0))
+    >>> found = epp.amplitude_response(
+    ...     loop, output="mass", frequency=1.5 / (2 * np.pi), amplitudes=(0.1, 2.0)
+    ... )
     >>> [str(fold.kind) for fold in found.folds]
     ['fold', 'fold']
     """

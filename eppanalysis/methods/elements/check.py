@@ -70,7 +70,8 @@ def check_element(
 
     >>> import eppanalysis as epp
     >>> build = epp.AutomatonBuilder()
-    >>> free, hard, soft = build.mode("free"), build.mode("hard", from_input=2.0), build.mode("soft", from_input=1.0)
+    >>> free, hard = build.mode("free"), build.mode("hard", from_input=2.0)
+    >>> soft = build.mode("soft", from_input=1.0)
     >>> build.guard("catches hard", free, hard, on_input=1.0, constant=-1.0)
     >>> build.guard("catches softly", free, soft, on_input=1.0, constant=-1.0)
     >>> found = epp.check_element(epp.AutomatonElement(build.build()))

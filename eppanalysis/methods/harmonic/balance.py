@@ -90,7 +90,8 @@ def harmonic_balance(
     >>> import eppanalysis as epp
     >>> loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
     >>> guess = epp.predict_limit_cycles(loop)[0]
-    >>> [round(epp.harmonic_balance(loop, guess, order=n).period, 4) for n in (1, 3, 9, 27)]
+    >>> orders = [epp.harmonic_balance(loop, guess, order=n) for n in (1, 3, 9, 27)]
+    >>> [round(found.period, 4) for found in orders]
     [4.4429, 4.5292, 4.5494, 4.551]
     """
     own, at = standing(system, operating_point, "harmonic_balance")

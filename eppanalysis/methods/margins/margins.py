@@ -65,10 +65,12 @@ def margins(
     Examples
     --------
     >>> import eppanalysis as epp
-    >>> loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation(-1.0, 1.0))
+    >>> loop = epp.LureSystem.from_tf(
+    ...     ([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation(-1.0, 1.0)
+    ... )
     >>> found = epp.margins(loop)
-    >>> print(f"{found.at}: {found.gain_margin:.6f} at {found.phase_crossover:.6f} rad/s")
-    saturation.out: 6.000000 at 1.414214 rad/s
+    >>> found.at, round(found.gain_margin, 6), round(found.phase_crossover, 6)
+    ('saturation.out', 6.0, 1.414214)
     >>> [m.at for m in epp.margins(loop, ["saturation.in", "saturation.out"])]
     ['saturation.in', 'saturation.out']
     """

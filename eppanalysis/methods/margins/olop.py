@@ -74,10 +74,14 @@ def olop(
     --------
     >>> import numpy as np
     >>> import eppanalysis as epp
-    >>> loop = epp.LureSystem.from_tf(([4.0], [1.0, 1.0, 0.0]), epp.RateLimiter(rate=1.0))
+    >>> loop = epp.LureSystem.from_tf(
+    ...     ([4.0], [1.0, 1.0, 0.0]), epp.RateLimiter(rate=1.0)
+    ... )
     >>> point = epp.olop(loop, amplitude=0.5)
-    >>> print(f"{point.omega:.4f} rad/s, {np.rad2deg(point.phase):.2f} deg, prone: {point.prone}")
-    1.5519 rad/s, -147.20 deg, prone: True
+    >>> print(f"{point.omega:.4f} rad/s, {np.rad2deg(point.phase):.2f} deg")
+    1.5519 rad/s, -147.20 deg
+    >>> point.prone
+    True
     """
     system = system_of(loop, "olop")
     refuse_samples(system.elements, "olop")

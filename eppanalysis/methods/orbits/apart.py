@@ -53,7 +53,8 @@ def integrators_apart(system: LureSystem) -> OtherStates | None:
     Examples
     --------
     >>> import eppanalysis as epp
-    >>> integrators_apart(epp.case("band_two_cycles").to_system()) is None  # as it is given
+    >>> loop = epp.case("band_two_cycles").to_system()
+    >>> integrators_apart(loop) is None  # as it is given
     True
     """
     apart, T = system.with_integrators_apart
@@ -68,7 +69,8 @@ def evenly_driven(system: LureSystem) -> OtherStates | None:
     Examples
     --------
     >>> import eppanalysis as epp
-    >>> evenly_driven(epp.case("relay_hyst_goncalves6").to_system()) is None  # as it is given
+    >>> loop = epp.case("relay_hyst_goncalves6").to_system()
+    >>> evenly_driven(loop) is None  # as it is given
     True
     """
     if not system.B.size:

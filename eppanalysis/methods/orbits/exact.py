@@ -98,7 +98,8 @@ def exact_orbit(
     >>> import eppanalysis as epp
     >>> loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
     >>> predicted = epp.predict_limit_cycles(loop)[0]
-    >>> print(f"{predicted.frequency:.4f} Hz, exactly {epp.exact_orbit(loop, predicted).frequency:.4f} Hz")
+    >>> exact = epp.exact_orbit(loop, predicted)
+    >>> print(f"{predicted.frequency:.4f} Hz, exactly {exact.frequency:.4f} Hz")
     0.2251 Hz, exactly 0.2197 Hz
     """
     system, at = standing(system, operating_point, "exact_orbit")

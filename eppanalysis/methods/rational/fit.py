@@ -81,7 +81,9 @@ def rational_model(
     >>> import numpy as np
     >>> import eppanalysis as epp
     >>> s = 1j * np.geomspace(0.01, 100.0, 401)
-    >>> model = epp.rational_model(epp.MeasuredResponse(s.imag, 2.0 / (s * (s + 1.0) * (s + 4.0))))
+    >>> model = epp.rational_model(
+    ...     epp.MeasuredResponse(s.imag, 2.0 / (s * (s + 1.0) * (s + 4.0)))
+    ... )
     >>> np.sort_complex(model.poles).real.round(6).tolist()
     [-4.0, -1.0, 0.0]
     >>> loop = model.loop(epp.Relay())

@@ -122,7 +122,9 @@ def basin(
     --------
     >>> import eppanalysis as epp
     >>> from eppanalysis.methods.search.basin import basin
-    >>> loop = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0))
+    >>> loop = epp.LureSystem.from_tf(
+    ...     ([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0)
+    ... )
     >>> found = epp.find_limit_cycles(loop)
     >>> unstable = found.unstable[0].state
     >>> basin(loop, found, np.array([0.9 * unstable, 1.1 * unstable])).ends.tolist()

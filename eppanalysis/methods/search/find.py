@@ -104,7 +104,9 @@ def find_limit_cycles(
     Examples
     --------
     >>> import eppanalysis as epp
-    >>> loop = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0))
+    >>> loop = epp.LureSystem.from_tf(
+    ...     ([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0)
+    ... )
     >>> [(round(c.period, 8), c.stable) for c in epp.find_limit_cycles(loop)]
     [(8.25509713, False), (6.3277966, True)]
     """

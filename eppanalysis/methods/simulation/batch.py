@@ -174,8 +174,13 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
     >>> import eppanalysis as epp
     >>> from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
     >>> from eppanalysis.models.systems.hybrid import HybridSystem
-    >>> loops = [epp.LureSystem.from_tf(([k], [1.0, 3.0, 2.0, 0.0]), epp.Relay()) for k in (1.0, 2.0)]
-    >>> stack = HybridStack.of([HybridSystem.from_lure(s) for s in loops], loops[0].signals.names)
+    >>> loops = [
+    ...     epp.LureSystem.from_tf(([k], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    ...     for k in (1.0, 2.0)
+    ... ]
+    >>> stack = HybridStack.of(
+    ...     [HybridSystem.from_lure(s) for s in loops], loops[0].signals.names
+    ... )
     >>> [round(float(v), 4) for v in simulate_batch(stack, 200.0).peak_to_peak["x"]]
     [0.4401, 0.8801]
     """

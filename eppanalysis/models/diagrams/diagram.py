@@ -61,7 +61,11 @@ class Diagram:
     ...         "valve": epp.Saturation(lower=-1.0, upper=1.0),
     ...         "plant": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0, 0.0]),
     ...     },
-    ...     connect=["setpoint - plant -> controller", "controller -> valve", "valve -> plant"],
+    ...     connect=[
+    ...         "setpoint - plant -> controller",
+    ...         "controller -> valve",
+    ...         "valve -> plant",
+    ...     ],
     ...     inputs=["setpoint"],
     ... )
     >>> servo.to_system().A.shape

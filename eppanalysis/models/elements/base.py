@@ -400,7 +400,8 @@ class Nonlinearity(ABC):
         --------
         >>> import control
         >>> from eppanalysis.models.elements import Play
-        >>> control.describing_function(Play(gap=1.0).to_control(), [1.0, 2.0]).round(4).tolist()
+        >>> play = Play(gap=1.0).to_control()
+        >>> control.describing_function(play, [1.0, 2.0]).round(4).tolist()
         [(0.5-0.3183j), (0.8045-0.2387j)]
         """
         self._refuse_several()

@@ -80,7 +80,9 @@ class HysteresisRelay(_Levels, kind="hysteresis_relay"):
     Examples
     --------
     >>> from eppanalysis.models.elements import HysteresisRelay
-    >>> mean, gain = HysteresisRelay(lower=-0.5, upper=0.5).describing_function(amplitude=1.0)
+    >>> mean, gain = HysteresisRelay(lower=-0.5, upper=0.5).describing_function(
+    ...     amplitude=1.0
+    ... )
     >>> complex(gain.round(4))
     (1.1027-0.6366j)
     """

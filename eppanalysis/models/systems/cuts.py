@@ -54,7 +54,8 @@ class Cuts:
     A force on a mass, cut where it acts:
 
     >>> from eppanalysis import Cuts
-    >>> cuts = Cuts(("mass.force",), B=[[0.0], [2.0]], E=[[0.0]], C=[[-3.0, 0.0]], D=[[1.0]])
+    >>> matrices = {"B": [[0.0], [2.0]], "E": [[0.0]], "C": [[-3.0, 0.0]], "D": [[1.0]]}
+    >>> cuts = Cuts(("mass.force",), **matrices)
     >>> cuts.F.tolist(), cuts.number("mass.force")
     ([0.0], 0)
     """

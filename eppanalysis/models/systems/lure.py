@@ -288,7 +288,8 @@ class LureSystem(Responses):
         Examples
         --------
         >>> import eppanalysis as epp
-        >>> epp.LureSystem.from_blocks([epp.Saturation(), ([2.0], [1.0, 1.0]), ([1.0], [1.0, 0.0])]).A.shape
+        >>> blocks = [epp.Saturation(), ([2.0], [1.0, 1.0]), ([1.0], [1.0, 0.0])]
+        >>> epp.LureSystem.from_blocks(blocks).A.shape
         (2, 2)
         """
         require(name, "feedback", feedback, feedback in (-1, 1), "-1 or 1")

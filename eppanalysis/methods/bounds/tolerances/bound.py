@@ -167,7 +167,9 @@ def tolerance_bound(
     >>> import eppanalysis as epp
     >>> case = epp.case("relay_deadzone")
     >>> tolerances = {"relay_dead_zone.level": "10 %"}
-    >>> found = epp.tolerance_bound(case, "relay_dead_zone.threshold", tolerances, within=(1.0, 3.0), samples=0)
+    >>> found = epp.tolerance_bound(
+    ...     case, "relay_dead_zone.threshold", tolerances, within=(1.0, 3.0), samples=0
+    ... )
     >>> str(found).partition(" wherever")[0]
     'Free of limit cycles above a relay dead zone threshold of 1.829'
     """

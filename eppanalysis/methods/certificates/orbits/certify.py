@@ -89,7 +89,9 @@ def certify_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> Certified
     A relay with hysteresis 0.5 and the plant 1/(s + 1) has the period 2 ln((1 + 0.5)/(1 - 0.5)):
 
     >>> import eppanalysis as epp
-    >>> loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.HysteresisRelay(lower=-0.5, upper=0.5))
+    >>> loop = epp.LureSystem.from_tf(
+    ...     ([1.0], [1.0, 1.0]), epp.HysteresisRelay(lower=-0.5, upper=0.5)
+    ... )
     >>> orbit = epp.certify_orbit(loop, epp.find_limit_cycles(loop).cycles[0])
     >>> orbit.proved, orbit.stability.name, f"{orbit.period:.9f}"
     (True, 'STABLE', '2.197224577')

@@ -279,8 +279,11 @@ class ElbowParameters:
     >>> from eppanalysis.models.devices.elbow.parameters import POUND_FORCE
     >>> nominal = ElbowParameters()
     >>> fig8a = replace(nominal, pulley=replace(nominal.pulley, friction=0.0))
-    >>> play = fig8a.pulley.radius * fig8a.lock_pin.backlash  # of the lock pin, as travel of the cable
-    >>> round(fig8a.cable.stiffness * play / POUND_FORCE, 2)  # and the force that it makes [lbf]
+
+    Play of the lock pin as travel of the cable, and the force that it makes [lbf]:
+
+    >>> play = fig8a.pulley.radius * fig8a.lock_pin.backlash
+    >>> round(fig8a.cable.stiffness * play / POUND_FORCE, 2)
     1.25
     """
 

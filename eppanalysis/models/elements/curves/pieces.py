@@ -41,7 +41,7 @@ class BilinearSpring(PiecewiseLinear, kind="bilinear_spring"):
     Examples
     --------
     >>> from eppanalysis.models.elements import BilinearSpring
-    >>> hinge = BilinearSpring(lower=-0.5, upper=1.0, outer=10.0, inner=1.0, preload=2.0)
+    >>> hinge = BilinearSpring(-0.5, 1.0, outer=10.0, inner=1.0, preload=2.0)
     >>> hinge.output([-1.0, 0.0, 1.0, 2.0])[0].tolist()
     [-3.5, 2.0, 3.0, 13.0]
     """

@@ -82,7 +82,9 @@ class ViscousCoulomb(_Sliding, kind="viscous_coulomb"):
     Examples
     --------
     >>> from eppanalysis.models.elements import ViscousCoulomb
-    >>> mean, gain = ViscousCoulomb(coulomb=2.0, viscous=0.5).describing_function(amplitude=4.0)
+    >>> mean, gain = ViscousCoulomb(coulomb=2.0, viscous=0.5).describing_function(
+    ...     amplitude=4.0
+    ... )
     >>> round(float(gain.real), 4)  # 4 coulomb/(pi A) + viscous
     1.1366
     """

@@ -232,7 +232,14 @@ class LuGreFriction(StateOutput, kind="lugre_friction"):
     Examples
     --------
     >>> from eppanalysis.models.elements import LuGreFriction
-    >>> friction = LuGreFriction(stiffness=1e5, coulomb=1.0, static=1.5, velocity=1e-3, damping=300.0, viscous=0.4)
+    >>> friction = LuGreFriction(
+    ...     stiffness=1e5,
+    ...     coulomb=1.0,
+    ...     static=1.5,
+    ...     velocity=1e-3,
+    ...     damping=300.0,
+    ...     viscous=0.4,
+    ... )
     >>> mean, gain = friction.describing_function(amplitude=[1e-12, 1.0], omega=1.0)
     >>> gain.round(1).tolist()  # a spring and two dampers; Coulomb and viscous friction
     [(300.4-100000j), (1.7-0j)]

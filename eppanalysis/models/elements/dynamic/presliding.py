@@ -193,7 +193,10 @@ class DahlFriction(StateOutput, kind="dahl_friction"):
     >>> from eppanalysis.models.elements import DahlFriction
     >>> friction = DahlFriction(stiffness=100.0, coulomb=1.0)
     >>> mean, gain = friction.describing_function(amplitude=[1e-6, 1.0], omega=1.0)
-    >>> gain.round(3).tolist()  # a spring, 100/(j omega), and nearly Coulomb friction, 4/(pi A)
+
+    A spring, 100/(j omega), and nearly Coulomb friction, 4/(pi A):
+
+    >>> gain.round(3).tolist()
     [(0.004-100j), (1.261-0.159j)]
     """
 

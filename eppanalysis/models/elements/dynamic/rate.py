@@ -134,7 +134,9 @@ class RateLimiter(_RateLimited, kind="rate_limiter"):
     --------
     >>> import numpy as np
     >>> from eppanalysis.models.elements import RateLimiter
-    >>> mean, gain = RateLimiter(rate=1.0).describing_function(amplitude=[1.0, 1.5, 3.0], omega=1.0)
+    >>> mean, gain = RateLimiter(rate=1.0).describing_function(
+    ...     amplitude=[1.0, 1.5, 3.0], omega=1.0
+    ... )
     >>> abs(gain).round(5).tolist(), (-np.angle(gain)).round(5).tolist()
     ([1.0, 0.83836, 0.42441], [-0.0, 0.276, 1.01973])
     """
@@ -169,7 +171,9 @@ class RateLimitedServo(_RateLimited, kind="rate_limited_servo"):
     Examples
     --------
     >>> from eppanalysis.models.elements import RateLimitedServo
-    >>> mean, gain = RateLimitedServo(bandwidth=10.0, rate=1.0).describing_function(amplitude=[0.5, 2.0], omega=2.0)
+    >>> mean, gain = RateLimitedServo(bandwidth=10.0, rate=1.0).describing_function(
+    ...     amplitude=[0.5, 2.0], omega=2.0
+    ... )
     >>> gain.round(4).tolist()
     [(0.9615-0.1923j), (0.1221-0.2938j)]
     """

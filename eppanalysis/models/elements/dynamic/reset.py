@@ -197,7 +197,9 @@ class CleggIntegrator(_Reset, kind="clegg_integrator"):
     --------
     >>> import numpy as np
     >>> from eppanalysis.models.elements import CleggIntegrator
-    >>> mean, gain = CleggIntegrator(gain=1.0).describing_function(amplitude=1.0, omega=2.0)
+    >>> mean, gain = CleggIntegrator(gain=1.0).describing_function(
+    ...     amplitude=1.0, omega=2.0
+    ... )
     >>> round(float(abs(gain)) * 2.0, 4), round(float(np.degrees(np.angle(gain))), 2)
     (1.619, -38.15)
     """

@@ -101,8 +101,12 @@ class SampledController(Nonlinearity):
     A PI controller, 1 kHz, in front of an integrating plant:
 
     >>> import eppanalysis as epp
-    >>> pi = epp.SampledController([[1.0]], [[0.05]], [[1.0]], [[4.0]], sample_time=0.001, delay=0.0004)
-    >>> loop = epp.LureSystem.build([[0.0]], [[1.0]], [[-1.0]], [pi], x0=[1.0], element_names=["pi"])
+    >>> pi = epp.SampledController(
+    ...     [[1.0]], [[0.05]], [[1.0]], [[4.0]], sample_time=0.001, delay=0.0004
+    ... )
+    >>> loop = epp.LureSystem.build(
+    ...     [[0.0]], [[1.0]], [[-1.0]], [pi], x0=[1.0], element_names=["pi"]
+    ... )
     >>> run = epp.simulate(loop, t_end=10.0)
     >>> run.status.name, bool(abs(run.settled_at["pi_input"]) < 1e-6)
     ('SETTLED', True)

@@ -109,15 +109,28 @@ def from_control(
     >>> import eppanalysis as epp
     >>> state = ["angle", "speed"]
     >>> motor = control.ss(
-    ...     [[0, 1], [0, -1]], [[0, 0], [1, -1]], [[1, 0], [0, 1]], 0,
-    ...     name="motor", inputs=["voltage", "friction"], outputs=state, states=state)
+    ...     [[0, 1], [0, -1]],
+    ...     [[0, 0], [1, -1]],
+    ...     [[1, 0], [0, 1]],
+    ...     0,
+    ...     name="motor",
+    ...     inputs=["voltage", "friction"],
+    ...     outputs=state,
+    ...     states=state,
+    ... )
     >>> controller = control.tf(
-    ...     [4.0, 2.0], [1.0, 0.0], name="controller", inputs="error", outputs="voltage")
+    ...     [4.0, 2.0], [1.0, 0.0], name="controller", inputs="error", outputs="voltage"
+    ... )
     >>> difference = control.summing_junction(["reference", "-angle"], "error")
     >>> servo = control.interconnect(
     ...     [motor, controller, difference],
-    ...     name="servo", inputs=["reference", "friction"], outputs=state)
-    >>> loop = epp.from_control(servo, {("speed", "friction"): epp.Friction(0.5, static=0.8)})
+    ...     name="servo",
+    ...     inputs=["reference", "friction"],
+    ...     outputs=state,
+    ... )
+    >>> loop = epp.from_control(
+    ...     servo, {("speed", "friction"): epp.Friction(0.5, static=0.8)}
+    ... )
     >>> loop.input_names, loop.signals.names, loop.element_names
     (('reference',), ('angle', 'speed', 'friction'), ('friction',))
     """
