@@ -20,7 +20,7 @@ def explore(
         typer.Option("--browser/--no-browser", help="Open the page. [on a terminal]", show_default=False),
     ] = None,
 ) -> None:
-    """See in the browser what happens when a slider moves: run, Nyquist picture, limit cycles, design map.
+    """See in the browser what happens when a slider moves: run, Nyquist plot, limit cycles, design map.
 
     The page is served to this machine only, until interrupted with Ctrl-C.
     """

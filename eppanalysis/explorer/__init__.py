@@ -23,7 +23,7 @@ _NEEDED = ("bokeh", "dask", "zarr")
 def explore(case: Case, port: int = 0, ready: Callable[[str], None] | None = None) -> None:
     """Serve a page that explores a case, on this machine only, until interrupted.
 
-    Sliders move the parameters of the design; run and Nyquist picture follow at once, exact limit cycles, their branch
+    Sliders move the parameters of the design; run and Nyquist plot follow at once, exact limit cycles, their branch
     over a parameter, and the design map a moment later. The address holds the state; nothing is read from files and
     nothing written but what the browser saves itself.
 

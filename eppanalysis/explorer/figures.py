@@ -27,7 +27,7 @@ _CODES = {1: "settles", 2: "oscillates", 3: "diverges", 0: "not decided"}
 #: What stands behind the design in the map's legend.
 DRAGGED = " (drag or tap)"
 _NOTHING: dict[str, list[Any]] = {"x": [], "y": []}
-#: Room round what the Nyquist picture must show; from its square on the window shrinks.
+#: Room round what the Nyquist plot must show; from its square on the window shrinks.
 _ROOM = 1.2
 
 #: Left, right, bottom, top.

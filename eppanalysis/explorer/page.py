@@ -326,7 +326,7 @@ class Page:
             self._soon(self._begin_slow)
 
     def _show(self, result: quick.Quick) -> None:
-        """The run and its Nyquist picture; what else changes follows, once for all moves till then."""
+        """The run and its Nyquist plot; what else changes follows, once for all moves till then."""
         self.case, self.size = result.case, result.peak_to_peak
         with self._together():
             self.step.show(result, _in_short(self.base, self.values))

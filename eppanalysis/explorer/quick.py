@@ -1,4 +1,4 @@
-"""What a slider shows at once: the run in time and the Nyquist picture, in some tens of milliseconds."""
+"""What a slider shows at once: the run in time and the Nyquist plot, in some tens of milliseconds."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def _sentence(run: Trajectory, signal: str, unit: str, factor: float) -> str:
 
 
 def _loop(case: Case, run: Trajectory) -> tuple[FrozenLoop | None, complex | None, bool]:
-    """The Nyquist picture of the run: frozen at its cycle, or at rest; None where elements allow none."""
+    """The Nyquist plot of the run: frozen at its cycle, or at rest; None where elements allow none."""
     try:
         return _frozen(case, run)
     except ModelError:

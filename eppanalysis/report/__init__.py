@@ -48,7 +48,7 @@ def report(
 ) -> Path:
     """Write a report of a case, or of several: everything that the methods say of it, with pictures and provenance.
 
-    The sections of a case: its values with their marks, prediction with margins and Nyquist picture, the ladder, all
+    The sections of a case: its values with their marks, prediction with margins and Nyquist plot, the ladder, all
     exact limit cycles, disturbances, the branch over a parameter, a small design map, of an elbow the bound on its
     backlash with the guideline, and where everything comes from.
 

@@ -181,6 +181,7 @@ try:
     display(shown[~shown.isin(["", "-"]).all(axis="columns")])
     for sentence in guide.sentences():
         print(sentence)
+    print("eppanalysis report --full has this table at several gains.")
 except epp.EppError as reason:
     print(reason)"""
 
@@ -203,7 +204,7 @@ print("Computed", datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"))"""
 
 
 def _prediction(case: Case) -> str:
-    """With a Nyquist picture of its own where the prediction's is the loop gain over amplitude."""
+    """With a Nyquist plot of its own where the prediction's is the loop gain over amplitude."""
     system = case.to_system()
     several = len(system.elements) > 1 and not system.time_step
     return _PREDICTION.format(nyquist=_NYQUIST if several else "")
@@ -260,7 +261,7 @@ SECTIONS: tuple[Section, ...] = (
         "Prediction",
         "All limit cycles that describing functions predict, stable and unstable. In the picture a cycle is where the "
         "curves meet; a filled circle is a stable one. With several elements that is where the loop gain is one; their "
-        "Nyquist picture holds at one cycle, here the last, at which the elements behind the cut are frozen.",
+        "Nyquist plot holds at one cycle, here the last, at which the elements behind the cut are frozen.",
         _prediction,
     ),
     Section(
@@ -294,8 +295,7 @@ SECTIONS: tuple[Section, ...] = (
     Section(
         "Bounds and guideline",
         "How much backlash a gain bears before any limit cycle exists, put to the test on both sides. The commands "
-        "eppanalysis bounds and eppanalysis guide give whole curves and tables, eppanalysis report --full this table "
-        "at several gains.",
+        "eppanalysis bounds and eppanalysis guide give whole curves and tables.",
         lambda case: _GUIDELINE if variation_of(case).guided else "",
         lambda case: _full_guideline(case) if variation_of(case).guided else "",
     ),

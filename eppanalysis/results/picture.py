@@ -1,4 +1,4 @@
-"""Pictures of what all methods share: a run, one period of a cycle, the Nyquist picture of a prediction."""
+"""Pictures of what all methods share: a run, one period of a cycle, the Nyquist plot of a prediction."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None, gi
 
 
 def plot_nyquist(prediction: Prediction, ax: Axes | None = None) -> Figure:
-    """Nyquist picture: the loop's response, the -1/N locus with growing amplitude, and the cycles where they meet.
+    """Nyquist plot: the loop's response, the -1/N locus with growing amplitude, and the cycles where they meet.
 
     A filled circle is a stable cycle, an open one any other; grey is one that may not exist. Loops with several
     elements have no single -1/N locus; for them the picture is the loop gain over the amplitude at the principal

@@ -64,6 +64,9 @@ _LINES = ("-", "--", "-.", ":")
 #: Curves of fewer points show each of them.
 _FEW = 60
 _MOST_CONTOURS, _MOST_SLICES = 6, 6
+#: Shares of a map's width and height: how far labels of contours stay from the frame and from each other, and how long
+#: a line is that has one.
+_FROM_FRAME, _APART, _LABELLED = 0.12, 0.2, 0.2
 #: Lines of slices by method.
 _DASHES: dict[str, Literal["-", "--", ":"]] = {"run": "-", "predicted": "--", "exact": ":"}
 #: Height of a panel of slices [inch].
@@ -210,9 +213,28 @@ def _contours(ax: Axes, x: np.ndarray, y: np.ndarray, amplitude: xarray.DataArra
         return []
     style: dict[str, Any] = {"linewidth": 0.8, "color": "#000000"}
     lines = ax.contour(x, y, values, levels=_MOST_CONTOURS, colors=style["color"], linewidths=style["linewidth"])
-    ax.clabel(lines, fontsize=SMALL, fmt=lambda v: f"{v:.3g} {unit}")
+    places = _label_places(lines.allsegs, np.array([x.min(), y.min()]), np.array([np.ptp(x), np.ptp(y)]))
+    if places:
+        ax.clabel(lines, fontsize=SMALL, fmt=lambda v: f"{v:.3g} {unit}".rstrip(), manual=places)
     name = words(str(amplitude.attrs.get("long_name", "amplitude")).partition(" (")[0])
     return [Line2D([], [], **style, label=with_unit(name, unit))]
+
+
+def _label_places(levels: Sequence[Sequence[np.ndarray]], low: np.ndarray, width: np.ndarray) -> list[tuple[Any, Any]]:
+    """Where each level's longest line is labelled: far from the frame and from other labels, else nowhere."""
+    places: list[np.ndarray] = []
+    for lines in levels:
+        line = max(((np.asarray(part) - low) / width for part in lines), key=_length, default=np.zeros((0, 2)))
+        inside = np.all(np.abs(line - 0.5) < 0.5 - _FROM_FRAME, axis=1)
+        apart = [np.linalg.norm(line - place, axis=1) > _APART for place in places]
+        free = line[np.all([inside, *apart], axis=0)]
+        if _length(line) > _LABELLED and free.size:
+            places.append(free[len(free) // 2])
+    return [tuple(low + width * place) for place in places]
+
+
+def _length(line: np.ndarray) -> float:
+    return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
 
 
 def _boundary(ax: Axes, x: np.ndarray, y: np.ndarray, outcome: xarray.DataArray, label: str, colour: str) -> list[Any]:

@@ -220,6 +220,18 @@ def triggers_table(triggers: Sequence[Trigger]) -> Table:
     return table
 
 
+#: Settings whose names in code are no words, and the unit that those have which carry none.
+_SETTINGS = {
+    "t_end": ("length of the run", "s"),
+    "time_step": ("time step", "s"),
+    "step": ("step", "s"),
+    "omega": ("frequency", "rad/s"),
+    "frequency": ("frequency", "Hz"),
+    "max_events": ("most events", ""),
+    "max_steps": ("most steps", ""),
+}
+
+
 def provenance_table(facts: Mapping[str, Any]) -> Table:
     """Where a result comes from, one fact a row; parameters have a table of their own."""
     table = table_of("", "", numbers=False)
@@ -230,7 +242,8 @@ def provenance_table(facts: Mapping[str, Any]) -> Table:
             for key, inner in value.items():
                 if not isinstance(inner, Mapping | list | tuple):
                     text = number(inner) if isinstance(inner, float) else str(inner)
-                    table.add_row(f"{name}: {key}".replace("_", " "), text)
+                    said, unit = _SETTINGS.get(key, (words(key), "")) if name == "settings" else (words(key), "")
+                    table.add_row(f"{name}: {said}", f"{text} {unit}".rstrip())
         else:
             table.add_row(name.replace("_", " "), str(value))
     return table

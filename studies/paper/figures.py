@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,6 +15,7 @@ from matplotlib.patches import Patch
 import eppanalysis as epp
 from eppanalysis.plotting import (
     BLUE,
+    DARK,
     GREEN,
     GREY,
     ORANGE,
@@ -48,6 +50,8 @@ def _law(case: epp.Case, force: np.ndarray) -> np.ndarray:
     return np.array([law.output(f)[0] for f in force], float)
 
 
+#: Lines at a value, dark and wide enough for a print of 8 cm.
+AT: dict[str, Any] = {"color": DARK, "linewidth": 1.0, "linestyle": ":"}
 #: Label of the lines at both ends of a profile.
 ENDS = r"$F_\mathrm{slack}$, $F_\mathrm{max}$"
 
@@ -63,7 +67,7 @@ def paper_figure_2() -> Figure:
         ax.plot(force, _law(case, force * LBF), color=colour, label=label)
     thresholds = np.array(wide.elbow_parameters.bands.thresholds) / LBF
     for x, label in zip(thresholds, ("thresholds of the wider profile", None, None, None), strict=True):
-        ax.axvline(x, color=GREY, linewidth=0.8, linestyle=":", label=label)
+        ax.axvline(x, **AT, label=label)
     edges = [0.0, *thresholds, 5.0]
     for name, left, right in zip(BANDS, edges, edges[1:], strict=False):
         at = (left + right) / 2, 21.0 if name == "parking" else 17.5
@@ -160,7 +164,7 @@ def _draw_phases(figure: Figure, grid, case: epp.Case, result: epp.Trajectory, p
     slack, low, high, most = np.array(case.elbow_parameters.bands.thresholds) / LBF
     top.axhspan(low, high, color=GREY, alpha=0.25, linewidth=0, label="parking band")
     for level, label in ((slack, ENDS), (most, None)):
-        top.axhline(level, color=GREY, linewidth=0.6, linestyle=":", label=label)
+        top.axhline(level, **AT, label=label)
     for ax in (top, bottom):
         for k, event in enumerate(result.events[:-1]):
             following = next((e for e in result.events[k + 1 :] if e.element == "cable"), None)
@@ -238,7 +242,7 @@ def paper_figure_7() -> Figure:
         slack, low, high, top = np.array(p.bands.thresholds) / LBF
         ax.axhspan(low, high, color=GREY, alpha=0.25, linewidth=0, label="parking band")
         for level, label in ((slack, ENDS), (top, None)):
-            ax.axhline(level, color=GREY, linewidth=0.6, linestyle=":", label=label)
+            ax.axhline(level, **AT, label=label)
         other = ax.twinx()
         other.plot(angle / DEGREE, torque, color=VERMILLION, linestyle="--", linewidth=1.0)
         other.set_ylim(-25.0, 25.0)
@@ -279,7 +283,7 @@ def paper_boundaries() -> Figure:
         stable = found.points["stable"].astype(bool)
         ax.plot(value, np.where(stable, size, np.nan), color=BLUE, label="stable")
         ax.plot(value, np.where(stable, np.nan, size), color=VERMILLION, linestyle="--", label="unstable")
-        ax.axvline(factor * made.stable_limit(found), color=GREY, linewidth=0.8, linestyle=":", label="cycles end")
+        ax.axvline(factor * made.stable_limit(found), **AT, label="cycles end")
         for name in cases:
             case, result = epp.case(name), made.run(name)
             steady = result.limit_cycle.peak_to_peak["theta"] / DEGREE if result.limit_cycle else 0.0

@@ -53,6 +53,20 @@ def test_a_map_turns_with_its_axes(grid) -> None:
     np.testing.assert_array_equal(ax.collections[0].get_array().reshape(3, 4), grid["outcome"].values)
 
 
+@pytest.mark.parametrize("law", [lambda x, y: x + y, lambda x, y: x * y**3, lambda x, y: np.exp(-5.0 * (x + y))])
+def test_labels_of_contours_lie_within_the_frame_and_not_on_each_other(law) -> None:
+    axes = {"bands.range": "2:3:12:lbf", "lock_pin.backlash": "0.5:2.5:12:deg"}
+    cells = epp.sweep(SHORT.with_values({"run.t_end": "0.1 s"}), axes, progress=False)
+    x, y = np.meshgrid(*2 * [np.linspace(0.0, 1.0, 12)])
+    figure = plot_design_map(cells.assign(amplitude=cells["amplitude"].copy(data=law(x, y) * DEG)))
+    figure.draw_without_rendering()
+    ax = figure.axes[0]
+    labels = [text.get_window_extent() for text in ax.texts]
+    assert labels and all(ax.bbox.containsx(edge) for box in labels for edge in (box.x0, box.x1))
+    assert all(ax.bbox.containsy(edge) for box in labels for edge in (box.y0, box.y1))
+    assert not any(box.overlaps(other) for i, box in enumerate(labels) for other in labels[:i])
+
+
 @pytest.mark.parametrize("turned", [False, True])
 def test_boundaries_lie_on_the_map_in_its_units(grid, turned) -> None:
     names = tuple(AXES)[::-1] if turned else tuple(AXES)

@@ -109,6 +109,12 @@ def test_nothing_found_is_said():
     assert cells(epp.table(())) == ["none"]
 
 
+def test_provenance_says_how_long_a_run_is_in_words_and_with_its_unit():
+    shown = cells(epp.table(epp.simulate(epp.case("backlash_servo"), t_end=60.0).provenance))
+    assert "settings: length of the run" in shown and "60 s" in shown
+    assert not [text for text in shown if "t end" in text or "_" in text.partition(":")[2]]
+
+
 def test_provenance_leaves_the_parameters_to_their_own_table():
     shown = cells(epp.table(epp.case("fig8a_original").provenance()))
     assert "sha256" in shown and not any("backlash" in text for text in shown)

@@ -1,4 +1,4 @@
-"""The loop cut at one element with all others frozen at their describing functions: a Nyquist picture for any loop.
+"""The loop cut at one element with all others frozen at their describing functions: a Nyquist plot for any loop.
 
 With several elements there is no single -1/N locus, because the gains of the others change with amplitude too. Frozen
 at the amplitudes of one given motion they leave a linear loop G, and that motion is a cycle of first order just where

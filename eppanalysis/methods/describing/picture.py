@@ -1,4 +1,4 @@
-"""The Nyquist picture of a loop that is cut at one element, the others frozen. Computes nothing."""
+"""The Nyquist plot of a loop that is cut at one element, the others frozen. Computes nothing."""
 
 from __future__ import annotations
 

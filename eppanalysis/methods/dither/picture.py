@@ -32,9 +32,9 @@ def plot_dither(found: Dither, ax: Axes | None = None) -> Figure:
         rows = [run for run in found.runs if run.gone is gone and run.start is Start.CYCLE]
         if rows:
             x, y = [run.amplitude for run in rows], [100.0 * run.left for run in rows]
-            upper.plot(x, y, marker, color=colour, linestyle="none", markersize=5, label=label)
+            upper.plot(x, y, marker, color=colour, linestyle="none", markersize=5, clip_on=False, label=label)
     if np.isfinite(found.amplitude):
-        upper.axvline(found.amplitude, color=GREY, linewidth=0.8)
+        upper.axvline(found.amplitude, color=GREY, linewidth=1.0, zorder=0)
     upper.set_xlabel("amplitude of the dither")
     upper.set_ylabel("slow motion\n[% of the cycle]")
     upper.set_ylim(bottom=0.0)

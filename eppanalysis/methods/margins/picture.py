@@ -1,4 +1,4 @@
-"""The Nyquist picture of a loop that is cut open at a place, and Nichols' chart of an onset point. Computes nothing."""
+"""The Nyquist plot of a loop that is cut open at a place, and Nichols' chart of an onset point. Computes nothing."""
 
 from __future__ import annotations
 
