@@ -64,8 +64,8 @@ class ElbowVariation(Variation):
         """From a backlash at which the elbow oscillates, down through the fold."""
         return max(1.3 * self.case.value(name), math.radians(0.5)), math.radians(4.0), math.radians(0.1)
 
-    def axes(self) -> dict[str, str]:
-        """Gain against backlash."""
+    def axes(self, points: int = 9) -> dict[str, str]:
+        """Gain against backlash, on a grid of its own."""
         return {"bands.range": "1:5:17:lbf", "lock_pin.backlash": "0.25:3:12:deg"}
 
 

@@ -78,8 +78,8 @@ class Variation(ABC):
         """Where a branch over a parameter starts, with a cycle at hand and without one, and where it stops [SI]."""
 
     @abstractmethod
-    def axes(self) -> dict[str, str]:
-        """Axes of a map of designs, as sweeps take them; none where there are less than two."""
+    def axes(self, points: int = 9) -> dict[str, str]:
+        """Axes of a map of designs, as sweeps take them, of so many points; none where there are less than two."""
 
 
 class LoopVariation(Variation):
@@ -119,15 +119,15 @@ class LoopVariation(Variation):
         value = self.case.value(name)
         return value, 4.0 * value, 0.25 * value
 
-    def axes(self) -> dict[str, str]:
+    def axes(self, points: int = 9) -> dict[str, str]:
         """The first two parameters, around what they are."""
         names = self.over()[:2]
-        return {name: self._around(name) for name in names} if len(names) == 2 else {}
+        return {name: self._around(name, points) for name in names} if len(names) == 2 else {}
 
-    def _around(self, name: str) -> str:
+    def _around(self, name: str, points: int) -> str:
         unit = self.case.unit(name)[1]
         shown = self.case.value(name) / self.case.si(name, f"1 {unit}".strip())
-        return f"{0.25 * shown:.12g}:{2.0 * shown:.12g}:9" + (f":{unit}" if unit else "")
+        return f"{0.25 * shown:.12g}:{2.0 * shown:.12g}:{points}" + (f":{unit}" if unit else "")
 
 
 #: Runs of a map are so many times as long as the case's own.

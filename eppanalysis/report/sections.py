@@ -14,6 +14,7 @@ from functools import partial
 from eppanalysis.cases import Case, variation_of
 from eppanalysis.cases.variation import time_of_maps
 from eppanalysis.methods.bounds.searched import in_samples
+from eppanalysis.models.systems.sampled.strobe import sampled_among
 from eppanalysis.plotting import main_signals
 
 
@@ -39,6 +40,8 @@ def _always(code: str) -> Callable[[Case], str]:
 
 #: Gains of the full guideline, as profile ranges relative to the case's own.
 _GAINS = (0.6, 0.8, 1.0, 1.2, 1.4)
+#: Points of an axis of a map, and how many samples of controllers all its runs may go through: some seconds.
+_POINTS, _MOST_SAMPLES = (9, 7, 5), 2e6
 
 SETUP = """\
 %matplotlib inline
@@ -170,9 +173,14 @@ try:
     else:
         figure = epp.plot_design_map(cells)
         {mark}
-        display(figure)
+        display(figure){coarse}
 except epp.EppError as reason:
     print(reason)"""
+
+#: What a map of a sampled loop says of its grid.
+_COARSE = """
+        print("The map has {n} by {n} cells, because each run goes through every sample;")
+        print("eppanalysis sweep makes a finer one.")"""
 
 _GUIDELINE = """\
 try:
@@ -240,13 +248,22 @@ def _followed(case: Case, *, full: bool = False) -> str:
 
 def _map(case: Case) -> str:
     """Gain against backlash of an elbow, the first two positive parameters of another loop."""
-    axes = variation_of(case).axes()
+    n = _points(case)
+    axes = variation_of(case).axes(n)
     if not axes:
         return ""
     factors = [case.readable(name)[1] for name in axes]
     x, y = (f'case.value("{name}") * {factor!r}' for name, factor in zip(axes, factors, strict=True))
     mark = f'figure.axes[0].plot({x}, {y}, "k*", markersize=12)'
-    return _MAP.format(axes=repr(axes), mark=mark, t_end=repr(time_of_maps(case)))
+    coarse = _COARSE.format(n=n) if n < max(_POINTS) else ""
+    return _MAP.format(axes=repr(axes), mark=mark, coarse=coarse, t_end=repr(time_of_maps(case)))
+
+
+def _points(case: Case) -> int:
+    """Points of each axis of a map: fewer where its runs go through many samples, for none of them ends before."""
+    controllers = sampled_among(case.to_system().elements).values()
+    samples = sum(time_of_maps(case) / controller.sample_time for controller in controllers)
+    return next((n for n in _POINTS if n * n * samples <= _MOST_SAMPLES), _POINTS[-1])
 
 
 def _full_guideline(case: Case) -> str:

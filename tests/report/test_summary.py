@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ast
+import math
 from dataclasses import replace
 
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.report import sections
 from tests.made_bounds import GAIN, wheelchair
 
 
@@ -84,3 +87,15 @@ def test_what_a_search_left_open_is_no_all_clear():
     sure, unsure = (epp.first_page(case, run, cycles=search).advice for search in (cycles, opened))
     assert sure.startswith("Nothing, at these values. The search is thorough")
     assert unsure.startswith("Nothing from its own start; what others lead to is left open.")
+
+
+@pytest.mark.parametrize(
+    ("name", "samples"), [("azimuth_servo", 40_000), ("virtual_spring", 80_000), ("wheelchair", 0)]
+)
+def test_runs_of_a_map_go_through_two_million_samples_at_most_and_a_coarse_map_says_what_it_is(name, samples):
+    """Four times the run of 10 s at 1 kHz a cell, and of 20 s, would take minutes on the usual grid."""
+    code = sections._map(epp.case(name))
+    axes = ast.literal_eval(code.partition("axes = ")[2].partition("\n")[0])
+    along = [int(text.split(":")[2]) for text in axes.values()]
+    assert math.prod(along) * samples <= 2e6 and min(along) >= 5
+    assert (f"The map has {along[0]} by {along[1]} cells" in code) == (along != [9, 9]) == (samples > 0)

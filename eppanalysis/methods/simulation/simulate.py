@@ -381,7 +381,8 @@ def named_events(hybrid: HybridSystem, times: Array, guards: IntArray, modes: In
     times, guards = times[listed], guards[listed]
     # A guard is one of one element, whose mode after it makes the second half of what happened.
     kinds = guards * words.most + modes[listed, hybrid.model.guard_element[guards]]
-    return Events(times, kinds, {kind: words[kind] for kind in np.bincount(kinds).nonzero()[0].tolist()})
+    # Not counted: an encoder of 4096 steps has 8192 guards and as many modes, which make millions of kinds.
+    return Events(times, kinds, {kind: words[kind] for kind in np.unique(kinds).tolist()})
 
 
 class _Words(dict[int, tuple[str, str, str]]):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -34,6 +35,23 @@ def test_a_loop_comes_to_rest_though_its_samples_go_on() -> None:
     run = epp.simulate(integral(1.0, 0.5, 0.05), t_end=100.0)
     assert run.status is epp.Status.SETTLED and abs(run.settled_at["law_input"]) < 1e-9
     assert 20.0 < run.settled_since < 60.0
+
+
+def test_a_run_costs_no_memory_for_steps_of_an_encoder_that_it_never_reaches() -> None:
+    def peak(levels: int) -> int:
+        reader = epp.SampledController([], [], [], [[1.0]], 0.1)
+        elements = [reader, epp.Quantiser(step=0.01, levels=levels)]
+        D = [[0.0, 1.0], [0.0, 0.0]]
+        loop = epp.LureSystem.build([[-1.0]], [[-1.0, 0.0]], [[0.0], [1.0]], elements, D=D, x0=[0.1])
+        epp.simulate(loop, t_end=1.0)
+        tracemalloc.start()
+        epp.simulate(loop, t_end=1.0)
+        try:
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    assert peak(2048) < 2 * peak(256)  # pairs of its steps, of which there are 64 times as many, are not counted
 
 
 def test_slow_motion_between_two_samples_is_no_rest() -> None:
