@@ -49,6 +49,18 @@ def _describe(X, points, begin, block, places, pivot, relative, elements, free, 
                 mean[k, e], gain[k, e] = level[i], complex(share[i], 0.0)
                 by_mean[0, k, e], by_gain[0, k, e] = by[1, i] * size[i], complex(2.0 * (by[0, i] - share[i]), 0.0)
                 by_mean[1, k, e], by_gain[1, k, e] = by[0, i], complex(by[1, i] * (2.0 / size[i]), 0.0)
+                if pins[e, 4] == 0.0:
+                    continue
+                rises, falls = bias[i] + size[i] > table[0][1], bias[i] - size[i] < table[0][0]
+                if rises and falls:
+                    lag = pins[e, 4] / size[i] / size[i]
+                    gain[k, e] -= complex(0.0, lag)
+                    by_gain[0, k, e] += complex(0.0, 2.0 * lag)
+                else:
+                    # It stays on a level: which one is not known where it reaches neither threshold.
+                    mean[k, e], gain[k, e] = table[2][2 if rises else 0 if falls else 1], complex(0.0, 0.0)
+                    for by_what in range(2):
+                        by_mean[by_what, k, e], by_gain[by_what, k, e] = 0.0, complex(0.0, 0.0)
             continue
         for i in range(n):
             k = points[i] - begin
@@ -84,9 +96,9 @@ def newton(X, normal, iterations, limits, parts, places, pivot, static, elements
         Elements, and their equations and unknowns; all that the others give stands still.
     places, pivot, static
         As of :func:`eppanalysis.kernels.balances.assemble`.
-    elements : first (m + 1,), arrays of :func:`~eppanalysis.kernels.describing.piecewise.biased_sinusoid`, pins (m, 4)
+    elements : first (m + 1,), arrays of :func:`~eppanalysis.kernels.describing.piecewise.biased_sinusoid`, pins (m, 5)
         The maps of all elements, one behind the other, their first breakpoints, and gap, stiffness, damping and whether
-        it only pushes of each that is a lock pin, zeros for the others.
+        it only pushes of each that is a lock pin, zeros for the others; the area of a hysteresis loop over pi.
     linear : arrays, shapes (n, n), (n, m), (m, n), (m, m)
         State space from all outputs to the first inputs.
     L : complex array, shape (n, m, m)

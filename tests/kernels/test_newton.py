@@ -94,3 +94,30 @@ def test_what_acts_on_nothing_is_a_block_of_its_own() -> None:
 @pytest.mark.parametrize("case", ["sat_plus_backlash", "relay_fopdt_closed", "backlash_discrete_pi"])
 def test_what_no_kernel_knows_is_taken_step_by_step(case: str) -> None:
     assert a_balance(case).closed_forms is None
+
+
+@pytest.mark.parametrize("levels", [(-1.0, 1.0), (1.0, -0.5), (-0.5, 0.8)])
+def test_a_relay_with_hysteresis_is_in_the_kernel_what_its_describing_function_says(
+    levels: tuple[float, float],
+) -> None:
+    """Its equations have the same solutions, and its inputs may pass both thresholds, one or none."""
+    relay = epp.HysteresisRelay(-0.3, 0.5, *levels)
+    system = epp.LureSystem.from_tf(([4.0 * np.sign(levels[1] - levels[0])], [1.0, 2.0, 3.0, 1.0]), relay)
+    balance = Balance.of(system, 0, np.asarray(system.v0, float))
+    assert balance.closed_forms is not None
+    random = np.random.default_rng(7)
+    X = random.uniform([-2.0, -1.0, -0.6, -1.0], [1.0, 1.0, 0.8, 1.0], (600, 4))
+    normal = random.normal(size=X.shape)
+    once, same = (newton_and_jacobian(b, X, normal, 1, 1e-12)[2] for b in (balance, step_by_step(balance)))
+    # Where a threshold is only just passed gains rise like a root, of which differences are no derivative.
+    top, bottom = X[:, 2] + np.exp(X[:, 0]), X[:, 2] - np.exp(X[:, 0])
+    clear = (np.abs(top - relay.upper) > 0.02) & (np.abs(bottom - relay.lower) > 0.02)
+    both, none = (top > 0.5) & (bottom < -0.3), (top < 0.5) & (bottom > -0.3)
+    assert min(np.sum(clear & part) for part in (both, none, ~both & ~none)) > 10
+    assert np.allclose(once[clear], same[clear], rtol=1e-5, atol=1e-5)
+    found, ok, _ = newton_and_jacobian(balance, X, normal, 12, 1e-12)
+    wanted, also, _ = newton_and_jacobian(step_by_step(balance), X, normal, 12, 1e-12)
+    assert ok.mean() > 0.1 and (ok == also).mean() > 0.98
+    assert np.allclose(found[ok & also], wanted[ok & also], rtol=1e-9, atol=1e-9)
+    R, _ = step_by_step(balance).residual(found[ok])
+    assert np.abs(R).max() < 1e-9

@@ -251,7 +251,8 @@ class Balance:
         first = np.cumsum([0, *(form.pieces[0].size for form in known)])
         maps = tuple(np.concatenate(part) for part in zip(*(form.pieces for form in known), strict=True))
         linear = tuple(np.array(part, float, order="C") for part in (s.A, s.B, s.C[self.rows], s.D[self.rows]))
-        return (first, maps, np.array([form.pin for form in known], float)), linear
+        numbers = np.array([(*form.pin, form.loop) for form in known], float)
+        return (first, maps, numbers), linear
 
     @cached_property
     def solved(self) -> Balance | None:

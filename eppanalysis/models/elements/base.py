@@ -136,12 +136,17 @@ class RateLimit(NamedTuple):
 
 
 class ClosedForm(NamedTuple):
-    """What kernels compute mean and gain of an element from: its map in pieces, or the numbers of a lock pin."""
+    """What kernels compute mean and gain of an element from: its map in pieces, or the numbers of a lock pin.
+
+    A relay with hysteresis has, where the input passes both of its thresholds, mean and real part of the gain of a map
+    that makes half of its jump at either; its imaginary part is minus the area of its loop over ``pi a**2``.
+    """
 
     #: (k,), (k + 1,), (k + 1,), (k,): breakpoints, slopes, intercepts and jumps.
     pieces: tuple[Array, ...] = (np.zeros(0), np.zeros(1), np.zeros(1), np.zeros(0))
     #: Gap, stiffness, damping, and whether it only pushes; zeros for a map.
     pin: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    loop: float = 0.0  # area of a hysteresis loop over pi
 
 
 class _OfMore(MeanAndGain):

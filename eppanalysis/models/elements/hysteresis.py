@@ -13,7 +13,7 @@ from eppanalysis.arguments import floats
 from eppanalysis.arrays import Array
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
-from eppanalysis.models.elements.base import IN, OUT, Answer, Nonlinearity
+from eppanalysis.models.elements.base import IN, OUT, Answer, ClosedForm, Nonlinearity
 from eppanalysis.models.elements.exact import Named, Reading
 from eppanalysis.models.elements.phases import (
     POSITIVE,
@@ -116,6 +116,16 @@ class HysteresisRelay(_Levels, kind="hysteresis_relay"):
         a, b = amplitude_and_bias(amplitude, bias, omega)
         middle = self.low + (self.high - self.low) / 2
         return with_nan(a, b, *_relay(a, b, (self.lower, self.upper), (self.low, self.high), middle))
+
+    @property
+    def closed_form(self) -> ClosedForm | None:
+        """That of the map with half of the jump at either threshold, and the area of the loop; None without a loop."""
+        jump = self.high - self.low
+        if not (self.upper > self.lower and jump):
+            return None
+        levels = np.array([self.low, self.low + jump / 2, self.high])
+        pieces = np.array([self.lower, self.upper]), np.zeros(3), levels, np.full(2, jump / 2)
+        return ClosedForm(pieces, loop=jump * (self.upper - self.lower) / np.pi)
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """Distances of both thresholds from the bias; where it lies between them both are crossed from the greater."""
