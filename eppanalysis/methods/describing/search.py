@@ -35,6 +35,10 @@ _BESIDE = np.concatenate([-np.geomspace(1e-7, 0.1, 8), [1e-10], np.geomspace(1e-
 _FAR = np.geomspace(1e-60, 1e60, 601)
 #: Share of a pole's or zero's imaginary part in its size from which it may resonate.
 _RESONANT = 0.03
+#: Gain at a resonance, relative to those of frequencies ten a decade, from which these miss it, and it is not damped.
+_SHARP, _UNDAMPED = 3.0, 1e9
+#: Logarithm of a loop gain, estimated between nodes of a grid, that is not one whatever the estimate misses.
+_FAR_FROM_ONE = 4.0
 #: Breakpoints around which biases are sought where the static balance has several answers.
 _MOST_CENTRES = 8
 _MANY_STEPS = (
@@ -170,8 +174,8 @@ def amplitude_scales(balance: Balance, gains: Array, sizes: Array, single: Singl
     # Next to a bias, smaller amplitudes are lost in its rounding.
     a, bias = (v[a > 1e-9 * np.abs(bias)] for v in (a, bias))
     N = np.abs(balance.evaluate(a[:, None], bias[:, None], np.ones(a.size))[1][:, 0])
-    meets = [a[np.flatnonzero((N[:-1] * g - 1 > 0) != (N[1:] * g - 1 > 0))] for g in gains if 0 < g < np.inf]
-    met = np.unique(np.concatenate([reference, *meets]))
+    above = N[:, None] * gains[(gains > 0) & (gains < np.inf)] - 1 > 0
+    met = np.unique(np.concatenate([reference, a[:-1][np.any(above[:-1] != above[1:], axis=1)]]))
     # A gain that no frequency asks for changes all the same: that of a sine, behind a small gain of the loop.
     return met if met.size or not a.size else a[np.flatnonzero(N / N[0] < 0.5)[:1]]
 
@@ -251,17 +255,21 @@ def thresholds_of(balance: Balance) -> Array:
 
 
 def crossing_gains(system: LureSystem) -> Array:
-    """Gains of the linear part that can meet the locus: ten a decade between its frequency scales, and beside them."""
+    """Gains of the linear part that can meet the locus: ten a decade between its frequency scales, beside, and at peaks."""
+    scales = frequency_scales(system)
     if isinstance(system, DataSystem):
         low, high = system.band
     else:
-        scales = frequency_scales(system)
         low, high = (scales.min() / 10, scales.max() * 10) if scales.size else (1e-12, 1e12)
     n = 10 * int(np.ceil(np.log10(high / low)))
     # In the middle of an even number of intervals, so that no point is on the pole of a single resonance.
     omega = low * (high / low) ** ((np.arange(2 * (n // 2)) + 0.5) / (2 * (n // 2)))
-    gain = np.abs(system.frequency_response(omega)[:, 0, 0])
-    return gain[np.isfinite(gain) & (gain > 0)]
+    gain = np.abs(system.frequency_response(np.append(omega, scales))[:, 0, 0])
+    gain, peaks = gain[: omega.size], gain[omega.size :]
+    gain = gain[np.isfinite(gain) & (gain > 0)]
+    # A sharp peak lies between them; that of what is not damped has no bound, and says nothing of sizes.
+    share = peaks / gain.max(initial=0.0)
+    return np.append(gain, peaks[(share > _SHARP) & (share < _UNDAMPED)])
 
 
 def _lowest_gain(N: ComplexArray) -> float:
@@ -466,7 +474,18 @@ def _phase_pieces(line: Array, N: ComplexArray, omega: Array, L: ComplexArray, p
     positive = (N[nearest[:, 0]] * L[nearest[:, 1]]).real > 0
     place = np.stack([np.exp(at_index(np.log(line[:, 0]), path[:, 0])), at_index(line[:, 1], path[:, 0])], -1)
     w = np.exp(at_index(np.log(omega), path[:, 1]))
-    return [_points(place[run], w[run], loop[run]) for run in stretches(positive)]
+    return [_points(place[run], w[run], loop[run]) for run in stretches(positive & _may_pass_one(loop))]
+
+
+def _may_pass_one(loop_gain: Array) -> BoolArray:
+    """Points of a line beside which its gain, of which these are estimates, may pass one or turn near it."""
+    off = np.log(loop_gain)
+    beside = np.abs(off) < _FAR_FROM_ONE
+    # Next to a resonance it may pass one between two points that are both far from it.
+    passes = (off[1:] < 0) != (off[:-1] < 0)
+    beside[1:] |= passes
+    beside[:-1] |= passes
+    return beside | np.append(beside[1:], False) | np.append(False, beside[:-1])
 
 
 def _sentence(system: LureSystem, real: bool, omega: Array, amplitude: Array, n_branches: int) -> str:

@@ -1,0 +1,38 @@
+"""The search of a loop with one element, against what its balance says where it can be solved in one line."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import eppanalysis as epp
+
+#: Half the distance of the relay's thresholds.
+H = 0.3
+
+
+@pytest.mark.parametrize("damping", [1e-7, 1e-4, 1e-2])
+@pytest.mark.parametrize("gain", [1e-3, 1e-2, 0.1, 1.0, 30.0])
+def test_cycles_at_a_resonance_are_those_of_the_relays_locus(damping: float, gain: float) -> None:
+    """Minus one over the gain of a relay with hysteresis lies a fixed way below the real axis: one equation in omega.
+
+    Beside a resonance the gain of the loop passes one between points that are both far from it.
+    """
+    den = np.polymul([1.0, 2.0 * damping, 1.0], np.polymul([1.0, 0.2], [1.0, 2.0]))
+    loop = epp.LureSystem.from_tf(([gain], den), epp.HysteresisRelay(-H, H))
+
+    def below(omega: float) -> float:
+        return float((gain / np.polyval(den, 1j * omega)).imag + np.pi * H / 4.0)
+
+    beside = np.geomspace(1e-10, 0.5, 4000)
+    nodes = np.concatenate([np.geomspace(1e-6, 0.5, 4000), 1.0 - beside[::-1], [1.0], 1.0 + beside, [1.6, 3.0, 1e3]])
+    sizes = [below(w) for w in nodes]
+    wanted = [
+        brentq(below, a, b, xtol=1e-15)
+        for a, b, y, z in zip(nodes[:-1], nodes[1:], sizes[:-1], sizes[1:], strict=True)
+        if y * z < 0
+    ]
+    wanted = [w for w in wanted if (gain / np.polyval(den, 1j * w)).real < 0]
+    found = sorted(c.omega for c in epp.predict_limit_cycles(loop))
+    assert np.allclose(found, wanted, rtol=1e-9, atol=0.0) if wanted else not found
