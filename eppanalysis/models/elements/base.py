@@ -148,6 +148,15 @@ class ClosedForm(NamedTuple):
     pin: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     loop: float = 0.0  # area of a hysteresis loop over pi
 
+    def described(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array]:
+        """Mean and gain of the map, of any one shape, and the derivatives of the mean by bias and amplitude."""
+        from eppanalysis.kernels.describing.piecewise import biased_sinusoid
+
+        shape, a, b = np.shape(amplitude), amplitude.flatten(), bias.flatten()
+        mean, gain, by = np.empty(a.size), np.empty(a.size), np.empty((2, a.size))
+        biased_sinusoid(*self.pieces, a, b, mean, gain, by)
+        return mean.reshape(shape), gain.reshape(shape), by.reshape(2, *shape)
+
 
 class _OfMore(MeanAndGain):
     """The same of an element whose gain hangs on more than an amplitude."""

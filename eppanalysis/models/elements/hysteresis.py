@@ -18,7 +18,6 @@ from eppanalysis.models.elements.exact import Named, Reading
 from eppanalysis.models.elements.phases import (
     POSITIVE,
     amplitude_and_bias,
-    angle,
     distances,
     level_ratios,
     require,
@@ -42,23 +41,25 @@ class _Levels(Nonlinearity):
         return float(output[0])
 
 
-def _relay(
-    a: Array, b: Array, thresholds: tuple[float, float], levels: tuple[float, float], undecided: float
-) -> tuple[Array, Array]:
+def _relay(a: Array, b: Array, form: ClosedForm, undecided: float) -> tuple[Array, Array]:
     """Mean and gain of a hysteresis relay; `undecided` is the mean where the input reaches neither threshold."""
-    (lower, upper), (low, high) = thresholds, levels
+    (lower, upper), (low, _, high) = form.pieces[0], form.pieces[2]
     rises, falls = b + a > upper, b - a < lower
     both = rises & falls
+    mean, gain, _ = form.described(a, b)
+    mean = np.where(both, mean, np.where(rises, high, np.where(falls, low, undecided)))
     a = np.where(both, a, 1.0)
-    up, down = (np.minimum(np.maximum(x - b, -a), a) for x in (upper, lower))
-    share = (angle(a - up, a + up) + angle(a - down, a + down)) / (2 * np.pi)
-    # The cosines of both switching phases as products of two roots, exact also where a threshold is only just reached
-    # (docs/theory/hysteresis.md, Hysteresis relay).
-    cosines = np.sqrt((a - up) / a) * np.sqrt((a + up) / a) + np.sqrt((a - down) / a) * np.sqrt((a + down) / a)
-    gain = (high - low) / np.pi * (cosines / a - 1j * (((upper - lower) / a) / a))
-    mean = np.where(both, low + (high - low) * share, undecided)
-    mean = np.where(rises > falls, high, np.where(falls > rises, low, mean))
-    return mean, np.where(both, gain, 0.0)
+    return mean, np.where(both, gain - 1j * (form.loop / a / a), 0.0)
+
+
+def _two_steps(lower: float, upper: float, low: float, high: float) -> ClosedForm:
+    """A relay with hysteresis as the map with half of the jump at either threshold, and the area of its loop."""
+    jump = high - low
+    pieces = [lower, upper], [0.0, 0.0, 0.0], [low, low + jump / 2, high], [jump / 2, jump / 2]
+    arrays = tuple(np.array(part, float) for part in pieces)
+    for values in arrays:
+        values.flags.writeable = False  # as those of other maps: numba compiles a kernel anew for each kind
+    return ClosedForm(arrays, loop=jump * (upper - lower) / np.pi)
 
 
 @dataclass(frozen=True)
@@ -114,18 +115,14 @@ class HysteresisRelay(_Levels, kind="hysteresis_relay"):
             If an amplitude is negative.
         """
         a, b = amplitude_and_bias(amplitude, bias, omega)
-        middle = self.low + (self.high - self.low) / 2
-        return with_nan(a, b, *_relay(a, b, (self.lower, self.upper), (self.low, self.high), middle))
+        form = _two_steps(self.lower, self.upper, self.low, self.high)
+        return with_nan(a, b, *_relay(a, b, form, float(form.pieces[2][1])))
 
     @property
     def closed_form(self) -> ClosedForm | None:
-        """That of the map with half of the jump at either threshold, and the area of the loop; None without a loop."""
-        jump = self.high - self.low
-        if not (self.upper > self.lower and jump):
-            return None
-        levels = np.array([self.low, self.low + jump / 2, self.high])
-        pieces = np.array([self.lower, self.upper]), np.zeros(3), levels, np.full(2, jump / 2)
-        return ClosedForm(pieces, loop=jump * (self.upper - self.lower) / np.pi)
+        """That of a map with two steps; None without a loop."""
+        form = _two_steps(self.lower, self.upper, self.low, self.high)
+        return form if self.upper > self.lower and form.loop else None
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """Distances of both thresholds from the bias; where it lies between them both are crossed from the greater."""
@@ -196,8 +193,8 @@ class HysteresisRelayDeadZone(_Levels, kind="hysteresis_relay_dead_zone"):
             If an amplitude is negative.
         """
         a, b = amplitude_and_bias(amplitude, bias, omega)
-        plus_mean, plus_gain = _relay(a, b, (self.off, self.on), (0.0, self.level), 0.0)
-        minus_mean, minus_gain = _relay(a, b, (-self.on, -self.off), (-self.level, 0.0), 0.0)
+        plus_mean, plus_gain = _relay(a, b, _two_steps(self.off, self.on, 0.0, self.level), 0.0)
+        minus_mean, minus_gain = _relay(a, b, _two_steps(-self.on, -self.off, -self.level, 0.0), 0.0)
         return with_nan(a, b, plus_mean + minus_mean, plus_gain + minus_gain)
 
     def thresholds(self, bias: float = 0.0) -> Array:

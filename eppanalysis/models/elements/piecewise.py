@@ -139,26 +139,22 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
             If an amplitude is negative.
         """
         a, b, _ = broadcast(amplitude, bias, omega)
-        mean, gain, _ = self._described(a.flatten(), b.flatten())
-        return mean.reshape(a.shape), gain.reshape(a.shape).astype(complex)
+        mean, gain, _ = self._map.described(a, b)
+        return mean, gain.astype(complex)
 
     def described_with_slopes(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array] | None:
         """Mean and gain of the map, and the derivatives of the mean."""
-        return None if self.closed_form is None else self._described(amplitude, bias)
+        return None if self.closed_form is None else self._map.described(amplitude, bias)
 
     @property
     def closed_form(self) -> ClosedForm | None:
         """The pieces of the map, from which mean and gain are computed."""
         alone = type(self).describing_function is PiecewiseLinear.describing_function
-        return ClosedForm((self.breakpoints, self.slopes, self.intercepts, self.jumps)) if alone else None
+        return self._map if alone else None
 
-    def _described(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array]:
-        from eppanalysis.kernels.describing.piecewise import biased_sinusoid
-
-        mean, gain, by = np.empty(amplitude.size), np.empty(amplitude.size), np.empty((2, amplitude.size))
-        pieces = (self.breakpoints, self.slopes, self.intercepts, self.jumps)
-        biased_sinusoid(*pieces, amplitude, bias, mean, gain, by)
-        return mean, gain, by
+    @property
+    def _map(self) -> ClosedForm:
+        return ClosedForm((self.breakpoints, self.slopes, self.intercepts, self.jumps))
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """Amplitudes at which the oscillation about `bias` reaches one more breakpoint."""
