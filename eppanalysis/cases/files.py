@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.resources import files as package_files
 from pathlib import Path
 from typing import Any
@@ -133,6 +134,7 @@ def own_or_shipped(path: Path) -> Path:
     return shipped if shipped.is_file() else path
 
 
+@cache
 def shipped_cases_folder() -> Path:
     """Folder of the cases that ship: inside the installed package, or beside it in the repository.
 
@@ -212,9 +214,10 @@ def _follow(data: dict[str, Any], path: Path, source: str) -> RawCase:
     for label, data in reversed(chain):
         merged = merge(without_answers(merged), data)
         # A list takes the place of the inherited one as a whole: where parts of that came from is no longer true.
-        replaced = tuple(f"{name}." for name, value in _dotted(data) if isinstance(value, list))
+        fields = list(_dotted(data))
+        replaced = tuple(f"{name}." for name, value in fields if isinstance(value, list))
         origins = {name: place for name, place in origins.items() if not name.startswith(replaced)}
-        origins.update(dict.fromkeys((name for name, _ in _dotted(data)), label))
+        origins.update(dict.fromkeys((name for name, _ in fields), label))
     return RawCase(name, source, path.parent, merged, origins)
 
 
