@@ -15,7 +15,7 @@ import numpy as np
 from eppanalysis.arrays import Array, IntArray
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
 from eppanalysis.kernels.periodic import TURN, series_at, settle
-from eppanalysis.kernels.simd.tuples import by_address
+from eppanalysis.kernels.simd.tuples import by_address, tuple_at
 
 _COMPILED = {**KERNEL, "error_model": "numpy"}
 _INNER = {**PART, "error_model": "numpy"}
@@ -105,7 +105,7 @@ def _coefficients(table, pieces, z, omega, W, S, R):
 
 
 @njit(**_COMPILED)
-def answer(table, on_free, on_rate, z, omega, mode, clocked, rest):
+def answer(table, z, omega, mode, clocked, rest):
     """What an element that is affine between its switches makes of an input; arguments are those of :func:`settle`.
 
     Returns
@@ -117,7 +117,7 @@ def answer(table, on_free, on_rate, z, omega, mode, clocked, rest):
     sums : complex arrays W, S, R, shapes (w, n + 1), (w, 2 n + 1), (w, 2 n + 1)
         Coefficients of the outputs, and of the functions that their input and its rate are multiplied with.
     """
-    regime = settle(table, on_free, on_rate, z, omega, mode, clocked, rest)
+    regime = settle(table, z, omega, mode, clocked, rest)
     count, there, start, begun, at, fired, holds = regime
     s, n_w = at.size, table.w_constant.shape[1]
     edges, modes, memory = np.empty(s + 2), np.empty(s + 1, np.int64), np.empty((s + 1, begun.size))
@@ -361,3 +361,73 @@ def jacobian(dW, W, L, dL, on_bias, on_mean, pivot):
             J[imaginary, f * width + n + 1 + k] += 1.0
     J[last, pivot * width + 1] = 1.0
     return J
+
+
+class Automata(NamedTuple):
+    """The elements of a loop, all of one input and affine between their switches."""
+
+    like: NamedTuple  # the table of any of them
+    tables: np.ndarray  # frames of all tables
+    modes: IntArray  # (F,): at the start
+    clocked: np.ndarray  # (F,) bool
+    first: IntArray  # (F + 1, 2): first output, and first memory value, of each
+
+
+@njit(**_COMPILED)
+def equations(automata, rest, X, linear, means, pivot, J, R, W):
+    """The equations of a balance at its unknowns X, mean, real and imaginary parts of each input, and omega at last.
+
+    Parameters
+    ----------
+    automata : Automata
+    rest : array
+        Memory values of all elements at rest.
+    linear : tuple of complex arrays L, dL, shape (n, F, w)
+        As of :func:`jacobian`.
+    means : tuple of arrays on_bias, on_mean, prescribed, shapes (F, F), (F, w), (F,)
+        Static balance.
+    J, R, W : arrays, shapes (x, x), (x,), (w, n + 1)
+        Are filled with the Jacobian, the residual, and the coefficients of the outputs.
+
+    Returns
+    -------
+    bool
+        Whether each element answers periodically, and none rests with a value that it holds: then nothing is said.
+    """
+    (L, dL), (on_bias, on_mean, prescribed) = linear, means
+    n, F, _ = L.shape
+    width, last, omega = 2 * n + 1, X.size - 1, X[-1]
+    Z, dW = np.empty((F, n + 1), np.complex128), np.zeros((len(W), n + 1, X.size), np.complex128)
+    for f in range(F):
+        at, out, end = f * width, automata.first[f, 0], automata.first[f + 1, 0]
+        Z[f, 0] = X[at]
+        for k in range(1, n + 1):
+            Z[f, k] = complex(X[at + k], X[at + n + k])
+        table, begun = (
+            tuple_at(automata.like, automata.tables, f),
+            rest[automata.first[f, 1] : automata.first[f + 1, 1]],
+        )
+        regime, pieces, sums = answer(table, Z[f], omega, automata.modes[f], automata.clocked[f], begun)
+        switches = pieces.fired.size
+        if regime[0] < 0 or (begun.size > 0 and switches == 0):
+            return False
+        jump, at_rest = np.zeros((switches, end - out)), np.zeros(begun.size)
+        W[out:end] = sums[0]
+        slope = slopes(table, pieces, Z[f], omega, sums[1], sums[2], jump, at_rest)
+        dW[out:end, :, at : at + width] = slope[:, :, :-1]
+        dW[out:end, :, last] = slope[:, :, -1]
+    J[:] = jacobian(dW, W, L, dL, on_bias, on_mean, pivot)
+    for f in range(F):
+        static = -prescribed[f]
+        for g in range(F):
+            static += on_bias[f, g] * Z[g, 0].real
+        for j in range(len(W)):
+            static += on_mean[f, j] * W[j, 0].real
+        R[f] = static
+        for k in range(n):
+            away = Z[f, k + 1]
+            for j in range(len(W)):
+                away -= L[k, f, j] * W[j, k + 1]
+            R[F + f * n + k], R[F + (F + f) * n + k] = away.real, away.imag
+    R[last] = Z[pivot, 1].real
+    return True

@@ -38,7 +38,8 @@ class Table(NamedTuple):
     A mode guard of a mode fires where ``factor * series + on_memory @ h + on_clock * time + constant`` rises through
     zero (`series` -1: it has none), writes ``from_input @ z + from_memory @ h + memory_constant`` into the memory
     values, and leads to the mode `target`. `on_free` and `on_rate` are what ``factor * series`` is of the free input
-    and of its rate. In a mode an output is ``w_free * z + w_rate * dz/dt + w_memory @ h + w_constant``.
+    and of its rate, `free_series` and `rate_series` what each series is. In a mode an output is ``w_free * z + w_rate *
+    dz/dt + w_memory @ h + w_constant``.
     """
 
     roles: IntArray  # (inputs,): 0 the free series, 1 its rate, 2 the time
@@ -54,6 +55,8 @@ class Table(NamedTuple):
     memory_constant: Array  # (s, h)
     on_free: Array
     on_rate: Array
+    free_series: Array  # (S,)
+    rate_series: Array  # (S,)
     w_free: Array  # (m, w)
     w_rate: Array  # (m, w)
     w_memory: Array  # (m, w, h)
@@ -355,7 +358,7 @@ def _repeat(table, motion, start, mode, memory, least, clocked, room):
 
 
 @njit(**_COMPILED)
-def settle(table, on_free, on_rate, z, omega, mode, clocked, rest):
+def settle(table, z, omega, mode, clocked, rest):
     """Run an automaton over whole periods until mode and memory values come back.
 
     An element that holds values comes from a larger motion, so that it joins its loop even where it could also rest;
@@ -364,8 +367,6 @@ def settle(table, on_free, on_rate, z, omega, mode, clocked, rest):
     Parameters
     ----------
     table : Table
-    on_free, on_rate : array, shape (S, 1)
-        What the series of the guards are of the free input and of its rate.
     z : array, shape (n + 1,)
         The free input.
     omega : float
@@ -389,7 +390,7 @@ def settle(table, on_free, on_rate, z, omega, mode, clocked, rest):
     at, fired, holds : array, shapes (s,), (s,), (s, h)
         Phase, mode guard, and memory values behind each switch of the period.
     """
-    n, n_series, n_memory = z.size - 1, on_free.shape[0], rest.size
+    n, n_series, n_memory = z.size - 1, table.free_series.size, rest.size
     # No wave of order n passes a level more than 2 n times in a period.
     most = 200 + 2 * z.size * max(20, table.series.size)
     at, fired, holds = np.empty(most), np.empty(most, np.int64), np.empty((most, n_memory))
@@ -401,9 +402,10 @@ def settle(table, on_free, on_rate, z, omega, mode, clocked, rest):
     # The last row is the input itself, which mostly is one of the series, too.
     same = n_series
     for s in range(n_series):
-        same = s if on_free[s, 0] == 1.0 and on_rate[s, 0] == 0.0 else same
+        on_free, on_rate = table.free_series[s], table.rate_series[s]
+        same = s if on_free == 1.0 and on_rate == 0.0 else same
         for k in range(n + 1):
-            free, rate = on_free[s, 0], on_rate[s, 0] * (omega * k)
+            free, rate = on_free, on_rate * (omega * k)
             own[s, k] = complex(free * z[k].real - rate * z[k].imag, free * z[k].imag + rate * z[k].real)
         counts[s] = find_extrema(own[s], phase[s], value[s])
     own[n_series] = z

@@ -8,9 +8,11 @@ makes the array from these. All arrays must be contiguous, of floats or whole nu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import accumulate
 from typing import Any, TypeVar
 
+import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, config, types
 from numba.core.typing.templates import AttributeTemplate
@@ -55,13 +57,24 @@ def by_address(cls: Tuple) -> Tuple:
 
     @typeof_impl.register(cls)
     def kind(value: Any, context: Any) -> Arrays:
-        for name, a in zip(cls._fields, value, strict=True):
-            if a.dtype not in ("f8", "i8") or not a.flags.c_contiguous:
-                raise TypeError(f"{cls.__name__}.{name} is no contiguous array of floats or whole numbers of 64 bits.")
-        fields = tuple((name, a.dtype.kind, a.ndim) for name, a in zip(cls._fields, value, strict=True))
-        return Arrays(cls.__name__, fields)
+        return Arrays(cls.__name__, _fields_of(value))
 
     return cls
+
+
+def _fields_of(value: Any) -> tuple[tuple[str, str, int], ...]:
+    """The fields of a tuple as its type has them.
+
+    Raises
+    ------
+    TypeError
+        For arrays that kernels do not take by address.
+    """
+    cls = type(value)
+    for name, a in zip(cls._fields, value, strict=True):
+        if a.dtype not in ("f8", "i8") or not a.flags.c_contiguous:
+            raise TypeError(f"{cls.__name__}.{name} is no contiguous array of floats or whole numbers of 64 bits.")
+    return tuple((name, a.dtype.kind, a.ndim) for name, a in zip(cls._fields, value, strict=True))
 
 
 @register_model(Arrays)
@@ -141,5 +154,39 @@ def rows(typingctx, stack, k):
     return kind(stack, types.intp), write
 
 
+def frames_of(tuples: Sequence[Any]) -> Any:
+    """Frames of tuples of one type, one a row, for :func:`tuple_at`; valid for as long as the tuples live.
+
+    Their arrays may be of any lengths: a kernel that takes many tuples so is compiled once, however many there are.
+
+    Raises
+    ------
+    TypeError
+        If the types differ.
+    """
+    if len({(type(one), _fields_of(one)) for one in tuples}) > 1:
+        raise TypeError("Tuples of several types have no common frame.")
+    if config.DISABLE_JIT:
+        return tuple(tuples)
+    words = [[w for a in one for w in (a.__array_interface__["data"][0], *a.shape)] for one in tuples]
+    return np.array(words, np.int64)
+
+
+def _plain_tuple_at(like, frames, k):
+    """The tuple of row k, where numba is switched off."""
+    return frames[k]
+
+
+@intrinsic
+def tuple_at(typingctx, like, frames, k):
+    """The tuple in row k of the frames of tuples of the type of `like`."""
+
+    def write(context, builder, signature, args):
+        array = context.make_array(signature.args[1])(context, builder, args[1])
+        return builder.gep(array.data, [builder.mul(args[2], _WORD(like.words))], inbounds=True)
+
+    return like(like, frames, types.intp), write
+
+
 if config.DISABLE_JIT:
-    rows = _plain_rows
+    rows, tuple_at = _plain_rows, _plain_tuple_at

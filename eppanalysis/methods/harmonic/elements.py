@@ -142,7 +142,7 @@ class PeriodicElement:
         #: Numbers of the guards of all modes that do not stick, by mode.
         self.guards = a.by_mode[~sticking[a.guard_columns["mode"][a.by_mode]]]
         self.start_mode = int(np.argmin(sticking)) if sticking[a.start_mode] else a.start_mode
-        self.on_free, self.on_rate, self.table = self._table()
+        self.table = self._table()
         self._made: dict[int, ModeGuard] = {}
         self.clocked = bool(np.any(self.table.on_clock))
 
@@ -178,11 +178,8 @@ class PeriodicElement:
         names = ("w_free", "w_rate", "w_memory", "w_constant")
         return {name: np.ascontiguousarray(part, float) for name, part in zip(names, parts, strict=True)}
 
-    def _table(self) -> tuple[Array, Array, Table]:
-        """The mode guards as the compiled run takes them, the outputs of their modes inserted.
-
-        Before them what their series, shape (S, 1) each, are of the free input and of its rate.
-        """
+    def _table(self) -> Table:
+        """The mode guards as the compiled run takes them, the outputs of their modes inserted."""
         from eppanalysis.kernels.periodic import Table
 
         a = self.automaton
@@ -203,26 +200,24 @@ class PeriodicElement:
         self._refuse(np.any(of_output("from_smooth") != 0.0, axis=1), "depends on a smooth output")
         self._refuse((by_rate[1] != 0.0) | (by_rate[2] != 0.0), "depends on the rate of a rate or of a clock")
         self._refuse((clock != 0.0) & ((free != 0.0) | (rate != 0.0)), "depends on a clock and an input at once")
-        on_free, on_rate, series, factor = _series_of(free, rate)
-        return (
-            on_free,
-            on_rate,
-            Table(
-                roles=np.array([("free", "rate", "clock").index(role) for role in self.roles], np.int64),
-                first=np.concatenate([[0], np.cumsum(np.bincount(of["mode"], minlength=len(a.modes)))]),
-                series=series,
-                factor=factor,
-                constant=of["constant"] + of_output("constant"),
-                on_memory=of["on_memory"] + of_output("from_memory"),
-                on_clock=clock,
-                target=target,
-                from_input=of["memory_from_input"],
-                from_memory=of["memory_from_memory"],
-                memory_constant=of["memory_constant"],
-                on_free=free,
-                on_rate=rate,
-                **self._outputs(),
-            ),
+        free_series, rate_series, series, factor = _series_of(free, rate)
+        return Table(
+            roles=np.array([("free", "rate", "clock").index(role) for role in self.roles], np.int64),
+            first=np.concatenate([[0], np.cumsum(np.bincount(of["mode"], minlength=len(a.modes)))]),
+            series=series,
+            factor=factor,
+            constant=of["constant"] + of_output("constant"),
+            on_memory=of["on_memory"] + of_output("from_memory"),
+            on_clock=clock,
+            target=target,
+            from_input=of["memory_from_input"],
+            from_memory=of["memory_from_memory"],
+            memory_constant=of["memory_constant"],
+            on_free=free,
+            on_rate=rate,
+            free_series=free_series,
+            rate_series=rate_series,
+            **self._outputs(),
         )
 
     def _refuse(self, wrong: BoolArray, why: str) -> None:
@@ -254,8 +249,7 @@ class PeriodicElement:
 
     def asked(self, Z: ComplexArray, omega: float) -> tuple[Any, ...]:
         """What kernels are given to find the regime under the free inputs Z."""
-        automaton = self.table, self.on_free, self.on_rate
-        return *automaton, Z[0], omega, self.start_mode, self.clocked, self._rest(Z, omega)
+        return self.table, Z[0], omega, self.start_mode, self.clocked, self.rest(Z, omega)
 
     def regime_of(
         self, count: int, mode: int, start: float, memory: Array, phases: Array, fired: IntArray, holds: Array
@@ -274,7 +268,8 @@ class PeriodicElement:
             raise Unsettled(f"{self.name} {why}.")
         return Regime(self, start, mode, memory, phases, fired, holds)
 
-    def _rest(self, Z: ComplexArray, omega: float) -> Array:
+    def rest(self, Z: ComplexArray, omega: float) -> Array:
+        """Memory values (h,) with which it rests under the free inputs Z."""
         memory = self.automaton.start_memory
         if self.clocked or not memory.size:
             return memory
@@ -292,7 +287,7 @@ def _series_of(free: Array, rate: Array) -> tuple[Array, Array, IntArray, Array]
 
     Returns
     -------
-    on_free, on_rate : arrays, shape (S, 1)
+    free_series, rate_series : arrays, shape (S,)
         The same of the series.
     number : int array, shape (g,)
         Of the series of each guard, -1 for a guard without.
@@ -308,10 +303,8 @@ def _series_of(free: Array, rate: Array) -> tuple[Array, Array, IntArray, Array]
         series.append(shape[np.argmax(left)])
         same = np.all(np.isclose(series[-1], shape, rtol=1e-15, atol=0.0), axis=1)
         number[left & same] = len(series) - 1
-    known = np.array(series).reshape(-1, 2)
-    # Of one memory layout, so that the kernel is compiled once.
-    on_free, on_rate = (np.ascontiguousarray(column) for column in (known[:, :1], known[:, 1:]))
-    return on_free, on_rate, number, factor
+    free_series, rate_series = np.array(series).reshape(-1, 2).T.copy()
+    return free_series, rate_series, number, factor
 
 
 @lru_cache(maxsize=256)

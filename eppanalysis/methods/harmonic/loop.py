@@ -8,8 +8,10 @@ phase: the fundamental of one input is a sine.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,9 @@ from eppanalysis.models.systems.means import StaticBalance, equilibrate, static_
 from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.readable import words
 from eppanalysis.results import LimitCycle
+
+if TYPE_CHECKING:
+    from eppanalysis.kernels.answers import Automata
 
 #: Share of its terms below which a sum of them is rounding; a loop that was turned, and back, has lost some digits.
 _TURNED = 1e-9
@@ -63,6 +68,27 @@ class Loop:
         )
         given = np.array(system.v0, float) if value is None else value
         return cls(system, elements, *static, given)
+
+    @cached_property
+    def means(self) -> tuple[Array, Array, Array]:
+        """The static balance in one memory layout, so that kernels are compiled once."""
+        on_bias, on_mean, prescribed = (
+            np.array(m, float, order="C") for m in (self.on_bias, self.on_mean, self.prescribed)
+        )
+        return on_bias, on_mean, prescribed
+
+    @cached_property
+    def automata(self) -> Automata | None:
+        """All elements as one kernel takes them; None where some are smooth."""
+        from eppanalysis.kernels.answers import Automata
+        from eppanalysis.kernels.simd.tuples import frames_of
+
+        if not self.elements or any(e.smooth for e in self.elements):
+            return None
+        tables, modes = [e.table for e in self.elements], np.array([e.start_mode for e in self.elements], np.int64)
+        sizes = [(e.automaton.n_outputs, e.automaton.n_memory) for e in self.elements]
+        first = np.vstack([np.zeros((1, 2), np.int64), np.cumsum(sizes, axis=0)])
+        return Automata(tables[0], frames_of(tables), modes, np.array([e.clocked for e in self.elements]), first)
 
     @cached_property
     def behind_jumps(self) -> list[bool]:
@@ -161,11 +187,45 @@ class Equations:
         return np.concatenate([static, ac.real.ravel(), ac.imag.ravel(), [Z[self.pivot, 1].real]])
 
     def at(self, X: Array) -> Place:
-        """What the equations are at a point."""
+        """What the equations are at a point.
+
+        Raises
+        ------
+        Unsettled
+            If an element does not answer with the period of its input.
+        """
+        loop, omega = self.loop, float(X[-1])
+        weight = self.weight[:, None, None]
+        L, dL = (np.ascontiguousarray(m * weight) for m in loop.linear_and_slope(omega, self.n))
+        return self._at_once(X, L, dL) or self._in_parts(X, L, dL)
+
+    def _at_once(self, X: Array, L: ComplexArray, dL: ComplexArray) -> Place | None:
+        """All of them by one kernel; None where an element asks for more."""
+        from eppanalysis.kernels.answers import equations
+
+        loop = self.loop
+        if loop.automata is None:
+            return None
         Z, omega = self.unpack(X)
-        found = self.loop.responses(Z, omega)
-        L, dL = (m * self.weight[:, None, None] for m in self.loop.linear_and_slope(omega, self.n))
-        return Place(self, Z, found, np.concatenate([a.coefficients for a in found]), L, dL)
+        rest = [e.rest(z[None], omega) if e.automaton.n_memory else () for e, z in zip(loop.elements, Z, strict=True)]
+        J, R, W = np.empty((X.size, X.size)), np.empty(X.size), np.empty((loop.system.B.shape[1], self.n + 1), complex)
+        held = np.concatenate(rest, dtype=float)
+        known = equations(loop.automata, held, X, (L, dL), loop.means, self.pivot, J, R, W)
+        return Place(W, R, lambda: J) if known else None
+
+    def _in_parts(self, X: Array, L: ComplexArray, dL: ComplexArray) -> Place:
+        """Element by element."""
+        from eppanalysis.kernels.answers import jacobian
+
+        loop, (Z, omega) = self.loop, self.unpack(X)
+        found = loop.responses(Z, omega)
+        W = np.concatenate([a.coefficients for a in found])
+
+        def linearised() -> Array:
+            J: Array = jacobian(loop.slopes(found), W, L, dL, *loop.means[:2], self.pivot)
+            return J
+
+        return Place(W, self.residual(Z, W, L), linearised)
 
     def scales(self, X: Array, W: ComplexArray) -> tuple[Array, Array]:
         """Sizes of the unknowns and of the equations, given the outputs."""
@@ -181,29 +241,16 @@ class Equations:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """The equations at a point: coefficients W of the outputs (nw, n + 1), residual, and the Jacobian if asked for."""
+    """The equations at a point."""
 
-    equations: Equations
-    Z: ComplexArray
-    found: tuple[Answer, ...]
-    W: ComplexArray
-    L: ComplexArray
-    dL: ComplexArray
-
-    @property
-    def residual(self) -> Array:
-        """Of the equations, shape (F (2 n + 1) + 1,)."""
-        return self.equations.residual(self.Z, self.W, self.L)
+    W: ComplexArray  # (nw, n + 1): coefficients of the outputs
+    residual: Array  # (F (2 n + 1) + 1,)
+    linearised: Callable[[], Array]
 
     @property
     def jacobian(self) -> Array:
         """Derivatives of the residual by the unknowns."""
-        from eppanalysis.kernels.answers import jacobian
-
-        loop = self.equations.loop
-        means = loop.on_bias, loop.on_mean
-        found: Array = jacobian(loop.slopes(self.found), self.W, self.L, self.dL, *means, self.equations.pivot)
-        return found
+        return self.linearised()
 
 
 def role_of_input(system: LureSystem, first: int, row: int) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numba import njit, typeof
 
-from eppanalysis.kernels.simd.tuples import by_address, rows
+from eppanalysis.kernels.simd.tuples import by_address, frames_of, rows, tuple_at
 
 
 @by_address
@@ -88,3 +88,29 @@ def test_types_are_those_of_the_arrays_alone_and_survive_on_disk() -> None:
 def test_other_arrays_are_refused(change: dict[str, Any]) -> None:
     with pytest.raises(TypeError, match=f"Things.{next(iter(change))} is no contiguous array"):
         _outer(things()._replace(**change))
+
+
+@njit
+def _of_all(like: Any, frames: Any, out: Any) -> None:
+    for k in range(out.size):
+        out[k] = _outer(tuple_at(like, frames, k))
+
+
+def test_tuples_of_arrays_of_other_lengths_are_taken_by_one_kernel_from_their_frames() -> None:
+    def of_length(n: int) -> list[Things]:
+        return [things(k)._replace(many=np.arange(3.0 + k), empty=np.zeros((k, 3))) for k in range(n)]
+
+    _of_all(of_length(1)[0], frames_of(of_length(1)), np.zeros(1))
+    compiled = len(getattr(_of_all, "signatures", ()))
+    given, found = of_length(5), np.zeros(5)
+    _of_all(given[-1], frames_of(given), found)
+    assert np.allclose(found, [expected(one) for one in of_length(5)], rtol=1e-14)
+    assert np.all([one.count[2] == other.count[2] + 1 for one, other in zip(given, of_length(5), strict=True)])
+    assert len(getattr(_of_all, "signatures", ())) == compiled
+
+
+def test_frames_are_refused_to_tuples_of_several_types_and_to_arrays_that_no_kernel_takes() -> None:
+    with pytest.raises(TypeError, match="several types"):
+        frames_of([things(), things()._replace(many=np.zeros((2, 2)))])
+    with pytest.raises(TypeError, match="many"):
+        frames_of([things()._replace(many=np.zeros(4)[::2])])
