@@ -9,9 +9,10 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.cases import Case, as_case, variation_of
@@ -32,9 +33,13 @@ from eppanalysis.methods.search.trigger import Trigger
 from eppanalysis.models.systems.subject import require_case
 from eppanalysis.progress import Progress
 from eppanalysis.results.provenance import Provenance
+from eppanalysis.workers import workers as worker_processes
 
 __all__ = ["Guide", "GuideRow", "design_guide"]
 
+P = ParamSpec("P")
+T = TypeVar("T")
+_Beyond = Callable[[], tuple[OwnRuns, Trigger | None]]
 _NAN = math.nan
 #: Where a parameter runs that nothing is said of, relative to the case's own value.
 _RUN = (0.5, 1.0, 2.0)
@@ -253,23 +258,25 @@ class _Work:
         self, case: Case, combinations: Sequence[Mapping[str, object]], progress: Progress | None
     ) -> tuple[list[GuideRow], str]:
         """The rows of all variants, and in sentences what bounds of sampled loops do not cover."""
-        rows: list[GuideRow] = []
+        rows: list[tuple[GuideRow, _Beyond]] = []
         open_ends: dict[str, None] = {}
         each = 1 + self.is_under_tolerances(case)  # a row's bound, and that under its tolerances
         total = each * len(self.ranges) * len(combinations)
-        sweep = HarmonicSweep(self.question(case))  # all variants share its programmes
-        for combination in combinations:
-            done = each * len(rows)
+        # All variants share the programmes and the processes. The end of a branch that is known takes none.
+        with worker_processes(self.workers if self.branch is None else 1) as pool:
+            sweep = HarmonicSweep(self.question(case), pool)
+            for combination in combinations:
+                done = each * len(rows)
 
-            def advance(count: int, of: int | None, doing: str, done: int = done) -> None:
-                if progress is not None:
-                    progress(done + count, total, doing)
+                def advance(count: int, of: int | None, doing: str, done: int = done) -> None:
+                    if progress is not None:
+                        progress(done + count, total, doing)
 
-            here = case.with_values(combination) if combination else case
-            found, not_covered = self.rows(here, tuple(combination), sweep, advance)
-            rows += found
-            open_ends[not_covered] = None
-        return rows, " ".join(text for text in open_ends if text)
+                here = case.with_values(combination) if combination else case
+                found, not_covered = self.rows(here, tuple(combination), sweep, advance)
+                rows += found
+                open_ends[not_covered] = None
+            return [_with_runs(row, *beyond()) for row, beyond in rows], " ".join(text for text in open_ends if text)
 
     def check(self, case: Case) -> None:
         """Refuse tolerances that one variant cannot have, before anything is computed."""
@@ -289,8 +296,8 @@ class _Work:
 
     def rows(
         self, case: Case, varied: tuple[str, ...], sweep: HarmonicSweep, advance: Progress
-    ) -> tuple[list[GuideRow], str]:
-        """Rows of one variant, and what they do not cover."""
+    ) -> tuple[list[tuple[GuideRow, _Beyond]], str]:
+        """Rows of one variant, each with what is asked beyond its bound, and what they do not cover."""
         known = self._known(case)
         if known is not None:
             question, cell = known
@@ -338,7 +345,7 @@ class _Work:
         cell: BoundCell,
         sweep: HarmonicSweep,
         tell: Callable[[str], None],
-    ) -> GuideRow:
+    ) -> tuple[GuideRow, _Beyond]:
         within = sweep.question.low, sweep.question.high
         here = case.with_values({self.over: gain})
         own, bound = value_of(here, self.limit), cell.bound
@@ -346,9 +353,9 @@ class _Work:
         factor = self.margins.get(self.limit, 1.0)
         allowed = bound / factor if cell.sign > 0 else bound * factor
         tolerance, missing = None, ""
-        runs, hit = OwnRuns(), None
+        beyond: _Beyond = _nothing
         if math.isfinite(bound):
-            runs, hit = _beyond(here, self.limit, within, own, cell, self.allowed)
+            beyond = _asked(sweep.pool, _beyond, here, self.limit, within, own, (bound, cell.sign), self.allowed)
             try:
                 tolerance = self._tolerance(here.with_values({self.over: cell.value}), sweep, tell)
             except EppError as error:
@@ -356,20 +363,19 @@ class _Work:
         radius, stiffness = _NAN, _NAN
         if self.limit == LIMIT:
             radius, stiffness = case.value("pulley.radius"), case.value("cable.stiffness")
-        return GuideRow(
+        row = GuideRow(
             values={self.over: gain, **{name: case.value(name) for name in varied}},
             cell=cell,
             allowed=allowed,
             pulley=radius * allowed,
             force=stiffness * radius * allowed,
             tolerance=tolerance,
-            from_rest=runs.oscillates_from,
+            from_rest=_NAN,
             own=own,
-            trigger=_NAN if hit is None else hit.size,
+            trigger=_NAN,
             missing=missing,
-            rests_to=runs.rests_to,
-            struck="" if hit is None else hit.name,
         )
+        return row, beyond
 
     def _tolerance(self, case: Case, sweep: HarmonicSweep, tell: Callable[[str], None]) -> ToleranceBound | None:
         carried = any(p.tolerance for p in case.parameters.values())
@@ -390,12 +396,31 @@ class _Work:
         )
 
 
+def _asked(pool: Executor | None, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Callable[[], T]:
+    """What a function gives: of processes, where there are some, which go on meanwhile, else at once."""
+    if pool is not None:
+        return pool.submit(function, *args, **kwargs).result
+    found = function(*args, **kwargs)
+    return lambda: found
+
+
+def _nothing() -> tuple[OwnRuns, Trigger | None]:
+    """What is known beyond a bound where there is none."""
+    return OwnRuns(), None
+
+
+def _with_runs(row: GuideRow, runs: OwnRuns, hit: Trigger | None) -> GuideRow:
+    """A row with what the case's own run does beyond its bound."""
+    trigger, struck = (_NAN, "") if hit is None else (hit.size, hit.name)
+    return replace(row, from_rest=runs.oscillates_from, rests_to=runs.rests_to, trigger=trigger, struck=struck)
+
+
 def _beyond(
     case: Case,
     limit: str,
     within: tuple[float, float],
     own: float,
-    cell: BoundCell,
+    beside: tuple[float, float],
     allowed: Allowed | None,
 ) -> tuple[OwnRuns, Trigger | None]:
     """What the case's own run does beyond a bound, and the smallest step that starts a cycle at the case's own value.
@@ -403,16 +428,22 @@ def _beyond(
     Both of cycles that are larger than allowed, where a size is.
 
     Neither is asked where the bound is that of a search, and what it does not cover is said with it.
+
+    Parameters
+    ----------
+    beside : (float, {1, -1})
+        The bound [SI], and 1 where cycles exist above it.
     """
+    bound, sign = beside
     if why_by_search(case.to_system()):
         return OwnRuns(), None
     low, high = within
     if math.isfinite(own):
         # The range of the bound may end before the case's own value, of which it is to be said what it does.
-        low, high = (low, max(high, 2.0 * own)) if cell.sign > 0 else (min(low, 0.5 * own), high)
+        low, high = (low, max(high, 2.0 * own)) if sign > 0 else (min(low, 0.5 * own), high)
     question = Question(in_own_states(case), limit, low, high)
-    hit = smallest_trigger(question, own, allowed) if cell.sign * (own - cell.bound) > 0 else None
+    hit = smallest_trigger(question, own, allowed) if sign * (own - bound) > 0 else None
     try:
-        return own_runs(question, cell.bound, cell.sign, allowed), hit
+        return own_runs(question, bound, sign, allowed), hit
     except EppError:
         return OwnRuns(), hit

@@ -9,7 +9,7 @@ Where a size of cycles is allowed, exact orbits alone are asked (``sizes``), of 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -35,7 +35,6 @@ from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
 from eppanalysis.progress import Progress
 from eppanalysis.results.deferred import Deferred
 from eppanalysis.results.provenance import Provenance
-from eppanalysis.workers import workers as worker_processes
 
 __all__ = ["BoundCell", "DesignBounds", "Finding", "bound_of_branch", "design_bounds"]
 
@@ -123,7 +122,7 @@ def design_bounds(
         Processes that correct and test; results do not depend on their number. More than one needs a script that is
         guarded by ``if __name__ == "__main__"``.
     sweep : HarmonicSweep, optional
-        An earlier sweep of the same case, whose compiled programs are used again; a new one by default.
+        An earlier sweep of the same case, whose compiled programs and processes are used again; a new one by default.
     progress : callable, optional
         Told the number of cells done, of all cells, and nothing in words.
 
@@ -174,12 +173,13 @@ def design_bounds(
     # What is done at each value only this process can tell.
     asking = Asking(allowed, margin, own_run, why, progress=progress if workers == 1 else None) if why else None
     _check_asking(settings, asking, own_run, prove)
+    own: Callable[[float], BoundCell] | None = None  # of a cell that has nothing in common with others
     if asking is not None:
-        cells = _each(partial(searched_cell, question, asking=asking), values, workers, progress)
+        own = partial(searched_cell, question, asking=asking)
     elif allowed is not None:
-        cells = _each(partial(sized_cell, question, settings=settings), values, workers, progress)
-    else:
-        cells = _cells(sweep, values, settings, workers, progress)
+        own = partial(sized_cell, question, settings=settings)
+    with sweep.shared_by(workers) as pool:
+        cells = _each(own, values, pool, progress) if own else _cells(sweep, values, settings, progress)
     if prove:
         cells = [with_proofs(replace(question, case=case).at(c.value), c) for c in cells]
     facts = {"over": over, "limit": limit, "within": (low, high), "margin": margin, "starts": starts, "seed": seed}
@@ -278,7 +278,7 @@ def _check_pair(case: CaseLike, over: str, value: float, limit: str, end: float)
 
 
 def _cells(
-    sweep: HarmonicSweep, values: Sequence[float], settings: Settings, workers: int, progress: Progress | None
+    sweep: HarmonicSweep, values: Sequence[float], settings: Settings, progress: Progress | None
 ) -> list[BoundCell]:
     """All cells: harmonic balance one after another, correction and tests as they come, on all workers."""
     cells: list[BoundCell | None] = [None] * len(values)
@@ -293,42 +293,38 @@ def _cells(
             progress(done, len(values), "")
 
     # The sweep itself runs in this process, so one of the workers' places is taken for part of the time.
-    with worker_processes(workers) as pool:
-        sweep.each = map if pool is None else pool.map
-        for i, value in enumerate(values):
-            here, bound = sweep.bound(value)
-            cell = _from_harmonic(value, bound)
-            if bound.fold is not None and not bound.fold.at_end:
-                slopes = Deferred(partial(elasticities, here, sweep.programmes, bound.fold))
-                cell = replace(cell, harmonic_elasticities=slopes)
-            if not settings.exact or bound.finding not in _CORRECTED:
-                finish(i, cell, None)
-                continue
-            near = bound.fold.cycle if bound.fold is not None and bound.finding is Finding.BOUND else None
-            job = (here, near, bound.sign, settings)
-            if pool is None:
-                finish(i, cell, _check(*job))
-            else:
-                waiting[i] = cell, pool.submit(_check, *job)
-            for k in [k for k, (_, future) in waiting.items() if future.done()]:
-                ready, future = waiting.pop(k)
-                finish(k, ready, future.result())
-        for k, (ready, future) in waiting.items():
+    for i, value in enumerate(values):
+        here, bound = sweep.bound(value)
+        cell = _from_harmonic(value, bound)
+        if bound.fold is not None and not bound.fold.at_end:
+            slopes = Deferred(partial(elasticities, here, sweep.programmes, bound.fold))
+            cell = replace(cell, harmonic_elasticities=slopes)
+        if not settings.exact or bound.finding not in _CORRECTED:
+            finish(i, cell, None)
+            continue
+        near = bound.fold.cycle if bound.fold is not None and bound.finding is Finding.BOUND else None
+        job = (here, near, bound.sign, settings)
+        if sweep.pool is None:
+            finish(i, cell, _check(*job))
+        else:
+            waiting[i] = cell, sweep.pool.submit(_check, *job)
+        for k in [k for k, (_, future) in waiting.items() if future.done()]:
+            ready, future = waiting.pop(k)
             finish(k, ready, future.result())
-    sweep.each = map
+    for k, (ready, future) in waiting.items():
+        finish(k, ready, future.result())
     return [c for c in cells if c is not None]
 
 
 def _each(
-    ask: Callable[[float], BoundCell], values: Sequence[float], workers: int, progress: Progress | None
+    ask: Callable[[float], BoundCell], values: Sequence[float], pool: Executor | None, progress: Progress | None
 ) -> list[BoundCell]:
     """All cells that have nothing in common, as they come, on all workers."""
     cells: list[BoundCell] = []
-    with worker_processes(workers) as pool:
-        for cell in (map if pool is None else pool.map)(ask, values):
-            cells.append(cell)
-            if progress is not None:
-                progress(len(cells), len(values), "")
+    for cell in (map if pool is None else pool.map)(ask, values):
+        cells.append(cell)
+        if progress is not None:
+            progress(len(cells), len(values), "")
     return cells
 
 

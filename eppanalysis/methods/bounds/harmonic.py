@@ -10,7 +10,9 @@ order at which the bound ceases to change; at every few values all families are 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -29,6 +31,7 @@ from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.search.find import find_limit_cycles, seeds_of
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import LimitCycle
+from eppanalysis.workers import workers
 
 #: Orders tried in turn, and the relative difference of a bound from those of lower orders at which they end.
 ORDERS = (5, 7, 9, 13, 15)
@@ -276,7 +279,7 @@ class HarmonicSweep:
     """Bounds at one value after another, each begun from the last; lives for one sweep."""
 
     question: Question
-    each: Each = map  # see :func:`look`
+    pool: Executor | None = None  # of processes that share the work, while there is one
     programmes: Programmes = field(default_factory=Programmes)
     outlook: Outlook | None = None  # of the first value
     far: tuple[Cycle, ...] = ()
@@ -288,7 +291,19 @@ class HarmonicSweep:
 
     def turn_to(self, question: Question) -> None:
         """Begin anew with another question, and keep what is written of programmes: loops alike have the same."""
-        vars(self).update(vars(HarmonicSweep(question, programmes=self.programmes)))
+        vars(self).update(vars(HarmonicSweep(question, self.pool, self.programmes)))
+
+    @contextmanager
+    def shared_by(self, n: int) -> Iterator[Executor | None]:
+        """The pool of processes that is there already, else so many new ones; None for one."""
+        if self.pool is not None:  # to start processes takes as long as several bounds
+            yield self.pool
+            return
+        with workers(n) as self.pool:
+            try:
+                yield self.pool
+            finally:
+                self.pool = None
 
     def bound(self, value: float) -> tuple[Question, HarmonicBound]:
         """The question and the bound at a value of the parameter that runs."""
@@ -329,7 +344,7 @@ class HarmonicSweep:
             self.far = carried
             return True
         # A pool that is at work already is asked for nothing more.
-        self.outlook = look(question, each=self.each if self.outlook is None else map)
+        self.outlook = look(question, each=map if self.pool is None or self.outlook is not None else self.pool.map)
         self.far = self.outlook.cycles
         return self.outlook.finding is Finding.BOUND and bool(self.far)
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 import eppanalysis as epp
+from eppanalysis import workers
 from eppanalysis.methods.bounds import elasticity, fold
 from eppanalysis.methods.bounds.design import design_bounds
 from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question
@@ -51,6 +53,17 @@ def test_a_neighbouring_case_takes_over_programmes_and_has_the_same_bound(monkey
     (found,) = design_bounds(other, SCALE, THRESHOLD, sweep=sweep, **given)
     assert (found.harmonic, found.first_order) == pytest.approx((alone.harmonic, alone.first_order), rel=1e-12)
     assert found.order == alone.order and not written.asked
+
+
+def test_variants_of_a_guideline_share_the_processes_and_have_the_same_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = {"over": SCALE, "limit": THRESHOLD, "within": (1.0, 3.0), "variants": {LEVEL: [1.0, 1.05]}, "starts": 10}
+    monkeypatch.setattr(workers, "Workers", ThreadPoolExecutor)
+    started = Counted(monkeypatch, workers, "Workers")
+    alone, shared = (epp.design_guide(epp.case(RELAY), [1.0], workers=n, **asked) for n in (1, 2))
+    assert shared.to_frame().equals(alone.to_frame())
+    assert [row.cell.verified for row in alone.rows] == [True, True]
+    assert np.isfinite([row.from_rest for row in alone.rows]).any()
+    assert started.asked == [(2,)]
 
 
 @pytest.mark.slow
