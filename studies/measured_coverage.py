@@ -8,8 +8,10 @@ is kept in ``_static/measured_coverage.md``.
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import count, islice
 
 import numpy as np
 
@@ -27,7 +29,7 @@ from eppanalysis.models.systems.signals import slices
 from eppanalysis.results import PlainData
 from studies import STORED
 
-__all__ = ["CASES", "Covered", "coverage", "of_case", "table"]
+__all__ = ["CASES", "Covered", "coverage", "coverages", "of_case", "table"]
 
 RESULT = STORED / "measured_coverage.md"
 #: The loops that ship that have a cycle of first order, without those that differ from another in nothing here.
@@ -142,25 +144,30 @@ def _means(system: epp.LureSystem, case: epp.Case, columns: list[int]) -> Means 
     return on_bias, on_mean[:, columns], prescribed
 
 
-@np.errstate(all="ignore")
 def coverage(name: str, draws: int = DRAWS, seed: int = 3) -> tuple[Covered, ...]:
     """Each cycle of a loop, followed from the data without noise to each draw.
 
     Where a draw has it not nearby, the interval is that of the motion that the draw refuses least, from the cycle on.
     """
+    return next(islice(coverages(name, seed), draws - 1, None))
+
+
+def coverages(name: str, seed: int) -> Iterator[tuple[Covered, ...]]:
+    """:func:`coverage` after each further draw."""
     system = of_case(name).to_system()
     balance, found, points = search_balance(system, np.zeros(0))
     start, rng = found.cycles[np.argsort(found.cycles[:, balance.places[0]])], np.random.default_rng(seed)
-    counts = np.zeros((len(start), 4), int)
-    for _ in range(draws):
-        drawn = of_case(name, noise=rng, deviation=DEVIATION).to_system()
-        here = Balance.of(drawn, balance.pivot, np.zeros(0))
-        counts += np.array([_covers(Noise(here, drawn), x) for x in start])
     told = sorted(points, key=lambda p: float(p.amplitude[0]))
-    return tuple(
-        Covered(name, float(p.amplitude[0]), p.omega / (2.0 * np.pi), draws, *map(int, n))
-        for p, n in zip(told, counts, strict=True)
-    )
+    counts = np.zeros((len(start), 4), int)
+    for draws in count(1):
+        with np.errstate(all="ignore"):
+            drawn = of_case(name, noise=rng, deviation=DEVIATION).to_system()
+            here = Balance.of(drawn, balance.pivot, np.zeros(0))
+            counts += np.array([_covers(Noise(here, drawn), x) for x in start])
+        yield tuple(
+            Covered(name, float(p.amplitude[0]), p.omega / (2.0 * np.pi), draws, *map(int, n))
+            for p, n in zip(told, counts, strict=True)
+        )
 
 
 def _covers(noise: Noise, truth: Array) -> tuple[bool, bool, bool, bool]:

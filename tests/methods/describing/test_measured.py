@@ -3,6 +3,7 @@
 import json
 from collections import Counter
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from eppanalysis.methods.describing.balance import Balance
 from eppanalysis.methods.describing.data.intervals import Noise
 from eppanalysis.methods.describing.predict import search_balance
 from eppanalysis.models.systems.measured.loop import DataSystem
-from studies.measured_coverage import CASES, DEVIATION, RESULT, coverage, of_case
+from studies.measured_coverage import CASES, DEVIATION, RESULT, coverages, of_case
 from tests.shared import predicted
 
 PAGE = Path(__file__).parents[3] / "docs" / "theory" / "measured.md"
@@ -131,21 +132,22 @@ def test_harmonic_balance_on_several_paths_is_that_of_the_model():
     assert ours.amplitude("saturation_input") == pytest.approx(theirs.amplitude("saturation_input"), rel=1e-7)
 
 
+#: A loop of the study that is another's in all that first order sees: its run alone begins elsewhere.
+AGAIN = {"quantised_sensor_ct_large"}
+
+
 @pytest.mark.parametrize(
-    ("name", "draws"),
-    [("wheelchair", 40)] + [pytest.param(n, 60, marks=pytest.mark.slow) for n in CASES],
+    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n != "wheelchair")) for n in CASES if n not in AGAIN]
 )
-def test_intervals_cover_the_model_in_as_many_draws_as_they_say(name, draws):
-    # Intervals that cover four of five draws have 51 of 60 in one run of five, and 19 of a first 20 in one of fourteen:
-    # where these are met, nothing more is asked.
-    if draws > 40 and all(
-        hits >= 19 for row in coverage(name, 20, seed=12) for hits in (row.with_amplitude, row.with_frequency)
-    ):
-        return
-    fewest, most = binom.ppf([0.002, 0.9995], draws, 0.95)
-    for row in coverage(name, draws, seed=11):
-        for hits in (row.with_amplitude, row.with_frequency):
-            assert fewest <= hits <= most, row
+def test_intervals_cover_the_model_in_as_many_draws_as_they_say(name):
+    # Wald's sequential test between 95 and 80 % (Ann Math Stat 16, 1945): of the latter it lets 7 of 100 pass. At the
+    # end as many hits are asked for as 95 % have in all but 2 of 1,000 series.
+    hit, miss, passes = np.log(0.95 / 0.80), np.log(0.05 / 0.20), np.log(1.0 / 0.07)
+    for rows in islice(coverages(name, seed=12), 60):
+        hits = np.array([(row.with_amplitude, row.with_frequency) for row in rows])
+        if np.all(hits * hit + (rows[0].draws - hits) * miss >= passes):
+            return
+    assert np.all(hits >= binom.ppf(0.002, 60, 0.95)), rows
 
 
 def test_the_stored_table_of_coverages_holds_for_two_hundred_draws():
