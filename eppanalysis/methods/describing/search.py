@@ -255,7 +255,7 @@ def thresholds_of(balance: Balance) -> Array:
 
 
 def crossing_gains(system: LureSystem) -> Array:
-    """Gains of the linear part that can meet the locus: ten a decade between its frequency scales, beside, and at peaks."""
+    """Gains of the linear part that can meet the locus: ten a decade between its frequency scales, and at peaks."""
     scales = frequency_scales(system)
     if isinstance(system, DataSystem):
         low, high = system.band
