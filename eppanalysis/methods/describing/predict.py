@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from eppanalysis.arrays import Array
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Balance
 from eppanalysis.methods.describing.blind import blind_spots, jumps, made_by_harmonics
@@ -134,6 +134,8 @@ def _balanced(
         raise ModelError(f"{loop.name}: a prediction needs at least one nonlinear element.")
     with np.errstate(all="ignore"):
         balance, found, points = search_balance(loop, at.vector(own))
+        if isinstance(loop, AveragedSystem):
+            points = [p for p in points if loop.takes(p.omega, _outputs(balance, p))]
         estimates = [Estimate(balance, p) for p in points]
         cycles = tuple(_cycle(balance, p, at, e, coordinates) for p, e in zip(points, estimates, strict=True))
         if isinstance(loop, AveragedSystem):
@@ -192,11 +194,15 @@ def _unseen(
     return (*sentences, *left_out(loop, cycles))
 
 
+def _outputs(balance: Balance, p: Point) -> ComplexArray:
+    """Phasors of the elements' outputs, the first one's input in sine phase."""
+    return np.asarray(p.gain * (p.amplitude * np.exp(1j * (p.phase - p.phase[0])))[balance.owner], complex)
+
+
 def _cycle(balance: Balance, p: Point, at: OperatingPoint, estimate: Estimate, coordinates: Array) -> LimitCycle:
     """One predicted cycle; `coordinates` bring the state of the balance's loop back to that of the user."""
     system, value = balance.system, at.vector(balance.system)
-    turn = np.exp(-1j * p.phase[0])
-    W = p.gain * (p.amplitude * np.exp(1j * p.phase) * turn)[balance.owner]
+    W = _outputs(balance, p)
     signals = system.signals
     # Phasors stand for Im(P exp(j omega t)) = Re(-j P exp(j omega t)).
     c1 = -1j * (system.signal_response(np.array([p.omega]))[0] @ W)

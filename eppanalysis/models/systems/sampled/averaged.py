@@ -27,6 +27,9 @@ from eppanalysis.models.systems.sampled.rational import Forms, Reads
 from eppanalysis.models.systems.sampled.strobe import is_sampled
 from eppanalysis.models.systems.signals import SignalMap
 
+#: Two samples a turn, up to rounding, as an angle from sample to sample; share of an input that may change.
+_HALF_RATE, _LITTLE = np.pi * (1.0 + 1e-9), 0.01
+
 
 @dataclass(frozen=True, eq=False)
 class AveragedSystem(LureSystem):
@@ -82,6 +85,23 @@ class AveragedSystem(LureSystem):
             at(dG, p.z, p.w) + at(dG, p.z, p.held) @ S @ into + through @ dS @ into + through @ S @ at(dG, p.read, p.w)
         )
         return at(G, p.z, p.w) + through @ S @ into, slope
+
+    def takes(self, omega: float, outputs: ComplexArray) -> bool:
+        """Whether a motion of the elements' outputs can be: what has fewer than two samples a turn must not make it.
+
+        Such a controller reads and holds a slower motion in its place. Where the others give all but a little of the
+        inputs without it, it may be as it likes.
+        """
+        p, w = self.layout, np.array([omega])
+        heard = [omega * c.sample_time <= _HALF_RATE for c in p.controllers]
+        if all(heard):
+            return True
+        G = self.origin.frequency_response(w) + p.aged(w)[0]
+        responses = [c.response_and_slope(w)[0] * ok for c, ok in zip(p.controllers, heard, strict=True)]
+        S = p.closing(G, p.side_by_side(responses))[0]
+        alone = (at(G, p.z, p.w) + at(G, p.z, p.held) @ S @ at(G, p.read, p.w))[0] @ outputs
+        inputs = self.frequency_response(w)[0] @ outputs
+        return bool(np.linalg.norm(inputs - alone) <= _LITTLE * np.linalg.norm(inputs))
 
     def response_at(self, s: ArrayLike) -> ComplexArray:
         """:meth:`frequency_response` at any complex s but zero."""
