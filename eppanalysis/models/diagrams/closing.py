@@ -14,7 +14,6 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError, did_you_mean
-from eppanalysis.models.diagrams.algebraic import require_unique
 from eppanalysis.models.diagrams.blocks import Block
 from eppanalysis.models.diagrams.blocks.control import Constant
 from eppanalysis.models.diagrams.linear import closed_blocks
@@ -48,7 +47,6 @@ def close(diagram: Drawn, wires: Mapping[Port, Terms], shown: Mapping[str, Terms
     system = _closed_loop(diagram, wires, shown)
     if straight := _straight_delay(system):
         _refuse_straight_delay(diagram, wires, shown, *straight)
-    require_unique(system)
     return system
 
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
-from eppanalysis.models.diagrams.algebraic import acyclic, no_unique_answer, parts_on_loops
 from eppanalysis.models.diagrams.blocks import Block
 from eppanalysis.models.diagrams.wiring import Port, incidence
+from eppanalysis.models.systems.algebraic import acyclic, no_unique_answer, parts_on_loops
 from eppanalysis.models.systems.linear import StateSpace
 from eppanalysis.models.systems.own_states import diagonal
 from eppanalysis.readable import count

@@ -23,12 +23,13 @@ from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.dynamic.sampled import on_common_ticks
 from eppanalysis.models.elements.foreign import as_element, is_element
+from eppanalysis.models.systems.algebraic import require_unique
 from eppanalysis.models.systems.cuts import Cuts, element_cuts, require_places
 from eppanalysis.models.systems.interchange.ports import connections, linear_part
+from eppanalysis.models.systems.interchange.ring import Ring
 from eppanalysis.models.systems.linear import StateSpace, as_state_space, coordinates_with_integrators_apart
 from eppanalysis.models.systems.own_states import own_count, passes_outputs, ports, stacked, started
 from eppanalysis.models.systems.responses import Responses
-from eppanalysis.models.systems.ring import Ring
 from eppanalysis.models.systems.signals import (
     SignalMap,
     checked_array,
@@ -155,8 +156,8 @@ class LureSystem(Responses):
         ------
         ModelError
             If shapes or lengths do not fit, a number is not finite, two elements have the same name, a dead time or the
-            sample time is negative, a place for margins is not known, or an element with states of its own has a dead
-            time or stands in discrete time.
+            sample time is negative, a place for margins is not known, an element with states of its own has a dead
+            time or stands in discrete time, or elements act straight on themselves without one answer.
         """
         elements, A = on_common_ticks([as_element(e) for e in elements]), np.atleast_2d(np.asarray(A, float))
         if A.size and (A.ndim != 2 or A.shape[0] != A.shape[1]):
@@ -206,6 +207,7 @@ class LureSystem(Responses):
         made = with_own_states(made) if any(e.own_states is not None for e in elements) else made
         if made.margins_at or made.cuts is not None:
             require_places(name, made.margins_at, made.places)
+        require_unique(made)
         return made
 
     @classmethod

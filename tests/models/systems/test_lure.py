@@ -202,3 +202,30 @@ def test_elements_without_a_name_are_called_in_words():
     loop = epp.LureSystem.build([[0.0]], [[1.0]], [[-1.0]], [controller])
     assert loop.element_names == ("sampled_controller",)
     assert all(element.called() == kind for kind, element in ELEMENTS.items())
+
+
+@pytest.mark.parametrize("D", [-2.0, -1.0, -0.5, 2.0])
+def test_every_door_refuses_elements_that_act_on_themselves_with_several_answers(D) -> None:
+    """With slopes from 0 to 1 the loop x = -D y + ... has one answer where 1 + D keeps its sign, whoever builds it."""
+    limit, plant = epp.Saturation(-1.0, 1.0), ([D, D + 3.0], [1.0, 1.0])
+
+    def diagram() -> epp.LureSystem:
+        blocks = {"plant": epp.blocks.TransferFunction(num=plant[0], den=plant[1]), "saturation": limit}
+        return epp.Diagram(parts=blocks, connect=["-plant -> saturation", "saturation -> plant"]).to_system()
+
+    doors = [
+        lambda: epp.LureSystem.from_tf(plant, limit),
+        lambda: epp.LureSystem.from_blocks([limit, plant]),
+        lambda: epp.LureSystem.build([[-1.0]], [[1.0]], [[-3.0]], [limit], D=[[-D]]),
+        diagram,
+    ]
+    said = set()
+    for door in doors:
+        try:
+            door()
+        except epp.ModelError as refused:
+            said.add(str(refused).partition(": ")[2])
+        else:
+            said.add("")
+    assert len(said) == 1
+    assert ("has no unique answer" in said.pop()) == (D <= -1.0)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eppanalysis.arrays import Array, IntArray
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import AlgebraicLoop, ModelError
-from eppanalysis.models.systems.lure import LureSystem
+
+if TYPE_CHECKING:
+    from eppanalysis.models.systems.lure import LureSystem
 
 #: What stands for the slope of a jump, relative to what it is compared with.
 _STEEP = 1e9
@@ -18,10 +21,15 @@ _MOST = 10
 
 def parts_on_loops(acts: Array) -> IntArray:
     """Numbers of those that act on themselves, straight or through others; a row of `acts` is of what is acted on."""
-    reach, steps = (acts != 0).astype(float), 1
+    return np.flatnonzero(np.diag(reached(acts != 0)))
+
+
+def reached(acts: BoolArray) -> BoolArray:
+    """What acts on what, straight or through others; a row is of what is acted on."""
+    reach, steps = acts, 1
     while steps < len(acts):  # each product doubles the number of steps
-        reach, steps = ((reach + reach @ reach) > 0).astype(float), 2 * steps
-    return np.flatnonzero(np.diag(reach))
+        reach, steps = reach | (reach.astype(float) @ reach > 0), 2 * steps
+    return reach
 
 
 def acyclic(acts: Array) -> bool:
@@ -50,7 +58,7 @@ def require_unique(system: LureSystem) -> None:
     single = [e for e, el in enumerate(system.elements) if (el.n_inputs, el.n_outputs) == (1, 1)]
     rows = [system.input_slices[e].start for e in single]
     columns = [system.output_slices[e].start for e in single]
-    D = system.D[np.ix_(rows, columns)]
+    D = np.where(system.delays[columns] > 0.0, 0.0, system.D[np.ix_(rows, columns)])
     on = parts_on_loops(D) if len(D) else np.zeros(0, np.int64)
     # Of more there are too many ends: a run then stops at the combination of modes that has no solution.
     if not on.size or on.size > _MOST:
