@@ -33,6 +33,9 @@ _AT_SAMPLE = 1e-6
 _SATURATED_ROWS = 5
 #: Share of the fastest time constant in which a loop at its start is seen before anything moves; largest signal.
 _INSTANT, _LARGEST = 1e-9, 1e100
+#: Residual over noise of a good fit; scatter of neighbours, over the noise, of a motion that may hide it and of a
+#: residual without jumps.
+_GOOD_FIT, _HIDING, _NO_JUMP = 1.7, 0.5, 1.2
 #: Cases about the given one that show what a response looks like.
 _CANDIDATES = 8
 
@@ -104,9 +107,30 @@ class Channel:
     role: str
     data: Array  # (n,)
     nuisance: Array  # (n, 2): zero and drift
-    noise: float  # standard deviation of what no model explains, from differences of neighbours
+    noise: float  # standard deviation of what no model explains, at most: from differences of neighbours
     live: BoolArray  # (n,): rows in which the column does not saturate; only these count
     unit: str = ""  # SI unit
+    step: float = 0.0  # least step between readings
+
+    def quieter(self, model: Array) -> Channel:
+        """The same where neighbours of what a model leaves differ by less than those of the record."""
+        left = self.data[: model.size] - model
+        return replace(self, noise=min(self.noise, _noise_of(left, self.step))) if left.size > 2 else self
+
+    def jumps(self, model: Array) -> bool:
+        """Whether a motion differs from row to row as much as its noise, as that of a controller that hunts."""
+        return _noise_of(model, 0.0) > _HIDING * self.noise
+
+    def noise_alone(self, model: Array) -> bool:
+        """Whether a model leaves hardly more than noise; of a motion that jumps, no jump either."""
+        counts = self.live[2:] & self.live[1:-1] & self.live[:-2]
+        apart = np.diff(self.data - model, 2)[counts] / np.sqrt(6.0)
+        jump = float(np.sqrt(np.mean(apart**2))) if self.jumps(model) else 0.0
+        return self.misfit(model) < _GOOD_FIT and jump < _NO_JUMP * self.noise
+
+    def misfit(self, model: Array) -> float:
+        """Residual over noise."""
+        return float(np.std(self.residual(model)))
 
     def first(self, n: int) -> Channel:
         """The first rows."""
@@ -211,6 +235,25 @@ class Response:
             f"{self.case.source}: hardly any case near it has a solution; expected other values to begin with."
         )
 
+    def read_noise(self, q: Array, until: float = np.inf) -> None:
+        """Take the noise from what a place leaves of the record, where that shows less of it.
+
+        Whatever is taken off the record, neighbours differ by the noise at least: a signal that jumps from sample to
+        sample hides it until the jumps are taken off.
+        """
+        found = self.signals(q, until)
+        self.channels = [c.quieter(found[c.role]) for c in self.channels]
+
+    def noise_alone(self, q: Array) -> bool:
+        """Whether a place leaves hardly more than noise."""
+        found = self.signals(q)
+        return all(c.noise_alone(found[c.role]) for c in self.channels)
+
+    def jumps(self, q: Array) -> bool:
+        """Whether a signal differs from row to row as much as its noise, so that the record does not show that."""
+        found = self.signals(q)
+        return any(c.jumps(found[c.role]) for c in self.channels)
+
     def residual(self, q: Array, until: float = np.inf) -> Array:
         """All channels in units of their noise, then what the case says of the parameters."""
         try:
@@ -265,16 +308,20 @@ def _input_signals(recording: Recording, case: Case, layout: Layout) -> tuple[Ma
 
 def _channel(recording: Recording, role: str, time: Array, layout: Layout) -> Channel:
     data = recording[role]
-    steps = np.diff(data, 2) / np.sqrt(6.0)
-    # Most second differences are noise; the few at switches are not.
-    noise = float(np.median(np.abs(steps))) / 0.6745
     step = recording.resolution[role]
-    # What is rounded scatters by its step over the root of twelve, seen or not.
-    noise = max(noise, step / np.sqrt(12.0), rounding(step, noise) / np.sqrt(3.0), 1e-12)
+    noise = _noise_of(data, step)
     span = float(np.ptp(time))
     columns = np.column_stack([np.ones(time.size), (time - time.mean()) / span])
     live = _unsaturated(data, step) if role in layout.clipped else np.ones(data.size, bool)
-    return Channel(role, data, columns, noise, live, layout.units[role])
+    return Channel(role, data, columns, noise, live, layout.units[role], step)
+
+
+def _noise_of(data: Array, step: float) -> float:
+    """Standard deviation of noise on a motion, by its second differences."""
+    # Most second differences are noise; the few at switches are not.
+    noise = float(np.median(np.abs(np.diff(data, 2)))) / np.sqrt(6.0) / 0.6745
+    # What is rounded scatters by its step over the root of twelve, seen or not.
+    return float(max(noise, step / np.sqrt(12.0), rounding(step, noise) / np.sqrt(3.0), 1e-12))
 
 
 def _unsaturated(data: Array, step: float) -> BoolArray:

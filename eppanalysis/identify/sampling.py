@@ -25,7 +25,7 @@ _SPREAD, _OF = 4.0, 3
 #: Places that a walk asks for their cost, at most.
 WALKED = 1 + CHAINS * (_OF + BEFORE + TURNS)
 #: Every other stride is shorter: few full ones stay on a step of the stair.
-_SHORT = 0.3
+SHORT = 0.3
 #: How far, in standard deviations, and by which factor in spread the two halves of the turns may differ.
 _APART, _WIDER = 1.0, 2.0
 
@@ -84,7 +84,7 @@ def walk(cost: Callable[[Array], float], start: Array, matrix: Array, bounds: tu
     kept = np.empty((TURNS, *u.shape))
     best, least = start, cost(start)
     for turn in range(BEFORE + TURNS):
-        step_chains(costs, u, found, rng, turn, 1.0 if turn % 2 else _SHORT)
+        step_chains(costs, u, found, rng, turn, 1.0 if turn % 2 else SHORT)
         if found.min() < least:
             best, least = start + root @ u[np.argmin(found)], found.min()
         if turn >= BEFORE:

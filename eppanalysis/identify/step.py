@@ -20,6 +20,7 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
+from eppanalysis.identify.annealing import anneal
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.plausible import LEAST_SHARE, explained, refuse_what_is_no_response
 from eppanalysis.identify.reading import Recording
@@ -43,7 +44,7 @@ _WINDOWS = (0.08, 0.2, 0.4, 0.7, 1.0)
 #: A parameter counts as identified when half its interval is smaller than this share of it.
 IDENTIFIED = 0.6
 #: Residuals larger than this in units of the noise mean that the model does not describe the record.
-_WORST_FIT, _GOOD_FIT = 3.0, 1.7
+_WORST_FIT = 3.0
 #: Standard deviations beyond which residuals are said to ask for another value of what is not fitted.
 _ASKED = 5.0
 
@@ -87,8 +88,10 @@ def fit_step(
     if _insensitive(response, candidates):
         raise EppError(f"{recording.source}: cannot identify {' or '.join(names)}; {_remedy(response)}")
     refuse_what_is_no_response(response, candidates, recording.source)
-    q = _search(response, seed, progress)
-    solution = _settle(response, q, names, seed, progress)
+    ends = _search(response, seed, progress)
+    solution = _settle(response, ends[0], names, seed, progress)
+    response.read_noise(solution.q)
+    solution = solution.spanning(ends[1:])
     if all(name in solution.held for name in names):
         raise EppError(f"{recording.source}: cannot identify {' or '.join(names)}; {_remedy(response)}")
     return _result(recording, solution, names, seed)
@@ -147,24 +150,27 @@ def _insensitive(response: Response, candidates: Sequence[dict[str, Array]]) -> 
     )
 
 
-def _search(response: Response, seed: int, progress: Progress | None) -> Array:
-    """Best place over all starts; further rounds of them while the residuals are clearly more than noise."""
-    best, least = np.zeros(0), math.inf
+def _search(response: Response, seed: int, progress: Progress | None) -> list[Array]:
+    """Places where rounds from other starts end, the best one first.
+
+    While that leaves clearly more than noise there are further rounds, and one by a population where the motion jumps.
+    """
+    ends: list[Array] = []
     advance: Progress = progress or (lambda done, total, doing: None)
-    for k in range(ROUNDS):
-        q = _round(response, seed + k, advance)
-        cost = float(np.sum(response.residual(q) ** 2))
-        if cost < least:
-            best, least = q, cost
-        if _misfit(response, best) < _GOOD_FIT:
-            break
-    return best
 
+    def taken(q: Array) -> bool:
+        """Whether the best place so far leaves noise alone."""
+        ends.append(q)
+        response.read_noise(q)
+        ends.sort(key=lambda q: float(np.sum(response.residual(q) ** 2)))
+        return response.noise_alone(ends[0])
 
-def _misfit(response: Response, q: Array) -> float:
-    """Residual over noise of the channel that is described worst."""
-    found = response.signals(q)
-    return max(float(np.std(c.residual(found[c.role]))) for c in response.channels)
+    if any(taken(_round(response, seed + k, advance)) for k in range(ROUNDS)):
+        return ends
+    # Descent is stuck among the patterns of a controller that hunts.
+    if response.jumps(ends[0]):
+        taken(anneal(response, _starts(response.unknowns, seed), bounds_of(response.unknowns), seed, advance))
+    return ends
 
 
 def _round(response: Response, seed: int, progress: Progress) -> Array:
@@ -227,11 +233,30 @@ class _Solution:
     held: dict[str, str]  # what the data cannot identify, and what it is confused with
     together: dict[str, str]  # what they identify only together with a held one
     cloud: Cloud
+    #: (p,): half widths, on the fitted scale, that the ends of other searches ask for where this one leaves no noise.
+    apart: Array | None = None
 
     @property
     def converged(self) -> bool:
-        """Whether more draws would say the same."""
-        return self.cloud.settled
+        """Whether more draws, and searches from other starts, would say the same."""
+        return self.cloud.settled and self.apart is None
+
+    def spanning(self, ends: Sequence[Array]) -> _Solution:
+        """The same with intervals that span where other searches ended, unless this place leaves noise alone."""
+        if self.response.noise_alone(self.q):
+            return self
+        apart = _student(len(ends) + 1.0) * np.std([self.q, *ends], axis=0, ddof=min(1, len(ends)))
+        if np.all(apart <= 0.5 * (self.high - self.low)) and not self.response.jumps(self.q):
+            return self
+        least, most = bounds_of(self.response.unknowns)
+        low = np.maximum(np.minimum(self.low, self.q - apart), least)
+        high = np.minimum(np.maximum(self.high, self.q + apart), most)
+        return replace(self, low=low, high=high, apart=apart)
+
+    def vague(self, place: int) -> bool:
+        """Whether other searches ended at such other values of a parameter that this one says little."""
+        size = 1.0 if self.response.unknowns[place].logarithmic else abs(float(self.q[place]))
+        return self.apart is not None and bool(self.apart[place] > IDENTIFIED * size)
 
 
 def _settle(
@@ -366,6 +391,8 @@ def _estimates(solution: _Solution, names: Sequence[str]) -> tuple[Estimate, ...
         elif u.name in solution.together:
             other = solution.together[u.name]
             identified, note = False, f"identified only together with {other}."
+        elif solution.vague(i):
+            identified, note = False, "searches from other starts end at other values of it."
         elif u.name not in names:
             note = "known before, within its tolerance"
         unit, friendly = case.unit(u.name)
@@ -390,7 +417,12 @@ def _doubt(solution: _Solution) -> str:
 
 def _objections(solution: _Solution, doubt: str, worst: float, shares: Mapping[str, float]) -> Iterator[str]:
     """What speaks against a fit, in sentences."""
-    if not solution.converged:
+    if solution.apart is not None:
+        yield (
+            "The residuals are more than noise, so that the search may have missed the best place: intervals are "
+            "widened to span where searches from other starts end."
+        )
+    if not solution.cloud.settled:
         yield "The sum of squares is so rough that its draws have not settled: take the intervals as a guess."
     if doubt:
         yield doubt
