@@ -8,6 +8,7 @@ picture needs in ``describing_picture``.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -28,13 +29,15 @@ from eppanalysis.methods.describing.search import Found, is_one_loop, search_one
 from eppanalysis.methods.harmonic.averaged import left_out, locking, of_samples
 from eppanalysis.methods.harmonic.loop import role_of_input
 from eppanalysis.methods.margins.margins import margins
-from eppanalysis.methods.simulation.states import without_held_states
+from eppanalysis.methods.simulation.states import Part, parts_apart, without_held_states
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.means import mean_state
+from eppanalysis.models.systems.means import mean_state, static_balance
 from eppanalysis.models.systems.measured.loop import DataSystem, MeasuredLoop
 from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.own_states import ports
 from eppanalysis.models.systems.sampled.averaged import AveragedSystem, averaged
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
+from eppanalysis.readable import listed
 from eppanalysis.results import DESCRIBING_FUNCTION, LimitCycle, Prediction, Status
 from eppanalysis.results.deferred import Deferred
 from eppanalysis.results.measured import MeasuredCycle
@@ -44,6 +47,8 @@ from eppanalysis.results.provenance import Provenance
 _RESIDUAL = 1e-9
 #: Share below which a part of an input is rounding, as in coordinates that were turned.
 _SAME = 1e-9
+#: Amplitude of an input that stands still.
+_STILL = 1e-9
 
 
 def predict_limit_cycles(
@@ -81,6 +86,38 @@ def predict_limit_cycles(
     [(1.414214, 0.212207, True)]
     """
     own, at = standing(system, operating_point, "predict_limit_cycles")
+    parts = _parts(own, at)
+    return _of_parts(own, at, parts) if parts else _of_one(own, at)
+
+
+def _of_parts(own: LureSystem, at: OperatingPoint, parts: Sequence[tuple[Part, LureSystem, Array]]) -> Prediction:
+    """The predictions of loops that do not act on one another, as one."""
+    each = [_of_one(loop, at) for _, loop, _ in parts]
+    cycles = [p.told(c, own, state) for (p, _, state), found in zip(parts, each, strict=True) for c in found]
+    names = [listed(loop.element_names) for _, loop, _ in parts]
+    apart = (
+        f"Elements are in loops that do not act on one another ({'; '.join(names)}): each cycle is of one of them, "
+        "with the others at their means."
+    )
+    return Prediction(
+        cycles=tuple(cycles),
+        status=next((found.status for found in each if not found.status.ok), Status.CONVERGED),
+        search=" ".join(f"Of {name}: {found.search}" for name, found in zip(names, each, strict=True)),
+        on_grid=any(found.on_grid for found in each),
+        unseen=partial(_unseen_of_parts, apart, each),
+        curves=max(each, key=len).curves,
+        margins=Deferred(lambda: margins(replace(own, v0=at.vector(own))).summary()),
+        provenance=_made_by(own, at),
+        operating_point=at,
+    )
+
+
+def _unseen_of_parts(apart: str, each: Sequence[Prediction]) -> tuple[str, ...]:
+    return (apart, *(sentence for found in each for sentence in found.warnings))
+
+
+def _of_one(own: LureSystem, at: OperatingPoint) -> Prediction:
+    """The prediction of a loop whose elements all act on one another."""
     balance, found, points, estimates, cycles = _balanced(own, at)
     loop, asked = balance.system, (balance, points, estimates, found)
     with np.errstate(all="ignore"):
@@ -118,7 +155,54 @@ def predicted_cycles(system: LureSystem | CaseLike, operating_point: PointLike |
         As :func:`predict_limit_cycles`.
     """
     own, at = standing(system, operating_point, "predict_limit_cycles")
+    parts = _parts(own, at)
+    found = [(p, state, _balanced(loop, at)[-1]) for p, loop, state in parts]
+    if parts:
+        return tuple(p.told(c, own, state) for p, state, cycles in found for c in cycles)
     return _balanced(own, at)[-1]
+
+
+def _parts(own: LureSystem, at: OperatingPoint) -> list[tuple[Part, LureSystem, Array]]:
+    """Closed loops that do not act on one another, with the others at their means, and the state at these."""
+    parts = [] if isinstance(own, DataSystem) else parts_apart(own)
+    if not any(p.closed for p in parts):
+        return []
+    steady = [_steady(p.of(own, np.zeros(len(own.A)), np.zeros(own.B.shape[1])), at) for p in parts]
+    state, output = np.zeros(len(own.A)), np.zeros(own.B.shape[1])
+    for p, (x, w) in zip(parts, steady, strict=True):
+        state[p.states], output[p.outputs] = x, w
+    begun = np.where(np.isnan(state), own.x0, state)
+    return [(p, p.of(own, state, output), begun) for p in parts if p.closed]
+
+
+def _steady(loop: LureSystem, at: OperatingPoint) -> tuple[Array, Array]:
+    """Mean state and outputs of a loop: of its first cycle, else at rest; not-a-number where neither is known."""
+    from scipy.optimize import root
+
+    unknown = np.full(len(loop.A), np.nan), np.full(loop.B.shape[1], np.nan)
+    with suppress(ModelError, np.linalg.LinAlgError):
+        _, _, points, _, cycles = _balanced(loop, at)
+        if cycles:
+            return (cycles[0].mean_state, points[0].mean) if points[0].mean.size == loop.B.shape[1] else unknown
+        if all(ports(e) == (1, 1) for e in loop.elements):
+            value = at.vector(loop)
+            rest = static_balance(loop, value)
+
+            def unbalanced(b: Array) -> Array:
+                return rest.on_bias @ b + rest.on_mean @ _means(loop, b) - rest.prescribed
+
+            found = root(unbalanced, np.zeros(len(loop.C)))
+            if found.success:
+                mean = _means(loop, found.x)
+                return mean_state(loop, value, found.x, mean), mean
+    return unknown
+
+
+def _means(loop: LureSystem, bias: Array) -> Array:
+    """Outputs of elements with one input and output whose inputs hardly move."""
+    return np.array(
+        [float(e.describing_function(_STILL, b)[0]) for e, b in zip(loop.elements, bias.tolist(), strict=True)]
+    )
 
 
 def _balanced(

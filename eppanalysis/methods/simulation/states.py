@@ -12,7 +12,8 @@ from functools import lru_cache
 import numpy as np
 import scipy.linalg
 
-from eppanalysis.arrays import Array
+from eppanalysis.arrays import Array, BoolArray
+from eppanalysis.models.systems.algebraic import reached
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import equilibrate, without_rounding
 from eppanalysis.results import LimitCycle
@@ -109,3 +110,82 @@ def without_held_states(system: LureSystem) -> OtherStates | None:
         cuts=cuts and replace(cuts, B=cuts.B[driven], C=cuts.C[:, driven]),
     )
     return OtherStates(own, T[:, driven], inverse[driven], T @ held)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Elements of a loop, with what acts on them, that do not act on the others, nor these on them."""
+
+    elements: BoolArray  # (m,): which are its own
+    states: BoolArray  # (n,)
+    outputs: BoolArray  # (nw,)
+    inputs: BoolArray  # (nz,)
+    closed: bool  # whether one of the elements acts on itself
+
+    def of(self, system: LureSystem, state: Array, output: Array) -> LureSystem:
+        """Its own loop, the others with this state and these outputs; what of them is not known is not-a-number."""
+        s, w, z, signals = self.states, self.outputs, self.inputs, system.signals
+        own, x, y = np.flatnonzero(self.elements), np.where(s, 0.0, state), np.where(w, 0.0, output)
+        rate = system.A[s] @ np.nan_to_num(x) + system.B[s] @ np.nan_to_num(y)
+        told = np.hstack([signals.C, signals.D])
+        rest = np.where(told != 0.0, told * np.concatenate([x, y]), 0.0).sum(axis=1)
+        return replace(
+            system,
+            A=system.A[s][:, s],
+            B=system.B[s][:, w],
+            C=system.C[z][:, s],
+            D=system.D[z][:, w],
+            elements=tuple(system.elements[e] for e in own),
+            element_names=tuple(system.element_names[e] for e in own),
+            signals=replace(signals, C=signals.C[:, s], D=signals.D[:, w], constant=signals.constant + rest),
+            B_input=system.B_input[s],
+            D_input=system.D_input[z],
+            constant_state=system.constant_state[s] + rate,
+            constant_input=system.constant_input[z],
+            x0=system.x0[s],
+            memory=tuple(system.memory[e] for e in own),
+            delays=system.delays[w],
+            state_names=tuple(np.array(system.state_names)[s].tolist()) if system.state_names else (),
+            principal=int(np.searchsorted(own, system.principal)) if self.elements[system.principal] else 0,
+            cuts=None,
+            margins_at=(),
+            given=None,
+        )
+
+    def told(self, cycle: LimitCycle, system: LureSystem, state: Array) -> LimitCycle:
+        """A cycle of its loop as one of the whole, where the others have this state."""
+        x, mean = state.copy(), state.copy()
+        x[self.states], mean[self.states] = cycle.state, cycle.mean_state
+        own = iter(cycle.memory)
+        memory = [next(own) if is_own else m for is_own, m in zip(self.elements, system.memory, strict=True)]
+        still = dict.fromkeys(system.element_names, {"amplitude": 0.0, "bias": float("nan"), "phase": 0.0})
+        return replace(cycle, state=x, mean_state=mean, memory=tuple(memory), elements=still | dict(cycle.elements))
+
+
+def parts_apart(system: LureSystem) -> list[Part]:
+    """Parts of a loop that do not act on one another; none where all elements do, straight or through others."""
+    n, m = len(system.A), len(system.elements)
+    if m < 2:
+        return []
+    from scipy.sparse.csgraph import connected_components
+
+    acts = np.zeros((n + m, n + m), bool)
+    acts[:n, :n] = system.A != 0.0
+    columns = list(enumerate(system.output_slices))
+    for e, z in enumerate(system.input_slices):
+        acts[n + e, :n] = np.any(system.C[z] != 0.0, axis=0)
+        acts[n + e, n:] = [np.any(system.D[z, w] != 0.0) for _, w in columns]
+    for f, w in columns:
+        acts[:n, n + f] = np.any(system.B[:, w] != 0.0, axis=1)
+    reach = reached(acts)
+    number, label = connected_components(reach[n:, n:], directed=True, connection="weak")
+    if number < 2:
+        return []
+    owner_w = np.repeat(label, [w.stop - w.start for w in system.output_slices])
+    owner_z = np.repeat(label, [z.stop - z.start for z in system.input_slices])
+    out = []
+    for k in range(number):
+        own = label == k
+        states = np.any(reach[:n, n:][:, own], axis=1) | ~np.any(reach[:n, n:][:, ~own], axis=1)
+        out.append(Part(own, states, owner_w == k, owner_z == k, bool(np.any(np.diag(reach)[n:][own]))))
+    return out

@@ -1,0 +1,70 @@
+"""Loops in one diagram that do not act on one another: the predictions of each alone, whatever stands beside it."""
+
+from __future__ import annotations
+
+import pickle
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+
+#: Element and plant of closed loops: two that oscillate, one with a stable and an unstable cycle, two that rest.
+LOOPS = {
+    "relay": (epp.Relay(), ([2.0], [1.0, 3.0, 3.0, 1.0])),
+    "switch": (epp.HysteresisRelay(-0.3, 0.3, low=-2.0, high=2.0), ([5.0], [1.0, 2.0, 3.0, 1.0])),
+    "band": (epp.RelayDeadZone(0.1), ([1.0], [1.0, 3.0, 2.0, 0.0])),
+    "limit": (epp.Saturation(), ([1.0], [1.0, 3.0, 3.0, 1.0])),
+    "wide": (epp.Saturation(-2.0, 2.0), ([1.0], [1.0, 3.0, 3.0, 1.0])),
+}
+
+
+def diagram(*names: str, set_point: float = 0.0) -> epp.LureSystem:
+    """The loops side by side, each with the set point."""
+    parts, connect = {}, []
+    for name in names:
+        element, (num, den) = LOOPS[name]
+        parts |= {name: element, f"plant_{name}": epp.blocks.TransferFunction(num=num, den=den)}
+        connect += [f"r - plant_{name} -> {name}", f"{name} -> plant_{name}"]
+    return epp.Diagram(parts=parts, connect=connect, inputs={"r": set_point}).to_system()
+
+
+def alone(name: str) -> list[tuple[float, float, bool]]:
+    found = epp.predict_limit_cycles(diagram(name, set_point=0.05))
+    return [(c.omega, c.amplitude(f"plant_{name}"), c.stable) for c in found]
+
+
+@pytest.mark.parametrize("names", [*permutations(list(LOOPS)[:4], 2), tuple(LOOPS)])
+def test_each_loop_has_the_cycles_that_it_has_alone(names) -> None:
+    found = epp.predict_limit_cycles(diagram(*names, set_point=0.05))
+    for name in names:
+        own = [c for c in found if c.elements[name]["amplitude"] > 0.0]
+        told = [(c.omega, c.amplitude(f"plant_{name}"), c.stable) for c in own]
+        assert np.shape(told) == np.shape(alone(name))
+        np.testing.assert_allclose(np.array(told, float), np.array(alone(name), float), rtol=1e-9)
+        for cycle in own:
+            others = [other for other in names if other != name]
+            assert all(cycle.amplitude(f"plant_{other}") == 0.0 for other in others)
+            assert np.all(np.isfinite(cycle.state)) and cycle.state.size == 3 * len(names)
+    assert str(pickle.loads(pickle.dumps(found))) == str(found)
+    assert len(found) == sum(len(alone(name)) for name in names)
+    assert found.status is epp.Status.CONVERGED
+    assert ("do not act on one another" in str(found)) and len(found.to_frame()) == len(found)
+
+
+def test_a_loop_at_rest_is_told_where_it_rests() -> None:
+    (cycle,) = epp.predict_limit_cycles(diagram("relay", "limit", set_point=0.4))
+    # Of unit gain on both ways: half of the set point.
+    assert cycle.mean["plant_limit"] == pytest.approx(0.2, rel=1e-9)
+
+
+def test_loops_that_all_rest_are_said_to_be_apart() -> None:
+    found = epp.predict_limit_cycles(diagram("limit", "wide"))
+    assert not found and "do not act on one another" in str(found)
+
+
+def test_the_search_closes_the_cycle_of_one_loop_while_the_other_rests() -> None:
+    both = epp.find_limit_cycles(diagram("relay", "limit"))
+    (own,) = [c for c in epp.find_limit_cycles(diagram("relay")) if c.stable]
+    assert [c.period for c in both if c.stable] == pytest.approx([own.period], rel=1e-8)
