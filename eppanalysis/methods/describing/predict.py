@@ -91,13 +91,13 @@ def predict_limit_cycles(
 
 
 def _of_parts(own: LureSystem, at: OperatingPoint, parts: Sequence[tuple[Part, LureSystem, Array]]) -> Prediction:
-    """The predictions of loops that do not act on one another, as one."""
+    """The predictions of groups of elements that swing without the others, as one."""
     each = [_of_one(loop, at) for _, loop, _ in parts]
     cycles = [p.told(c, own, state) for (p, _, state), found in zip(parts, each, strict=True) for c in found]
     names = [listed(loop.element_names) for _, loop, _ in parts]
     apart = (
-        f"Elements are in loops that do not act on one another ({'; '.join(names)}): each cycle is of one of them, "
-        "with the others at their means."
+        f"Not all elements act on one another: each cycle is of a group that swings by itself ({'; '.join(names)}), "
+        "with the others at rest or their means."
     )
     return Prediction(
         cycles=tuple(cycles),
@@ -163,38 +163,44 @@ def predicted_cycles(system: LureSystem | CaseLike, operating_point: PointLike |
 
 
 def _parts(own: LureSystem, at: OperatingPoint) -> list[tuple[Part, LureSystem, Array]]:
-    """Closed loops that do not act on one another, with the others at their means, and the state at these."""
-    parts = [] if isinstance(own, DataSystem) else parts_apart(own)
-    if not any(p.closed for p in parts):
-        return []
-    steady = [_steady(p.of(own, np.zeros(len(own.A)), np.zeros(own.B.shape[1])), at) for p in parts]
-    state, output = np.zeros(len(own.A)), np.zeros(own.B.shape[1])
-    for p, (x, w) in zip(parts, steady, strict=True):
-        state[p.states], output[p.outputs] = x, w
-    begun = np.where(np.isnan(state), own.x0, state)
-    return [(p, p.of(own, state, output), begun) for p in parts if p.closed]
+    """Groups of elements that swing without the others, these at rest or their means, and the state at these."""
+    out = []
+    for part, others in [] if isinstance(own, DataSystem) else parts_apart(own):
+        state, output, stands = np.full(len(own.A), np.nan), np.full(own.B.shape[1], np.nan), True
+        for other in others:
+            alone = other.of(own, np.zeros(state.size), np.zeros(output.size))
+            state[other.states], output[other.outputs], rests = _steady(alone, at)
+            # What acts on the group must rest, or the group does not swing alone.
+            stands &= rests or not np.any(part.acting & other.elements)
+        if stands:
+            out.append((part, part.of(own, state, output), np.where(np.isnan(state), own.x0, state)))
+    return [] if all(np.all(part.elements) for part, _, _ in out) else out
 
 
-def _steady(loop: LureSystem, at: OperatingPoint) -> tuple[Array, Array]:
-    """Mean state and outputs of a loop: of its first cycle, else at rest; not-a-number where neither is known."""
+def _steady(loop: LureSystem, at: OperatingPoint) -> tuple[Array, Array, bool]:
+    """Mean state and outputs of a loop, and whether it rests there; not-a-number where they are not known.
+
+    They are those of its first cycle, or at rest where it has none.
+    """
     from scipy.optimize import root
 
-    unknown = np.full(len(loop.A), np.nan), np.full(loop.B.shape[1], np.nan)
+    unknown = np.full(len(loop.A), np.nan), np.full(loop.B.shape[1], np.nan), False
+    if not all(ports(e) == (1, 1) for e in loop.elements):
+        return unknown
     with suppress(ModelError, np.linalg.LinAlgError):
         _, _, points, _, cycles = _balanced(loop, at)
         if cycles:
-            return (cycles[0].mean_state, points[0].mean) if points[0].mean.size == loop.B.shape[1] else unknown
-        if all(ports(e) == (1, 1) for e in loop.elements):
-            value = at.vector(loop)
-            rest = static_balance(loop, value)
+            return cycles[0].mean_state, points[0].mean, False
+        value = at.vector(loop)
+        rest = static_balance(loop, value)
 
-            def unbalanced(b: Array) -> Array:
-                return rest.on_bias @ b + rest.on_mean @ _means(loop, b) - rest.prescribed
+        def unbalanced(b: Array) -> Array:
+            return rest.on_bias @ b + rest.on_mean @ _means(loop, b) - rest.prescribed
 
-            found = root(unbalanced, np.zeros(len(loop.C)))
-            if found.success:
-                mean = _means(loop, found.x)
-                return mean_state(loop, value, found.x, mean), mean
+        found = root(unbalanced, np.zeros(len(loop.C)))
+        if found.success and not np.any(np.isnan(found.x)):
+            mean = _means(loop, found.x)
+            return mean_state(loop, value, found.x, mean), mean, True
     return unknown
 
 

@@ -114,13 +114,23 @@ def without_held_states(system: LureSystem) -> OtherStates | None:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Elements of a loop, with what acts on them, that do not act on the others, nor these on them."""
+    """Elements of a loop that swing without the others, which do not follow them."""
 
     elements: BoolArray  # (m,): which are its own
+    acting: BoolArray  # (m,): which of the others act on them
     states: BoolArray  # (n,)
     outputs: BoolArray  # (nw,)
     inputs: BoolArray  # (nz,)
-    closed: bool  # whether one of the elements acts on itself
+
+    @classmethod
+    def with_elements(cls, system: LureSystem, reach: BoolArray, own: BoolArray) -> Part:
+        """Of these elements, where `reach` tells what states and elements act on which, through others too."""
+        n = len(system.A)
+        followed = reach[:n, n:]
+        states = np.any(followed[:, own], axis=1) | ~np.any(followed[:, ~own], axis=1)
+        slices = system.output_slices, system.input_slices
+        spread = (np.repeat(own, [each.stop - each.start for each in places]) for places in slices)
+        return cls(own, np.any(reach[n:, n:][own], axis=0) & ~own, states, *spread)
 
     def of(self, system: LureSystem, state: Array, output: Array) -> LureSystem:
         """Its own loop, the others with this state and these outputs; what of them is not known is not-a-number."""
@@ -141,7 +151,7 @@ class Part:
             B_input=system.B_input[s],
             D_input=system.D_input[z],
             constant_state=system.constant_state[s] + rate,
-            constant_input=system.constant_input[z],
+            constant_input=system.constant_input[z] + system.C[z] @ np.nan_to_num(x) + system.D[z] @ np.nan_to_num(y),
             x0=system.x0[s],
             memory=tuple(system.memory[e] for e in own),
             delays=system.delays[w],
@@ -162,8 +172,11 @@ class Part:
         return replace(cycle, state=x, mean_state=mean, memory=tuple(memory), elements=still | dict(cycle.elements))
 
 
-def parts_apart(system: LureSystem) -> list[Part]:
-    """Parts of a loop that do not act on one another; none where all elements do, straight or through others."""
+def parts_apart(system: LureSystem) -> list[tuple[Part, list[Part]]]:
+    """Groups of elements that swing without others, each with these others, by what acts on one another.
+
+    A closed loop swings with all that follows it. None where every loop makes all elements swing.
+    """
     n, m = len(system.A), len(system.elements)
     if m < 2:
         return []
@@ -178,14 +191,16 @@ def parts_apart(system: LureSystem) -> list[Part]:
     for f, w in columns:
         acts[:n, n + f] = np.any(system.B[:, w] != 0.0, axis=1)
     reach = reached(acts)
-    number, label = connected_components(reach[n:, n:], directed=True, connection="weak")
-    if number < 2:
+    between = reach[n:, n:]
+    # What a loop makes swing, and with it the loop: the same for all its elements.
+    groups = {tuple(between[:, e]): between[:, e] for e in np.flatnonzero(np.diag(between))}
+    if all(np.all(own) for own in groups.values()):
         return []
-    owner_w = np.repeat(label, [w.stop - w.start for w in system.output_slices])
-    owner_z = np.repeat(label, [z.stop - z.start for z in system.input_slices])
     out = []
-    for k in range(number):
-        own = label == k
-        states = np.any(reach[:n, n:][:, own], axis=1) | ~np.any(reach[:n, n:][:, ~own], axis=1)
-        out.append(Part(own, states, owner_w == k, owner_z == k, bool(np.any(np.diag(reach)[n:][own]))))
+    for own in groups.values():
+        rest = np.flatnonzero(~own)
+        number, label = connected_components(between[np.ix_(rest, rest)], directed=True, connection="weak")
+        blocks = [np.isin(np.arange(m), rest[label == k]) for k in range(number)]
+        made = [Part.with_elements(system, reach, which) for which in (own, *blocks)]
+        out.append((made[0], made[1:]))
     return out

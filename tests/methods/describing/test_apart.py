@@ -50,7 +50,7 @@ def test_each_loop_has_the_cycles_that_it_has_alone(names) -> None:
     assert str(pickle.loads(pickle.dumps(found))) == str(found)
     assert len(found) == sum(len(alone(name)) for name in names)
     assert found.status is epp.Status.CONVERGED
-    assert ("do not act on one another" in str(found)) and len(found.to_frame()) == len(found)
+    assert ("Not all elements act on one another" in str(found)) and len(found.to_frame()) == len(found)
 
 
 def test_a_loop_at_rest_is_told_where_it_rests() -> None:
@@ -61,10 +61,33 @@ def test_a_loop_at_rest_is_told_where_it_rests() -> None:
 
 def test_loops_that_all_rest_are_said_to_be_apart() -> None:
     found = epp.predict_limit_cycles(diagram("limit", "wide"))
-    assert not found and "do not act on one another" in str(found)
+    assert not found and "Not all elements act on one another" in str(found)
 
 
 def test_the_search_closes_the_cycle_of_one_loop_while_the_other_rests() -> None:
     both = epp.find_limit_cycles(diagram("relay", "limit"))
     (own,) = [c for c in epp.find_limit_cycles(diagram("relay")) if c.stable]
     assert [c.period for c in both if c.stable] == pytest.approx([own.period], rel=1e-8)
+
+
+@pytest.mark.parametrize("gain", [0.5, 1.0])
+def test_a_loop_behind_one_that_rests_has_the_cycles_that_it_has_alone(gain) -> None:
+    """A saturation in a stable loop whose output is the set point of a relay's loop, which does not act on it."""
+    (relay, (num, den)), (limit, (own_num, own_den)) = LOOPS["relay"], LOOPS["limit"]
+    plant = epp.blocks.TransferFunction
+    parts = {
+        "limit": limit, "before": plant(num=own_num, den=own_den), "gain": epp.blocks.Gain(gain=gain),
+        "relay": relay, "behind": plant(num=num, den=den),
+    }  # fmt: skip
+    wires = ["r - before -> limit", "limit -> before", "before -> gain"]
+    cascade = epp.Diagram(
+        parts=parts, connect=[*wires, "gain - behind -> relay", "relay -> behind"], inputs={"r": 0.4}
+    ).to_system()
+    parts = {"relay": relay, "behind": plant(num=num, den=den)}
+    alone = epp.Diagram(parts=parts, connect=["r - behind -> relay", "relay -> behind"], inputs={"r": 0.2 * gain})
+    (own,), (cycle,) = epp.predict_limit_cycles(alone.to_system()), epp.predict_limit_cycles(cascade)
+    assert cycle.omega == pytest.approx(own.omega, rel=1e-9) and cycle.stable == own.stable
+    for name in ("behind", "relay"):
+        assert cycle.amplitude(name) == pytest.approx(own.amplitude(name), rel=1e-9)
+        assert cycle.mean[name] == pytest.approx(own.mean[name], rel=1e-9)
+    assert cycle.mean["before"] == pytest.approx(0.2, rel=1e-9) and cycle.amplitude("before") == 0.0
