@@ -104,6 +104,7 @@ def test_a_run_without_samples_ends_where_one_with_samples_does(seeds: range) ->
     assert not unexplained
 
 
+@pytest.mark.slow
 def test_a_sample_agrees_with_another_integrator() -> None:
     compared, wrong = 0, []
     for seed in range(20_000, 20_400):

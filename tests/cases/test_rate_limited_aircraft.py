@@ -12,6 +12,7 @@ def orbit(case):
     return epp.exact_orbit(case, epp.predict_limit_cycles(case)[0])
 
 
+@pytest.mark.slow
 def test_unstable_cycle_is_the_one_known_and_grows_with_the_rate():
     case = epp.case(CASE)
     exact = orbit(case)

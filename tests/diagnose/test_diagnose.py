@@ -63,7 +63,7 @@ def test_the_element_that_made_a_record_is_named(mechanism):
         ("saturation", "amplifier", "flow", "cannot be told"),
         ("saturation", "drive_in", "command", "cannot be told"),
         ("rate limit", "drive", "flow", "unexplained"),
-        ("linear instability", "angle", "angle", "named"),
+        pytest.param("linear instability", "angle", "angle", "named", marks=pytest.mark.slow),
     ],
 )
 def test_a_record_of_another_signal_is_no_linear_instability(mechanism, label, recorded, verdict):

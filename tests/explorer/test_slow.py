@@ -15,6 +15,7 @@ def test_a_branch_says_where_cycles_begin_without_a_fold():
     assert value == pytest.approx(0.92267, rel=1e-4)  # there the period grows without bound
 
 
+@pytest.mark.slow
 def test_a_branch_that_is_lost_says_where_and_is_sought_from_the_case_too():
     case = epp.case("level_valve")
     (signal, *_), own = case.to_system().signals.names, case.value("linkage.gap")

@@ -44,6 +44,7 @@ def test_the_limit_is_that_of_the_published_amplitude(guide: epp.Guide) -> None:
     assert row.region is Region.RUNS and not row.within
 
 
+@pytest.mark.slow
 def test_at_the_limit_the_exact_cycle_has_the_rms_that_is_allowed(servo: epp.Case) -> None:
     text = "x 0.1 rms"
     guide = epp.design_guide(servo, [1.0], over="loop.gain", limit="play.gap", allow=text, starts=20, within=(0.05, 1))
@@ -174,6 +175,7 @@ def test_what_is_of_all_cycles_is_refused(servo: epp.Case, given: dict[str, obje
         epp.design_guide(servo, [1.0], **asked)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_the_command_takes_it() -> None:
     asked = ["guide", "backlash_servo", "--over", "loop.gain", "--limit", "play.gap", "--gains", "1", "--workers", "1"]
     done = CliRunner().invoke(app, [*asked, "--within", "0.1..1", "--allow", "x 0.5", "--starts", "20"])

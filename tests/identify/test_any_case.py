@@ -143,6 +143,7 @@ def test_a_model_that_is_wrong_elsewhere_is_said_and_what_would_mend_it(tmp_path
     assert any("ask for motor.damping by -" in note for note in fit.notes)
 
 
+@pytest.mark.slow
 def test_what_acts_as_a_sum_alone_is_named(tmp_path, few_draws):
     """Two inertias on one shaft: the motion depends on their sum, so that one of them is taken from the case."""
     parts = 'J_arm = "0.012 kg*m^2"\nJ_tool = "0.015 kg*m^2"\nJ_load = "J_arm + J_tool"'

@@ -66,6 +66,7 @@ def test_a_response_that_settles_identifies_the_drive_too(tmp_path, few_draws):
         assert fit[name].low * 0.98 <= bench.truth[name] <= fit[name].high * 1.02
 
 
+@pytest.mark.slow
 def test_what_a_coarse_record_cannot_identify_is_named(tmp_path, few_draws):
     """Sixty rows a second of the angle alone: a millisecond of lag is not distinguished from a millisecond of delay."""
     bench = step_response(8, force=False, rate=60.0, t_end=1.5)

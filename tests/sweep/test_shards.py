@@ -86,6 +86,7 @@ def test_shares_need_a_store_and_joining_needs_shares(tmp_path) -> None:
         share(tmp_path / "map.zarr", "1/2", merge=True)
 
 
+@pytest.mark.slow
 def test_the_command_says_by_its_exit_code_that_shares_are_missing(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     command = ["sweep", "fig8a_original", "--set", "run.t_end=1 s", "--axis", "bands.range=1:5:8:lbf", "-o", "map.zarr"]

@@ -157,6 +157,7 @@ def test_smooth_functions_of_others_come_back_from_a_file():
         wrong.build()
 
 
+@pytest.mark.slow
 def test_an_own_element_with_a_mean_is_sought_at_few_places_and_has_the_cycles_of_the_shipped_one() -> None:
     system = epp.case("sat_asymmetric").to_system()
     own = epp.AutomatonElement(system.elements[0].automaton())

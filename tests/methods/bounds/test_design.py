@@ -94,6 +94,7 @@ def test_harmonic_elasticities_have_the_sign_and_size_of_the_exact_ones(found: e
     assert harmonic["harness.step"] == pytest.approx(0.0, abs=1e-6)  # the loop does not know where it is
 
 
+@pytest.mark.slow
 def test_bounds_and_elasticities_of_harmonic_balance_do_not_depend_on_where_they_began(wheelchair: epp.Case) -> None:
     alone, last = (
         design_bounds(wheelchair, "play.gap", "loop.gain", at=at, exact=False)[-1] for at in ([0.012], [0.011, 0.012])
@@ -130,6 +131,7 @@ def test_cycles_that_only_runs_find_lead_to_the_true_bound(
     assert checked.verification.safe_value == pytest.approx(0.99 * FOLD)
 
 
+@pytest.mark.slow
 def test_a_bound_at_a_border_collision_is_exact_and_verified() -> None:
     """With the original pulley the branch turns back at a border collision, where harmonic balance says 0.834
     degrees.
@@ -321,6 +323,7 @@ def test_quantile_of_few_draws_is_not_made_up() -> None:
     assert math.isnan(quantile(np.arange(50.0), 0.99).low)
 
 
+@pytest.mark.slow
 def test_tolerances(wheelchair: epp.Case) -> None:
     """The worst corner is where the branch of that corner turns back; no draw lies below it."""
     within, widths = (0.3, 1.3), {"play.gap": "6 %", "dead_zone.upper": "5 %"}

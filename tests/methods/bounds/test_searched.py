@@ -135,6 +135,7 @@ def test_a_bound_at_zero_is_found_in_few_steps(case, bounds) -> None:
     assert safe.value == 0.0 and 0.0 < beyond.value < 1e-4 and count < 25
 
 
+@pytest.mark.slow
 def test_the_own_run_of_a_virtual_spring_is_bounded_where_closed_forms_are() -> None:
     """Let go 5 mm aside it comes to rest up to 544 N/m, by closed forms that know nothing of the engine."""
     spring = epp.case("virtual_spring")
@@ -151,6 +152,7 @@ def test_the_own_run_is_for_sampled_loops() -> None:
         epp.design_bounds(epp.case("wheelchair"), "play.gap", "loop.gain", at=[0.012], within=(0.5, 1.0), own_run=True)
 
 
+@pytest.mark.slow
 def test_a_controller_that_holds_its_integrator_is_bounded_by_the_search() -> None:
     """(kp + ki/s)/(s + 1)^3 is unstable from ``(8 - kp)(1 + kp) = 9 ki`` on, by Routh; a limit makes cycles of it."""
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 3.0, 1.0]), epp.ClampedPID(kp=4.0, ki=0.8), x0=[1.0, 0.0, 0.0])

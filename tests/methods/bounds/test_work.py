@@ -43,6 +43,7 @@ def test_elasticities_are_computed_when_they_are_looked_at(monkeypatch: pytest.M
     assert len(exact.asked) == len(harmonic.asked) == 1
 
 
+@pytest.mark.slow
 def test_a_neighbouring_case_takes_over_programmes_and_has_the_same_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     case, given = epp.case(RELAY), {"at": [1.0], "within": (1.0, 3.0), "exact": False}
     other = case.with_values({LEVEL: 1.05})

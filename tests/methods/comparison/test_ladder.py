@@ -148,6 +148,7 @@ def test_a_servo_that_first_order_calls_safe_oscillates() -> None:
     assert case.expected.exact[0].period == pytest.approx(period, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_an_independent_integrator_sees_the_unseen_cycle() -> None:
     system = epp.case("backlash_servo_unseen").to_system()
     reference = simulate_lure(system, np.linspace(0.0, 300.0, 11))
@@ -180,6 +181,7 @@ def test_a_cycle_that_only_first_order_has() -> None:
     assert "divides nothing here" in result.verdict
 
 
+@pytest.mark.slow
 def test_an_independent_integrator_comes_to_rest_there_too() -> None:
     run = simulate_reference(nominal(backlash=0.9 * DEG), 2.5, rtol=1e-8, atol=1e-10)
     assert run.verdict == "settle"

@@ -34,7 +34,7 @@ def original():
     ("parameter", "start", "stop", "unit", "expected"),
     [
         ("lock_pin.backlash", "2.5 deg", "0.6 deg", math.pi / 180, 0.978586853),
-        ("bands.range", "2.5 lbf", "6 lbf", POUND, 5.005421649),
+        pytest.param("bands.range", "2.5 lbf", "6 lbf", POUND, 5.005421649, marks=pytest.mark.slow),
     ],
 )
 def test_folds_are_the_same_from_both_sides(original, parameter, start, stop, unit, expected):
@@ -183,9 +183,9 @@ def test_a_continuum_at_one_value_is_named():
         assert standstill(old, SimpleNamespace(stands=False, one_of_many=False, orbit=new.orbit)) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "start", "border", "stop", "seed"),
-    [("slip_jump", 2.0, 2.5, 5.0, 3), pytest.param("stick_band", 5.0, 4.0, 2.5, 4, marks=pytest.mark.slow)],
+    ("name", "start", "border", "stop", "seed"), [("slip_jump", 2.0, 2.5, 5.0, 3), ("stick_band", 5.0, 4.0, 2.5, 4)]
 )
 def test_a_branch_ends_where_cycles_are_a_continuum_at_each_value(name, start, border, stop, seed):
     """A valve that slips by half its band or more sticks at once, at whatever place: special points were rounding."""
@@ -358,6 +358,7 @@ def test_an_orbit_that_has_lost_its_events_is_found_out_where_it_leaves_them(mon
 
 
 # What a branch covers of what was asked ----------------------------------------------------------------------------
+@pytest.mark.slow
 def test_a_branch_that_ends_on_the_way_is_joined_by_those_of_other_cycles() -> None:
     """The wheelchair's stable cycle grows beyond all bounds near a gain of 1.41; an unstable one exists up to 2."""
     case = epp.case("wheelchair").with_values({"loop.gain": 1.0})

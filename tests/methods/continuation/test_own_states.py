@@ -58,7 +58,7 @@ def test_a_branch_in_absolute_angles_is_that_in_their_difference(seed):
     assert found.points["angle"][-1] == pytest.approx(run.peak_to_peak["angle"], rel=1e-5)
 
 
-@pytest.mark.parametrize("seed", [None, 2])
+@pytest.mark.parametrize("seed", [None, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_curve_of_folds_in_absolute_angles_is_that_in_their_difference(seed):
     """The loop changed its structure from value to value."""
     asked = "rock.static", "rock.coulomb", (3000.0, 6000.0), (2800.0, 2820.0)
@@ -76,6 +76,7 @@ def test_a_bound_in_absolute_angles_is_that_in_their_difference(seed):
     assert values[1] == pytest.approx(values[0], rel=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [None, 2])
 def test_a_design_in_absolute_angles_is_that_in_their_difference(seed):
     """Nothing but its range limited it, for no cycle closed."""

@@ -35,7 +35,7 @@ def first(cycle):
 
 #: Further elbows, and one that takes long.
 FURTHER = {"elbow", "elbow_cycle_not_there", "gain_brings_it_back", "light_forearm"}
-FURTHER |= {"parking_stops_it", "virtual_spring"}
+FURTHER |= {"parking_stops_it", "virtual_spring", "actuator_both_limits"}
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in FURTHER)) for n in CASES])
@@ -161,6 +161,7 @@ def test_the_stored_table_of_coverages_holds_for_two_hundred_draws():
     assert all(name.removesuffix("_large") in PAGE.read_text(encoding="utf-8") for name in doubtful)
 
 
+@pytest.mark.slow
 def test_what_noise_makes_or_unmakes_at_a_fold_is_said():
     # Its two largest cycles lie three per cent apart at a fold: in some draws the data have them, in others not.
     rng, known = np.random.default_rng(4), predicted("quantised_sensor_ct")[2:]

@@ -96,6 +96,7 @@ def switches(omega: float, amplitude: float, n: int) -> np.ndarray:
     return np.array(out)
 
 
+@pytest.mark.slow
 def test_the_tongue_and_the_beat_are_those_of_an_independent_integration() -> None:
     loop, amplitude = LOOPS["relay"](), 1e-3
     (own,) = epp.find_limit_cycles(loop)

@@ -361,6 +361,7 @@ def test_estimate_of_a_sampled_loop_covers_what_its_order_and_its_samples_leave(
     assert all(np.isfinite(e.estimate) and e.covered for e in found)
 
 
+@pytest.mark.slow
 def test_a_balance_within_whose_error_a_dwell_time_passes_has_no_estimate():
     """Parking ends every motion of this elbow; balances of a dozen orders go round, and orders nearby agree."""
     found = entries("parking_stops_it", [5, 11, 16, 17])

@@ -225,6 +225,7 @@ def test_a_run_that_has_gone_is_not_made_longer(seed):
     assert [(round(c.period, 6), c.stable) for c in found] == [(7.605703, True), (4.066934, False)]
 
 
+@pytest.mark.slow
 def test_a_switched_current_has_its_cycle_however_slowly_the_drive_nears_it():
     """Over a cycle of 0.43 ms the drive's speed keeps 99.9 % of its distance: runs ended undecided. The cycle is that
     of two pulses, each solved by a matrix exponential, at whose ends the current's error is at the thresholds.

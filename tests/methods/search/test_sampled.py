@@ -148,7 +148,8 @@ def patterns_of_relay(x: np.ndarray, T: float) -> list[str]:
     return [min(turn[k:] + turn[:k] for k in range(len(turn))) for turn in turns]
 
 
-@pytest.mark.parametrize("T", [0.5, pytest.param(0.3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("T", [0.5, 0.3])
 def test_each_continuum_of_a_sampled_relay_is_listed_once(T: float) -> None:
     """The integrator keeps where the motion lies: each pattern of the relay is a continuum of cycles."""
     reader = epp.SampledController([], [], [], [[1.0]], T)

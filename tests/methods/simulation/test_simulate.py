@@ -81,6 +81,7 @@ def test_rows_of_the_truth_table_come_out_as_the_paper_found(number: int) -> Non
     assert run_case(ROWS[number]["name"]).status is status
 
 
+@pytest.mark.slow
 def test_period_of_the_original_elbow_is_that_of_the_independent_integrator() -> None:
     """Its period is the mean of many passages of an interpolant, hence 1e-6."""
     reference = simulate_reference(row(1), 4.0, rtol=1e-9, atol=1e-11)

@@ -192,6 +192,7 @@ def test_values() -> None:
         SOFT.describing_function(1.0, 0.0, -1.0)
 
 
+@pytest.mark.slow
 def test_a_prediction_says_that_such_a_loop_may_hunt() -> None:
     """A positioning servo with integral action, whose friction falls with speed: first order sees no cycle."""
     friction = epp.LuGreFriction(2000.0, 1.0, 1.6, 0.02, damping=20.0, viscous=0.1)

@@ -104,6 +104,7 @@ def test_just_above_the_limit_it_lacks_the_fourth_power() -> None:
         assert missing.imag == pytest.approx(9 / (4 * np.pi) * beta**4, rel=1e-4, abs=3e-16)
 
 
+@pytest.mark.slow
 @settings(max_examples=2, deadline=None)  # a second and a half each, with the two ends below
 @given(st.floats(1.02, 6.0), st.floats(0.3, 60.0))
 @example(10.0, 5.0)
