@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
 _MAC = "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome"
 _TEMPLATES = Path(__file__).parent / "templates"
+#: A number with what a line would break at: the sign of its exponent, or the space before its unit; no entity.
+_NUMBER = re.compile(r"(?<![\w#.])-?\d[\d.]*(?:e[-+]\d+(?: [A-Za-z%]+)?| [A-Za-z%]+)")
 #: How long a browser may take to print a page [s].
 _LONGEST_PRINT = 120
 
@@ -49,7 +52,19 @@ def to_html(notebook: NotebookNode) -> str:
     from nbconvert import HTMLExporter
 
     exporter = HTMLExporter(template_name="eppanalysis", extra_template_basedirs=[str(_TEMPLATES)])
+    exporter.register_filter("unbroken", unbroken)
     return str(exporter.from_notebook_node(notebook)[0])
+
+
+def unbroken(text: str) -> str:
+    """Escaped text in which no line ends within a number, or between it and its unit or the word behind it.
+
+    Examples
+    --------
+    >>> unbroken("it&#39;s 2 Hz, 3e-05.")
+    'it&#39;s <span class="number">2 Hz</span>, <span class="number">3e-05</span>.'
+    """
+    return _NUMBER.sub(r'<span class="number">\g<0></span>', text)
 
 
 def find_browser(path: Path) -> str:

@@ -214,7 +214,7 @@ print("Computed", datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"))"""
 def _prediction(case: Case) -> str:
     """With a Nyquist plot of its own where the prediction's is the loop gain over amplitude."""
     system = case.to_system()
-    several = len(system.elements) > 1 and not system.time_step
+    several = len(system.elements) > 1 and not in_samples(system)
     return _PREDICTION.format(nyquist=_NYQUIST if several else "")
 
 
