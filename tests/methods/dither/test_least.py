@@ -63,6 +63,13 @@ def test_an_independent_run_has_the_cycle_on_one_side_alone(found: epp.Dither) -
     assert stays > 0.5 * found.size and goes < 0.05 * found.size
 
 
+def test_marks_of_runs_are_seen_whole_at_the_edge_of_the_picture(found: epp.Dither) -> None:
+    """What is gone stands at zero, on the frame."""
+    marks = [line for line in found.plot().get_lines() if str(line.get_label()).startswith("run: ")]
+    assert any(0.0 <= min(line.get_ydata()) < 1.0 for line in marks)
+    assert not any(line.get_clip_on() for line in marks)
+
+
 def test_it_says_what_it_found_and_what_it_did_not_look_at(found: epp.Dither) -> None:
     text = str(found)
     assert "The least dither that removes the limit cycle is a sine of 4 Hz at the input of relay of amplitude" in text
