@@ -27,7 +27,6 @@ from eppanalysis.cases.values.expressions import is_expression
 from eppanalysis.cases.values.parameters import Named, read, resolve
 from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity
 from eppanalysis.cases.values.wires import units_along_wires
-from eppanalysis.cases.variation import LoopVariation
 from eppanalysis.errors import CaseError, IdleInput, ModelError, did_you_mean
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
 from eppanalysis.models.diagrams import BLOCKS, Block, Diagram
@@ -37,19 +36,12 @@ from eppanalysis.models.elements import Nonlinearity
 _WORDS = ("kind", "element", "name")
 
 
-class DiagramVariation(LoopVariation):
-    """Of a diagram: its parameters, those that are marked tunable first."""
-
-    example = "controller.kp = 2"
-
-
 class DiagramKind(Kind):
     """Cases of diagrams."""
 
     name = "diagram"
     input_unit = ""
     file = DiagramFile
-    variation = DiagramVariation
 
     def parts(self, file: Any, raw: RawCase) -> Parts:
         """Named parameters and the fields that are given as quantities, the input, and the loop."""

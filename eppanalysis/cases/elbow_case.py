@@ -43,7 +43,6 @@ class ElbowVariation(Variation):
     """Of an elbow: its gain and its backlash before all else."""
 
     guided = ("bands.range", "lock_pin.backlash")
-    example = "lock_pin.backlash = 0.5 deg"
 
     def sliders(self) -> Iterable[Slider]:
         """The parameters of its design; the forearm's inertia where the shell has all of it."""

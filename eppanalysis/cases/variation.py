@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Protocol
 
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.errors import CaseError
-from eppanalysis.readable import with_unit, words
+from eppanalysis.readable import number, with_unit, words
 
 
 @dataclass(frozen=True)
@@ -61,13 +61,18 @@ class Variation(ABC):
 
     #: The parameter that guidelines run over and the one that they bound, where nothing else is asked for.
     guided: ClassVar[tuple[str, str] | None] = None
-    example: ClassVar[str]  # a field and a value for it, as one sets them
 
     case: Varied
 
     @abstractmethod
     def sliders(self) -> Iterable[Slider]:
         """Parameters with the ranges that they are moved over."""
+
+    @property
+    def example(self) -> str:
+        """A field of the case with its value, as one sets them."""
+        own = (f"{slider.name} = {number(slider.value)} {slider.unit}".rstrip() for slider in self.sliders())
+        return next(own, "")
 
     @abstractmethod
     def over(self) -> list[str]:
@@ -84,8 +89,6 @@ class Variation(ABC):
 
 class LoopVariation(Variation):
     """Of any loop: its gain and whatever is positive."""
-
-    example = "loop.gain = 2"
 
     def sliders(self) -> Iterable[Slider]:
         """What a picture may run over, from a tenth to three times of what it is."""

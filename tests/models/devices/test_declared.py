@@ -51,7 +51,9 @@ def test_the_shipped_elbow_has_the_declared_values() -> None:
         assert elbow.value(name) == pytest.approx(getattr(getattr(ElbowParameters(), section), field), rel=1e-12)
 
 
-@pytest.mark.parametrize("name", ["fig8a_original", "light_forearm", "backlash_servo", "relay_ideal_khalil79"])
+@pytest.mark.parametrize(
+    "name", ["fig8a_original", "light_forearm", "backlash_servo", "relay_ideal_khalil79", "x15_flare"]
+)
 def test_what_is_worth_varying_can_be_set(name: str) -> None:
     """Every kind of case answers: its sliders, branches and axes are of parameters that it takes."""
     found = case(name)
@@ -64,4 +66,4 @@ def test_what_is_worth_varying_can_be_set(name: str) -> None:
     for field in variation.axes():
         assert found.value(field) > 0
     field, _, value = variation.example.partition(" = ")
-    assert found.si(field, value) > 0
+    assert found.si(field, value) == pytest.approx(found.value(field), rel=1e-3)  # its own, to the digits shown
