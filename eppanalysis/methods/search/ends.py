@@ -395,7 +395,7 @@ class Ends:
         """Whether a run's last event is one of a cycle's: the same guard, in the same state."""
         last, compared = run.order[-1], self.hybrid.compared
         away = np.abs(states[guards == run.guard[last]] - run.state[last])[:, compared]
-        return bool(len(away)) and float(np.min(np.max(away / scale[compared], axis=1))) < 1e-3
+        return bool(len(away)) and float((away / scale[compared]).max(axis=1).min()) < 1e-3
 
     def _reach(self, start: HybridSystem, t: float) -> End | int:
         """List the cycle that a run is on at time t as the run has it, once it is on it to many digits."""

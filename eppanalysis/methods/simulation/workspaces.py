@@ -38,6 +38,7 @@ class _Own(threading.local):
 
     def __init__(self) -> None:
         self.kept: dict[tuple[Any, ...], _Kept] = {}
+        self.last: _Kept | None = None  # of those kept, whose workspaces were given out last
         self.events: EventBuffer | None = None
 
     def workspaces(self, hybrid: HybridSystem, base: float) -> tuple[Any, Any, Any]:
@@ -45,13 +46,15 @@ class _Own(threading.local):
         from eppanalysis.kernels.engine.workspace import make_workspaces
 
         model = hybrid.model
+        if self.last is not None and self.last.model is model and self.last.base == base:
+            return self.last.workspaces
         known = next((k for k in self.kept.values() if k.model is model), None)
         structure = _structure(model) if known is None else known.structure
         kept = self.kept.pop(structure, None)
         workspaces = make_workspaces(model) if kept is None else kept.workspaces
         if kept is not None and (kept.model is not model or kept.base != base):
             workspaces[0].count[0] = 0
-        self.kept[structure] = _Kept(structure, model, base, workspaces)
+        self.last = self.kept[structure] = _Kept(structure, model, base, workspaces)
         while len(self.kept) > _STRUCTURES:
             del self.kept[next(iter(self.kept))]
         return workspaces
