@@ -1,4 +1,6 @@
-"""Roots and minima along one variable, of functions of many points at once: all that are sought move together."""
+"""Roots and minima along one variable, of functions of many points at once (all that are sought move together), and
+stretches between them.
+"""
 
 from __future__ import annotations
 
@@ -101,3 +103,9 @@ def least(f: Numbered, x: Array, y: Array, wanted: Callable[[Array, Array], Bool
             f_end[k[side]] = np.where(better, f_best[k], value)[side]
         best[k], f_best[k] = np.where(better, u, best[k]), np.where(better, value, f_best[k])
     return best, f_best
+
+
+def stretches(mask: BoolArray) -> list[slice]:
+    """Stretches of True that hold two points or more."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]

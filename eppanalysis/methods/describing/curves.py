@@ -5,7 +5,7 @@ Pairs of roots near a fold are found because every local extremum is located bef
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.methods.describing.balance import ON_THE_WAY, Balance, newton
-from eppanalysis.roots import between, least
+from eppanalysis.roots import between, least, stretches
 
 #: Steps between nodes that an extremum may lie beyond the nearest node; of a parabola it is a quarter.
 _REACH = 4.0
+#: Halvings of a step of the grid in which a gain passes zero.
+_HALVINGS = 48
 
 
 def roots_at_once(f: Callable[[Array], Array], x: Array, y: Array, accept: float = 1e-9) -> Array:
@@ -284,3 +286,33 @@ def _wrapped(difference: Array, m: int) -> Array:
     out = difference.copy()
     out[:, 3 : 2 * m : 2] = np.angle(np.exp(1j * out[:, 3 : 2 * m : 2]))
     return out
+
+
+def up_to_zero(
+    balance: Balance, line: Array, loop_gain: Array, omega: float, gain: float
+) -> Iterator[tuple[Array, Array]]:
+    """Stretches of a branch of the bias on which the loop gain is positive, each with points towards where it ends.
+
+    A gain may fall from above one through zero within a step of the grid: that of friction where a sine just reaches
+    rest.
+    """
+
+    def at(points: Array) -> Array:
+        N = balance.evaluate(points[:, :1], points[:, 1:], np.full(len(points), omega))[1][:, 0]
+        return np.asarray(N.real * gain, float)
+
+    for piece in stretches(loop_gain > 0):
+        points, ends = [line[piece]], [(piece.start, piece.start - 1), (piece.stop - 1, piece.stop)]
+        for inner, outer in ends:
+            if 0 <= outer < len(line) and loop_gain[outer] <= 0.0:
+                way, low, high = line[outer] - line[inner], 0.0, 1.0
+                for _ in range(_HALVINGS):
+                    middle = 0.5 * (low + high)
+                    low, high = (middle, high) if at(line[[inner]] + middle * way)[0] > 0.0 else (low, middle)
+                shares = low * (1.0 - 0.5 ** np.arange(1, _HALVINGS // 2))[:: 1 if outer > inner else -1]
+                more = line[inner] + shares[:, None] * way
+                points = [*points, more] if outer > inner else [more, *points]
+        joined = np.concatenate(points)
+        values = at(joined)
+        for part in stretches(values > 0):
+            yield joined[part], values[part]

@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.methods.describing.balance import ON_THE_WAY, Balance, describe, moved, newton, ranges, solved_in_part
 from eppanalysis.methods.describing.curves import contour_lines, crossings, distinct, interpolate, polish, settle
-from eppanalysis.methods.describing.search import Found, frequency_scales, stretches
+from eppanalysis.methods.describing.search import Found, frequency_scales
 from eppanalysis.methods.describing.trace import Box, trace
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import CANCELLED
 from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.readable import count
+from eppanalysis.roots import stretches
 
-_PER_DECADE = 9
-_INNER_STEPS = 16
+_PER_DECADE, _INNER_STEPS = 9, 16
 _GAIN_RANGE = 2.5
 _MOST_SEEDS = 150
 _LEVELS = (0.0, 0.7, -0.7)

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
-from eppanalysis.arrays import Array, BoolArray, ComplexArray
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.methods.describing.balance import Balance, ranges
 from eppanalysis.methods.describing.bias import SingleBias, goes_one_way, spread
 from eppanalysis.methods.describing.curves import (
@@ -22,11 +22,13 @@ from eppanalysis.methods.describing.curves import (
     distinct,
     roots_at_once,
     settle,
+    up_to_zero,
 )
 from eppanalysis.models.systems.linear import poles, zeros
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.readable import count
+from eppanalysis.roots import stretches
 
 _MOST_NODES = 4000
 #: Places beside a frequency at which the linear part changes, relative to it.
@@ -412,14 +414,14 @@ def _on_crossings(
         gain = float(balance.linear(np.array([w]))[0, 0, 0].real)
         for line, gains in lines:
             N = np.asarray(gains.real, float)
-            # Without a bias the loop gain is a function of the amplitude alone; else the balance of means goes along
+            # With one bias the loop gain is a function of the amplitude alone; else the balance of means goes along
             # with it.
-            if not np.any(line[:, 1]):
-                cycles.append(_roots_in_amplitude(balance, line[:, 0], N * gain, w, gain, np.zeros_like))
+            if np.all(line[:, 1] == line[0, 1]):
+                one_bias = partial(np.full_like, fill_value=line[0, 1])
+                cycles.append(_roots_in_amplitude(balance, line[:, 0], N * gain, w, gain, one_bias))
                 continue
-            for piece in stretches(N * gain > 0):
-                X = _points(line[piece], np.full(len(line[piece]), w), N[piece] * gain)
-                curves += settle(balance, [X])
+            for piece, loop_gain in up_to_zero(balance, line, N * gain, w, gain):
+                curves += settle(balance, [_points(piece, np.full(len(piece), w), loop_gain)])
     return np.concatenate([*cycles, crossings(balance, curves)]), curves
 
 
@@ -443,12 +445,6 @@ def _log_excess(loop_gain: Array) -> Array:
 
 def _points(line: Array, omega: Array, loop_gain: Array) -> Array:
     return np.stack([np.log(line[:, 0]), np.log(omega), line[:, 1], -np.log(np.abs(loop_gain))], -1)
-
-
-def stretches(mask: BoolArray) -> list[slice]:
-    """Stretches of True that hold two points or more."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
 
 
 def _on_phase_curves(
