@@ -169,6 +169,7 @@ def orbits_of(
     With `neighbours` runs from the cycle are tried to the end, although what is asked for has been found: there may be
     others near.
     """
+    hybrid = _seen(system, hybrid, start, at)
     asked = Asked.of(system, hybrid, start)
     met: list[Orbit] = []
     done = False
@@ -272,6 +273,14 @@ def _once_round(hybrid: HybridSystem, cycle: LimitCycle) -> Run:
     x, memory = start_of(hybrid, cycle.require_state(hybrid.n_plant))
     step = cycle.period / _STEPS  # the range of a run is that of its steps
     return run_hybrid(replace(hybrid, x0=x, H0=memory), cycle.period, np.zeros(0), step, 60_000, 1)
+
+
+def _seen(system: LureSystem, hybrid: HybridSystem, cycle: LimitCycle, at: OperatingPoint | None) -> HybridSystem:
+    """The system in which an approximate cycle has events: what slips all the time under a curve of friction, or stays
+    within its stops, meets none but its extrema.
+    """
+    quiet = hybrid.may_be_quiet and _once_round(hybrid, cycle).count == 0
+    return steady_hybrid(system, at, observed=True) if quiet else hybrid
 
 
 def start_of(hybrid: HybridSystem, cycle: LimitCycle) -> tuple[Array, Array]:

@@ -224,10 +224,13 @@ class Ends:
             if status is Status.LIMIT_CYCLE:
                 known = self._recognise(start, run, float(facts[1]))
             elif decays(start, run, t, self.horizon, self._sizes()):
-                return self._late_cycle(start, run, t)
+                known = self._late_cycle(start, run, t)
+                # What rides on a belt seems to have decayed until it slips: a few turns more tell.
+                if known is not End.UNDECIDED or not self.hybrid.model.smooth_kind.size:
+                    return known
             else:
                 known = self._recognise(start, run, None)
-                if known is End.UNDECIDED and turn == _QUIET_TURN:
+                if known is End.UNDECIDED and (turn == _QUIET_TURN or self.hybrid.may_be_quiet):
                     known = self._quiet_cycle(run, t)
             if known is not End.UNDECIDED:
                 return known
@@ -272,14 +275,19 @@ class Ends:
         return len(s.elements) > 1 or bool(np.all(zeros(s.A, s.B, s.C[:1], s.D[:1]).real <= 0.0))
 
     def _quiet_cycle(self, run: Run, t: float) -> End | int:
-        """Number of the cycle that a run without switches is on at its end, of a linear part that does not damp it."""
-        if run.n_kept and run.time[run.order[-1]] > 0.5 * t:
+        """Number of the cycle that a run without switches is on at its end: of a linear part that does not damp it, or
+        of curved elements.
+        """
+        if not run.is_quiet_at(t):
             return End.UNDECIDED
         observed = steady_hybrid(self.system, self.at, observed=True)
         end = run.end(self.hybrid)
-        start = replace(observed, x0=end.x0, H0=end.H0, time_scale=self.hybrid.time_scale)
+        modes = np.append(end.modes0, observed.modes0[end.modes0.size :])
+        start = replace(observed, x0=end.x0, H0=end.H0, modes0=modes, time_scale=self.hybrid.time_scale)
         again = self._run(start, _SEEN * t)
         status, facts = judge(start, again, _SEEN * t)
+        if status is Status.LIMIT_CYCLE and (known := self._listed(again)) is not None:
+            return known
         orbit = orbit_of(start, again, float(facts[1])) if status is Status.LIMIT_CYCLE else None
         return End.UNDECIDED if orbit is None else self.add(orbit)
 

@@ -405,11 +405,13 @@ class _Search(Told):
         self._close_on_boundary(centre + 0.5 * (a + b) * direction, H)
 
     def _close_on_boundary(self, x: Array, H: Array) -> bool:
-        start = replace(self.hybrid, x0=x, H0=H)
-        run = run_hybrid(start, self.horizon, NO_SAMPLES, 2.0 * self.hybrid.time_scale, MOST_EVENTS, 400)
-        for guess in recurrences(self.hybrid, run, None, 3, 400):
-            orbit = close_orbit(self.hybrid, guess, self.orbits)
-            if orbit is not None and not is_stable(orbit.multipliers, orbit.one_of_many):
-                self.bounding[self.add(orbit)] += 1
-                return True
+        quiet = [steady_hybrid(self.system, self.at, observed=True)] if self.hybrid.may_be_quiet else []
+        for hybrid in (self.hybrid, *quiet):
+            start = replace(hybrid, x0=x, H0=H)
+            run = run_hybrid(start, self.horizon, NO_SAMPLES, 2.0 * self.hybrid.time_scale, MOST_EVENTS, 400)
+            for guess in recurrences(hybrid, run, None, 3, 400):
+                orbit = close_orbit(hybrid, guess, self.orbits)
+                if orbit is not None and not is_stable(orbit.multipliers, orbit.one_of_many):
+                    self.bounding[self.add(orbit)] += 1
+                    return True
         return False

@@ -65,6 +65,10 @@ class Run:
         last = self.order[-1]
         return replace(start, x0=self.x_end.copy(), H0=self.memory_values[last].copy(), modes0=self.modes[last].copy())
 
+    def is_quiet_at(self, t: float) -> bool:
+        """Whether it has met no event in the last half of the time t."""
+        return not self.n_kept or bool(self.time[self.order[-1]] <= 0.5 * t)
+
     @property
     def is_out_of_events(self) -> bool:
         """Whether it ended early with many events, which do not accumulate."""

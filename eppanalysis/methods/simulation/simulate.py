@@ -133,12 +133,16 @@ def simulate(
         run_apart = simulate(apart.system, input, t_end, t_eval, max_events=max_events, max_steps=max_steps, step=step)
         cycle = run_apart.limit_cycle
         return replace(run_apart, limit_cycle=None if cycle is None else apart.told(cycle))
-    hybrid = HybridSystem.from_lure(system, input_signals_by_name(system.input_names, input))
-    base = step or _base_step(times, t_eval is None, hybrid)
-    samples = 0 if (strobe := Strobe.of(hybrid)) is None else strobe.samples_in(t_end)
-    keep = _KEPT_EVENTS + min(samples, _KEPT_SAMPLES)
-    run = run_hybrid(hybrid, t_end, times, base, max_events + samples, keep, max_steps)
-    status, found = judge(hybrid, run, t_end)
+    given = input_signals_by_name(system.input_names, input)
+    for observed in (False, True):  # curved elements may repeat themselves without a switch: extrema tell it
+        hybrid = HybridSystem.from_lure(system, given, observed)
+        base = step or _base_step(times, t_eval is None, hybrid)
+        samples = 0 if (strobe := Strobe.of(hybrid)) is None else strobe.samples_in(t_end)
+        kept = _KEPT_EVENTS + min(samples, _KEPT_SAMPLES)
+        run = run_hybrid(hybrid, t_end, times, base, max_events + samples, kept, max_steps)
+        status, found = judge(hybrid, run, t_end)
+        if status is not Status.UNDECIDED or not (hybrid.may_be_quiet and run.is_quiet_at(t_end)):
+            break
     lost = repeats_undecided(status, found)
     n_written = int(run.stats[2])
     signals = dict(zip(system.signals.names, run.samples[:n_written].T.copy(), strict=True))

@@ -90,6 +90,12 @@ class HybridSystem:
         return told if names else ""
 
     @property
+    def may_be_quiet(self) -> bool:
+        """Whether motions may repeat themselves without an event: some element is curved, and no observer is there."""
+        curved = bool(np.any(self.model.smooth_kind != DELAY_LINE))
+        return curved and len(self.automata) == len(self.elements)
+
+    @property
     def held(self) -> HybridSystem:
         """The same system, its inputs going on as they stand at its start."""
         return replace(self, model=_without_breakpoints(self)) if self.model.breakpoint_time.size else self
