@@ -12,7 +12,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.methods.describing.balance import Balance, ranges
 from eppanalysis.methods.describing.bias import SingleBias, goes_one_way, spread
 from eppanalysis.methods.describing.curves import (
