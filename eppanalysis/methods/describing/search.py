@@ -455,8 +455,7 @@ def _on_phase_curves(
     for line, N in lines:
         with np.errstate(all="ignore"):
             n, g = N / np.abs(N), L / np.abs(L)
-        sine = np.outer(n.imag, g.real)
-        sine += np.outer(n.real, g.imag)
+        sine = np.stack([n.imag, n.real], -1) @ np.stack([g.real, g.imag])
         for path in contour_lines(sine):
             pieces += _phase_pieces(line, N, omega, L, path)
     curves = settle(balance, pieces, 1)

@@ -23,13 +23,10 @@ class Box:
 
     def holds(self, X: Array) -> BoolArray:
         """Which points lie inside."""
-        return (
-            (X[:, 0] >= self.amplitude[0])
-            & (X[:, 0] <= self.amplitude[1])
-            & (X[:, 1] >= self.omega[0])
-            & (X[:, 1] <= self.omega[1])
-            & (np.abs(X[:, -1]) <= self.gain)
-        )
+        low, high = zip(self.amplitude, self.omega, (-self.gain, self.gain), strict=True)
+        place = X[:, (0, 1, -1)]
+        inside: BoolArray = np.all((place >= low) & (place <= high), axis=-1)
+        return inside
 
 
 def trace(balance: Balance, start: Array, outward: Array, box: Box, steps: int = 70) -> list[Array]:
@@ -72,14 +69,12 @@ def trace(balance: Balance, start: Array, outward: Array, box: Box, steps: int =
         least = np.where(step > 5 * _SMALLEST, 0.85, -0.3)
         ok &= regular & ((turned * ahead).sum(-1) > least)
         ok &= (np.abs(new - guess) / here).max(-1) < 2.0 * step
-        good, bad = todo[ok], todo[~ok]
+        good = todo[ok]
         X[good], heading[good], size[good] = new[ok], turned[ok], there[ok]
-        for i in good:
-            paths[i].append(X[i].copy())
-        h[good] = np.minimum(1.4 * h[good], _LARGEST)
-        h[bad] /= 2.5
-        alive[bad] &= h[bad] > _SMALLEST
-        alive[good] &= box.holds(X[good])
+        for i, x in zip(good, new[ok], strict=True):
+            paths[i].append(x)
+        h[todo] = np.where(ok, np.minimum(1.4 * step, _LARGEST), step / 2.5)
+        alive[todo] = np.where(ok, box.holds(new), h[todo] > _SMALLEST)
     return [np.array(path).reshape(-1, start.shape[1]) for path in paths]
 
 
