@@ -221,7 +221,9 @@ def test_a_staircase_is_the_sum_of_its_steps(element: PiecewiseLinear) -> None:
     amplitude = reach * np.exp(rng.uniform(np.log(0.05), np.log(2.0), bias.size))
     amplitude[::4] = np.abs(edges[len(edges) // 2 + 220] - bias[::4]) + 1e-8 * reach
     _, gain = element.describing_function(amplitude, bias)
-    mean, _, by = element._described(amplitude, bias)
+    described = element.described_with_slopes(amplitude, bias)
+    assert described is not None
+    mean, _, by = described
     for a, b, found in zip(amplitude, bias, np.array([gain.real, mean, *by]).T, strict=True):
         t = edges.astype(np.longdouble) - b
         t, A = t[np.abs(t) < a], np.longdouble(a)
