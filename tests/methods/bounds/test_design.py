@@ -235,7 +235,7 @@ t_end = "120 s"
 """
 
 
-@pytest.mark.parametrize("integral", [-20.0, -10.0])
+@pytest.mark.parametrize("integral", [-20.0, pytest.param(-10.0, marks=pytest.mark.slow)])
 def test_cycles_that_first_order_misses_everywhere_are_found_everywhere(integral: float) -> None:
     """Hunting: no describing function sees it, and no value between those that are asked first is free of it."""
     case = epp.case_from_text(HUNTING.format(integral=integral))
@@ -254,6 +254,7 @@ def test_a_search_that_cannot_tell_is_no_answer(wheelchair: epp.Case, monkeypatc
     assert "left runs undecided" in result[0].message and "0.3, 0.3568" in result[0].message
 
 
+@pytest.mark.slow
 def test_every_slow_run_beside_a_bound_is_looked_at_to_its_end(wheelchair: epp.Case) -> None:
     """Of a thousand runs 1 % beside the fold more than two hundred are slow, and none of them stays."""
     question = Question(wheelchair, "loop.gain", 0.05, 2.0)

@@ -95,7 +95,7 @@ def in_units(name: str, time: float, amplitude: float, states: int | None) -> In
     return InOtherWords(epp.case(name), lambda system: rescaled(system, time, amplitude, states), time)
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n == "clegg_loop")) for n in QUICK])
 def test_branches_do_not_depend_on_coordinates_and_units(name):
     branch_alike(name, turned(name, 2))
     if name not in TURNED_ONLY:
@@ -142,7 +142,8 @@ def test_a_cycle_that_creeps_to_a_threshold_has_an_infinite_period_in_all_coordi
     assert end.kind == "infinite period" and 0.08 < end.value < 0.8
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 4])
 def test_the_branch_of_an_elbow_does_not_depend_on_coordinates(seed):
     """Its stiff contacts kept every orbit from closing, and beside a grazing contact a step collapsed to rest."""
     branch_alike("fig8a_original", turned("fig8a_original", seed))

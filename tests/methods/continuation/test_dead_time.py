@@ -87,7 +87,7 @@ def test_a_dead_time_behind_blocks_is_as_one_right_behind_the_element_that_switc
         assert branch.points["period"][k] == pytest.approx(wanted, rel=1e-8)
 
 
-@pytest.mark.parametrize("over", [(8.0, 0.0), (0.0, 8.0)])
+@pytest.mark.parametrize("over", [(8.0, 0.0), pytest.param((0.0, 8.0), marks=pytest.mark.slow)])
 def test_a_branch_over_a_dead_time_comes_to_none_from_the_other_end(over):
     """A loop without it has another structure, from which no branch begins."""
     connect, changed, _, _ = OVENS["a held input on the way"]

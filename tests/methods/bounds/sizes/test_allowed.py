@@ -65,6 +65,7 @@ def bound_from(case: epp.Case, limit: str, within: tuple[float, float], allow: s
     return found
 
 
+@pytest.mark.slow
 def test_the_bound_on_a_gain_is_where_searches_say(servo: epp.Case) -> None:
     found = bound_from(servo, "loop.gain", (0.5, 1.5), "x 4 peak to peak")
     assert found.kind is Turn.SIZE and found.point is not None
