@@ -46,7 +46,11 @@ _POINTS, _MOST_SAMPLES = (9, 7, 5), 2e6
 SETUP = """\
 %matplotlib inline
 %config InlineBackend.figure_formats = ["retina"]
-import eppanalysis as epp"""
+import pandas
+
+import eppanalysis as epp
+
+pandas.set_option("display.max_colwidth", None)"""
 
 #: Prediction and simulation side by side, once for all sections, where the case lets them.
 LADDER = """\

@@ -15,6 +15,7 @@ from types import SimpleNamespace
 
 import nbformat
 import numpy as np
+import pandas
 import pytest
 
 import eppanalysis as epp
@@ -172,6 +173,16 @@ def test_runs_of_a_design_map_are_long_enough_for_the_slowest_cycle_that_was_fou
     for cycles in (None, [SimpleNamespace(period=0.1 * case.t_end), SimpleNamespace(period=10.0 * case.t_end)]):
         exec(sections._map(case), {"epp": epp, "case": case, "cycles": cycles})
     assert asked == [4.0 * case.t_end, 80.0 * case.t_end]
+
+
+def test_no_remark_of_a_guideline_is_cut_off():
+    """That nothing bounds the backlash was told up to "at eithe..."."""
+    case, pages = epp.case("soft_cable"), []
+    with pandas.option_context("display.max_colwidth", 50):
+        exec("\n".join(line for line in sections.SETUP.splitlines() if line[:1] != "%"))
+        shows = {"epp": epp, "case": case, "branch": None, "display": lambda frame: pages.append(frame._repr_html_())}
+        exec(sections._GUIDELINE, shows)
+    assert "so nothing bounds it there." in pages[0] and "..." not in pages[0]
 
 
 def test_of_a_loop_in_samples_cycles_are_sought_in_a_short_report_too_and_a_refusal_is_told(monkeypatch, capsys):
