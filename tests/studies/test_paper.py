@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 
 import eppanalysis as epp
 from studies import DOCS
-from studies.paper import runs as made, sensitivity, tables
+from studies.paper import figures, runs as made, sensitivity, tables
 from studies.paper.says import SAID
 
 pytestmark = pytest.mark.slow
@@ -61,14 +62,19 @@ def test_numbers_on_the_pages_are_settings_or_carry_their_place(page: Path) -> N
 
 
 def test_pages_include_tables_and_pictures_that_are_made(tmp_path: Path) -> None:
-    from studies.paper import figures as figures_paper
-
     used = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
     pictures = set(re.findall(r"_generated/(paper_\w+)\.png", used))
-    assert pictures == {make.__name__ for make in figures_paper.PICTURES}
+    assert pictures == {make.__name__ for make in figures.PICTURES}
     included = set(re.findall(r"_generated/paper_(\w+)\.md", used))
     others = {"all", "summary", "equations", "dwell", "assumptions", "together", "pieces"}
     assert included == set(tables.GROUPS) | others
+
+
+def test_thin_lines_stand_out_from_paper_at_the_width_of_a_column() -> None:
+    lines = [line for ax in figures.paper_figure_2().axes for line in ax.get_lines() if line.get_linestyle() == ":"]
+    light = [np.dot((0.2126, 0.7152, 0.0722), np.array(to_rgb(line.get_color())) ** 2.2) for line in lines]
+    assert lines and all(1.05 / (0.05 + luminance) > 4.5 for luminance in light)
+    assert all(line.get_linewidth() >= 1.0 for line in lines)  # thinner ones are greys of half a pixel at 8 cm
 
 
 def test_equations_one_and_two() -> None:
