@@ -1,8 +1,11 @@
 """Compiled: states and signals along a closed orbit: at given times, and their least and greatest values."""
 
+import math
+
 import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
+from eppanalysis.kernels.engine.flow import growth_rate
 from eppanalysis.kernels.filling import fill
 from eppanalysis.kernels.orbits.flow import (
     MOST_SERIES,
@@ -13,6 +16,11 @@ from eppanalysis.kernels.orbits.flow import (
     room,
     smooth_flow,
 )
+
+#: Steps of an arc, at least, at most, and over the time constant of what is fastest on it.
+_FEWEST, _MOST, _PER_TURN = 8, 4096, 0.3
+#: Terms of the series of a signal within a step, at most, and the share of all that is beneath rounding.
+_TERMS, _BENEATH = 24, 1e-18
 
 
 @njit(**KERNEL)
@@ -37,15 +45,15 @@ def states_at(channels, F, S, smooth, starts, marks, times, out):
 def extents(channels, F, S, smooth, Y, Ys, starts, tau, low, high):
     """Smallest and largest value of every signal over an orbit, exact: nodes on every arc, then Newton on the rate."""
     p, n, N = F.shape
-    n_y, steps = Y.shape[1], 8
-    node, rate = np.zeros((steps + 1, N)), np.zeros(N)
-    value, slope = np.zeros((steps + 1, n_y)), np.zeros((steps + 1, n_y))
+    n_y, rate = Y.shape[1], np.zeros(N)
     square, Phi, row = room(F), np.zeros((N, N)), np.zeros(N)
     sigma, change = np.zeros(S.shape[2]), np.zeros(S.shape[2])
     low[:], high[:] = np.inf, -np.inf
     for a in range(p):
         if tau[a] <= 0.0:
             continue
+        steps = _FEWEST if smooth[a] else _steps_of(F[a], tau[a], square)
+        node, value, slope = np.zeros((steps + 1, N)), np.zeros((steps + 1, n_y)), np.zeros((steps + 1, n_y))
         d = tau[a] / steps
         fill(node[0], starts[a])
         for k in range(steps + 1):
@@ -91,6 +99,15 @@ def extents(channels, F, S, smooth, Y, Ys, starts, tau, low, high):
 
 
 @njit(**PART)
+def _steps_of(F, tau, square):
+    """In how many steps of an affine arc no signal turns twice in one: where powers of F grow within it, in more."""
+    moving = min(len(F), square.shape[1])
+    for i in range(moving):
+        fill(square[0, i, :moving], F[i, :moving])
+    return int(min(max(_PER_TURN * growth_rate(square[0], square[3], square[4]) * tau, _FEWEST), _MOST))
+
+
+@njit(**PART)
 def _carry(Phi, y, out, n):
     """One more step of an affine arc."""
     N = y.size
@@ -104,6 +121,43 @@ def _carry(Phi, y, out, n):
 
 
 @njit(**PART)
+def _series_of(Y, F, rate, d, terms):
+    """Fill in the terms by which a signal changes over a step of an affine arc; their number, 0 where they go on."""
+    n, size, before = len(F), 0.0, math.inf
+    motion, moved = np.empty(n), np.empty(n)
+    for i in range(n):
+        motion[i] = d * rate[i]
+    for k in range(_TERMS):
+        terms[k] = 0.0
+        for i in range(n):
+            terms[k] += Y[i] * motion[i]
+        size += abs(terms[k])
+        # Two terms: of an odd or even motion every other one is zero.
+        if abs(terms[k]) + before <= _BENEATH * size:
+            return k + 1
+        before = abs(terms[k])
+        for i in range(n):
+            moved[i] = 0.0
+            for j in range(n):
+                moved[i] += F[i, j] * motion[j]
+        for i in range(n):
+            motion[i] = moved[i] * d / (k + 2)
+    return 0
+
+
+@njit(**PART)
+def _sum_at(terms, share):
+    """Sum of a series at a share of its step, and its first two derivatives by that."""
+    value, slope, bend = 0.0, 0.0, 0.0
+    for k in range(terms.size - 1, -1, -1):
+        bend = bend * share + 2.0 * slope
+        slope = slope * share + value
+        value = value * share + terms[k]
+    # The first term goes with the share itself.
+    return value * share, slope * share + value, bend * share + 2.0 * slope
+
+
+@njit(**PART)
 def _turning_value(channels, a, F, S, smooth, Y, Ys, y, d, left, right, end, square):
     """Value of a signal where its rate vanishes inside a step: by Newton's method on the rate, where it stays inside.
 
@@ -112,23 +166,33 @@ def _turning_value(channels, a, F, S, smooth, Y, Ys, y, d, left, right, end, squ
     N = y.size
     Phi, rate = np.zeros((N, N)), np.zeros(N)
     sigma, change = np.zeros(S.shape[1]), np.zeros(S.shape[1])
-    t0, t1, t, value = 0.0, d, 0.0, 0.0
+    t0, t1, t, value, bend, begin, count = 0.0, d, 0.0, 0.0, 0.0, 0.0, 0
+    terms = np.empty(_TERMS)
+    if not smooth:
+        rate_at(F, S, y, sigma, rate)
+        count = _series_of(Y, F, rate, d, terms)
+        for j in range(N):
+            begin += Y[j] * y[j]
     for _ in range(12):
         if not t0 < t < t1:
             t = (t0 * right - t1 * left) / (right - left)
-        if smooth:
-            own = numbers_of(channels, F, S)
-            smooth_flow(channels, a, F, S, y, t, MOST_SERIES, end, Phi, sigma, change, own)
+        if count > 0:
+            value, slope, bend = _sum_at(terms[:count], t / d)
+            value, slope, bend = begin + value, slope / d, bend / (d * d)
         else:
-            affine_flow(F, y, t, end, Phi, square)
-        rate_at(F, S, end, sigma, rate)
-        value, slope = 0.0, 0.0
-        for j in range(N):
-            value += Y[j] * end[j]
-            slope += Y[j] * rate[j]
-        if smooth:
-            for j in range(sigma.size):
-                value += Ys[j] * sigma[j]
+            if smooth:
+                own = numbers_of(channels, F, S)
+                smooth_flow(channels, a, F, S, y, t, MOST_SERIES, end, Phi, sigma, change, own)
+            else:
+                affine_flow(F, y, t, end, Phi, square)
+            rate_at(F, S, end, sigma, rate)
+            value, slope = 0.0, 0.0
+            for j in range(N):
+                value += Y[j] * end[j]
+                slope += Y[j] * rate[j]
+            if smooth:
+                for j in range(sigma.size):
+                    value += Ys[j] * sigma[j]
         if slope * right > 0.0:
             t1, right, left = t, slope, 0.5 * left
         else:
@@ -136,10 +200,11 @@ def _turning_value(channels, a, F, S, smooth, Y, Ys, y, d, left, right, end, squ
         # The value is off by the rate times what is left of the interval, to second order.
         if abs(slope) * d <= 1e-9 * abs(value) or t1 - t0 <= 1e-9 * d:
             break
-        bend = 0.0
-        for i in range(len(F)):
-            if Y[i] != 0.0:
-                for j in range(N):
-                    bend += Y[i] * F[i, j] * rate[j]
+        if count == 0:
+            bend = 0.0
+            for i in range(len(F)):
+                if Y[i] != 0.0:
+                    for j in range(N):
+                        bend += Y[i] * F[i, j] * rate[j]
         t = -1.0 if smooth or bend == 0.0 else t - slope / bend
     return value
