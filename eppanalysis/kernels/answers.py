@@ -374,8 +374,10 @@ class Automata(NamedTuple):
 
 
 @njit(**_COMPILED)
-def equations(automata, rest, X, linear, means, pivot, J, R, W):
+def equations(automata, rest, X, linear, means, pivot, J, R, W, switches):
     """The equations of a balance at its unknowns X, mean, real and imaginary parts of each input, and omega at last.
+
+    Where there is no room for a Jacobian, what the elements put out alone.
 
     Parameters
     ----------
@@ -386,13 +388,14 @@ def equations(automata, rest, X, linear, means, pivot, J, R, W):
         As of :func:`jacobian`.
     means : tuple of arrays on_bias, on_mean, prescribed, shapes (F, F), (F, w), (F,)
         Static balance.
-    J, R, W : arrays, shapes (x, x), (x,), (w, n + 1)
-        Are filled with the Jacobian, the residual, and the coefficients of the outputs.
+    J, R, W, switches : arrays, shapes (x, x), (x,), (w, n + 1), (F,)
+        Are filled with the Jacobian, the residual, the coefficients of the outputs, and the number of switches of each
+        element in a period.
 
     Returns
     -------
     bool
-        Whether each element answers periodically, and none rests with a value that it holds: then nothing is said.
+        Whether each element answers periodically, and none whose slope is asked for rests with a value that it holds.
     """
     (L, dL), (on_bias, on_mean, prescribed) = linear, means
     n, F, _ = L.shape
@@ -408,14 +411,17 @@ def equations(automata, rest, X, linear, means, pivot, J, R, W):
             rest[automata.first[f, 1] : automata.first[f + 1, 1]],
         )
         regime, pieces, sums = answer(table, Z[f], omega, automata.modes[f], automata.clocked[f], begun)
-        switches = pieces.fired.size
-        if regime[0] < 0 or (begun.size > 0 and switches == 0):
+        W[out:end], switches[f] = sums[0], pieces.fired.size
+        if regime[0] < 0 or (J.size > 0 and begun.size > 0 and switches[f] == 0):
             return False
-        jump, at_rest = np.zeros((switches, end - out)), np.zeros(begun.size)
-        W[out:end] = sums[0]
+        if J.size == 0:
+            continue
+        jump, at_rest = np.zeros((switches[f], end - out)), np.zeros(begun.size)
         slope = slopes(table, pieces, Z[f], omega, sums[1], sums[2], jump, at_rest)
         dW[out:end, :, at : at + width] = slope[:, :, :-1]
         dW[out:end, :, last] = slope[:, :, -1]
+    if J.size == 0:
+        return True
     J[:] = jacobian(dW, W, L, dL, on_bias, on_mean, pivot)
     for f in range(F):
         static = -prescribed[f]

@@ -149,7 +149,7 @@ class BalancedOscillation:
     def measures(self) -> Array:
         """What an error is measured in: frequency, fundamental and peak-to-peak of the first signal that moves."""
         system = self.loop.system
-        W, _ = self.loop.answers(self._without_overshoot, self.omega)
+        W, _ = self.loop.outputs(self._without_overshoot, self.omega)
         response = system.signal_response(self.omega * orders(self.order)[1:])
         c = (response @ W.T[1:, :, None])[..., 0].T
         moves = np.flatnonzero(np.abs(c[:, 0]) > 0)
@@ -203,8 +203,8 @@ class BalancedOscillation:
     @cached_property
     def jumps(self) -> list[int]:
         """How often each element with jumps switches in a period; one that slides switches as often as it is let to."""
-        regimes = self.loop.answers(self.Z, self.omega)[1]
-        return [r.phases.size for r, jumps in zip(regimes, self.loop.free_jumps, strict=True) if jumps]
+        switches = self.loop.outputs(self.Z, self.omega)[1]
+        return [count for count, jumps in zip(switches, self.loop.free_jumps, strict=True) if jumps]
 
     def along_curve(self, order: int) -> BalancedOscillation | None:
         """The balance of an order to which the curve leads on which harmonics are let in; None where it does not."""

@@ -364,7 +364,7 @@ def _error(loop: Loop, equations: Equations, last: Iterate) -> float:
     Z, omega = equations.unpack(last.X)
     most = max(n, min(3 * n + 8, loop.highest(omega)))
     longer = loop.continued(Z, omega, most, min(2, len(loop.elements)))
-    W, _ = loop.answers(longer, omega)
+    W, _ = loop.outputs(longer, omega)
     R = equations.residual(Z, W[:, : n + 1], loop.linear(omega, n)) / last.rows
     change = last.unknowns * last.solve(R)
     moved, _ = equations.unpack(np.append(change[:-1], 0.0))

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.arrays import Array, ComplexArray, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.harmonic.coefficients import Answer, respond, stacked
 from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 #: Share of its terms below which a sum of them is rounding; a loop that was turned, and back, has lost some digits.
 _TURNED = 1e-9
+_NO_MEMORY = np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +133,44 @@ class Loop:
         found = self.responses(Z, omega)
         return np.concatenate([a.coefficients for a in found]), tuple(a.regime for a in found)
 
+    def outputs(self, Z: ComplexArray, omega: float) -> tuple[ComplexArray, list[int]]:
+        """Coefficients of all outputs (nw, n + 1), and how often each element switches in a period.
+
+        Raises
+        ------
+        Unsettled
+            If an element does not answer with the period of its input.
+        """
+        F, n = Z.shape[0], Z.shape[1] - 1
+        no_response = np.empty((n, F, 0), complex)
+        found = self.at_once(np.append(stacked(Z).ravel(), omega), n, (no_response, no_response), 0, 0)
+        if found is not None:
+            return found[2], found[3].tolist()
+        W, regimes = self.answers(Z, omega)
+        return W, [r.phases.size for r in regimes]
+
+    def at_once(
+        self, X: Array, n: int, linear: tuple[ComplexArray, ComplexArray], pivot: int, size: int
+    ) -> tuple[Array, Array, ComplexArray, IntArray] | None:
+        """Jacobian and residual of so many equations, outputs and numbers of switches; None for what asks for more.
+
+        The arguments are those of :func:`eppanalysis.kernels.answers.equations`.
+        """
+        from eppanalysis.kernels.answers import equations
+
+        if self.automata is None:
+            return None
+        rest = np.concatenate([self._rest(f, X, n) for f in range(len(self.elements))])
+        J, R, W = np.empty((size, size)), np.empty(size), np.empty((self.system.B.shape[1], n + 1), complex)
+        switches = np.empty(len(self.elements), np.int64)
+        known = equations(self.automata, rest, X, linear, self.means, pivot, J, R, W, switches)
+        return (J, R, W, switches) if known else None
+
+    def _rest(self, f: int, X: Array, n: int) -> Array:
+        """Memory values with which an element rests at unknowns X."""
+        element = self.elements[f]
+        return element.rest(unstacked(X, n)[f : f + 1], float(X[-1])) if element.automaton.n_memory else _NO_MEMORY
+
     def slopes(self, found: tuple[Answer, ...]) -> ComplexArray:
         """Derivatives (nw, n + 1, F (2 n + 1) + 1) of the outputs' coefficients by the real unknowns and omega."""
         n, width = found[0].n, 2 * found[0].n + 1
@@ -152,7 +191,7 @@ class Loop:
         if n > old:
             L = self.linear(omega, n)[old:]
             for _ in range(passes):
-                W, _ = self.answers(out, omega)
+                W, _ = self.outputs(out, omega)
                 out[:, old + 1 :] = (L @ W.T[old + 1 :, :, None])[..., 0].T
         return out
 
@@ -175,10 +214,7 @@ class Equations:
 
     def unpack(self, X: Array) -> tuple[ComplexArray, float]:
         """Free inputs (F, n + 1) and omega."""
-        x = X[:-1].reshape(-1, 2 * self.n + 1)
-        Z = x[:, : self.n + 1].astype(complex)
-        Z[:, 1:] += 1j * x[:, self.n + 1 :]
-        return Z, float(X[-1])
+        return unstacked(X, self.n), float(X[-1])
 
     def residual(self, Z: ComplexArray, W: ComplexArray, L: ComplexArray) -> Array:
         """Residual, shape (F (2 n + 1) + 1,): static rows, real rows, imaginary rows, anchor."""
@@ -197,21 +233,11 @@ class Equations:
         loop, omega = self.loop, float(X[-1])
         weight = self.weight[:, None, None]
         L, dL = (np.ascontiguousarray(m * weight) for m in loop.linear_and_slope(omega, self.n))
-        return self._at_once(X, L, dL) or self._in_parts(X, L, dL)
-
-    def _at_once(self, X: Array, L: ComplexArray, dL: ComplexArray) -> Place | None:
-        """All of them by one kernel; None where an element asks for more."""
-        from eppanalysis.kernels.answers import equations
-
-        loop = self.loop
-        if loop.automata is None:
-            return None
-        Z, omega = self.unpack(X)
-        rest = [e.rest(z[None], omega) if e.automaton.n_memory else () for e, z in zip(loop.elements, Z, strict=True)]
-        J, R, W = np.empty((X.size, X.size)), np.empty(X.size), np.empty((loop.system.B.shape[1], self.n + 1), complex)
-        held = np.concatenate(rest, dtype=float)
-        known = equations(loop.automata, held, X, (L, dL), loop.means, self.pivot, J, R, W)
-        return Place(W, R, lambda: J) if known else None
+        found = loop.at_once(X, self.n, (L, dL), self.pivot, X.size)
+        if found is None:
+            return self._in_parts(X, L, dL)
+        J, R, W, _ = found
+        return Place(W, R, lambda: J)
 
     def _in_parts(self, X: Array, L: ComplexArray, dL: ComplexArray) -> Place:
         """Element by element."""
@@ -251,6 +277,14 @@ class Place:
     def jacobian(self) -> Array:
         """Derivatives of the residual by the unknowns."""
         return self.linearised()
+
+
+def unstacked(X: Array, n: int) -> ComplexArray:
+    """The series (F, n + 1) of which the unknowns are mean, real parts and imaginary parts, and omega behind them."""
+    x = X[:-1].reshape(-1, 2 * n + 1)
+    Z = x[:, : n + 1].astype(complex)
+    Z[:, 1:] += 1j * x[:, n + 1 :]
+    return Z
 
 
 def role_of_input(system: LureSystem, first: int, row: int) -> str:

@@ -41,10 +41,12 @@ def _near_prediction(name: str, order: int) -> tuple[Equations, np.ndarray]:
 def test_all_elements_together_say_what_each_says_alone(name, order):
     equations, X = _near_prediction(name, order)
     linear = [m * equations.weight[:, None, None] for m in equations.loop.linear_and_slope(X[-1], order)]
-    together, alone = equations._at_once(X, *linear), equations._in_parts(X, *linear)
-    assert together is not None
+    together, alone = equations.at(X), equations._in_parts(X, *linear)
     for one, other in ((together.W, alone.W), (together.jacobian, alone.jacobian)):
         np.testing.assert_array_equal(one, other)
+    outputs, switches = equations.loop.outputs(*equations.unpack(X))
+    np.testing.assert_array_equal(outputs, alone.W)
+    assert switches == [r.phases.size for r in equations.loop.answers(*equations.unpack(X))[1]]
     size = equations.scales(X, alone.W)[1]
     np.testing.assert_allclose(together.residual / size, alone.residual / size, rtol=0, atol=1e-14)
 
@@ -53,5 +55,6 @@ def test_an_element_that_rests_with_the_value_it_holds_is_asked_alone():
     equations, X = _near_prediction("backlash_servo", 3)
     X[1:-1] *= 1e-3  # within the gap
     linear = equations.loop.linear_and_slope(X[-1], 3)
-    assert equations._at_once(X, *linear) is None
+    assert equations.loop.at_once(X, 3, linear, 0, X.size) is None
     assert np.all(np.isfinite(equations.at(X).jacobian))
+    assert equations.loop.outputs(*equations.unpack(X))[1] == [0]
