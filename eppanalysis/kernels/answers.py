@@ -14,7 +14,7 @@ import numpy as np
 
 from eppanalysis.arrays import Array, IntArray
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
-from eppanalysis.kernels.periodic import TURN, series_at, settle
+from eppanalysis.kernels.periodic import TURN, series_at, settle_part
 from eppanalysis.kernels.simd.tuples import by_address, tuple_at
 
 _COMPILED = {**KERNEL, "error_model": "numpy"}
@@ -104,8 +104,8 @@ def _coefficients(table, pieces, z, omega, W, S, R):
             W[o, k] += _convolved(S[o], n, k, z, False) + omega * _convolved(R[o], n, k, z, True)
 
 
-@njit(**_COMPILED)
-def answer(table, z, omega, mode, clocked, rest):
+@njit(**_INNER)
+def _answer(table, z, omega, mode, clocked, rest):
     """What an element that is affine between its switches makes of an input; arguments are those of :func:`settle`.
 
     Returns
@@ -117,7 +117,7 @@ def answer(table, z, omega, mode, clocked, rest):
     sums : complex arrays W, S, R, shapes (w, n + 1), (w, 2 n + 1), (w, 2 n + 1)
         Coefficients of the outputs, and of the functions that their input and its rate are multiplied with.
     """
-    regime = settle(table, z, omega, mode, clocked, rest)
+    regime = settle_part(table, z, omega, mode, clocked, rest)
     count, there, start, begun, at, fired, holds = regime
     s, n_w = at.size, table.w_constant.shape[1]
     edges, modes, memory = np.empty(s + 2), np.empty(s + 1, np.int64), np.empty((s + 1, begun.size))
@@ -273,8 +273,8 @@ def _add_memory(table, pieces, memory, wave, dW):
                             dW[o, k, x] += share * memory[p, h, x]
 
 
-@njit(**_COMPILED)
-def slopes(table, pieces, z, omega, S, R, jump, at_rest):
+@njit(**_INNER)
+def _slopes(table, pieces, z, omega, S, R, jump, at_rest):
     """Derivatives (w, n + 1, 2 n + 2) of the coefficients of the outputs by the unknowns.
 
     Parameters
@@ -319,8 +319,8 @@ def slopes(table, pieces, z, omega, S, R, jump, at_rest):
     return dW
 
 
-@njit(**_COMPILED)
-def jacobian(dW, W, L, dL, on_bias, on_mean, pivot):
+@njit(**_INNER)
+def _jacobian(dW, W, L, dL, on_bias, on_mean, pivot):
     """Derivatives of the equations of a balance by its unknowns, both of number F (2 n + 1) + 1.
 
     Parameters
@@ -361,6 +361,24 @@ def jacobian(dW, W, L, dL, on_bias, on_mean, pivot):
             J[imaginary, f * width + n + 1 + k] += 1.0
     J[last, pivot * width + 1] = 1.0
     return J
+
+
+@njit(**_COMPILED)
+def answer(table, z, omega, mode, clocked, rest):
+    """See :func:`_answer`; for one element alone, as the next one."""
+    return _answer(table, z, omega, mode, clocked, rest)
+
+
+@njit(**_COMPILED)
+def slopes(table, pieces, z, omega, S, R, jump, at_rest):
+    """See :func:`_slopes`."""
+    return _slopes(table, pieces, z, omega, S, R, jump, at_rest)
+
+
+@njit(**_COMPILED)
+def jacobian(dW, W, L, dL, on_bias, on_mean, pivot):
+    """See :func:`_jacobian`."""
+    return _jacobian(dW, W, L, dL, on_bias, on_mean, pivot)
 
 
 class Automata(NamedTuple):
@@ -410,19 +428,19 @@ def equations(automata, rest, X, linear, means, pivot, J, R, W, switches):
             tuple_at(automata.like, automata.tables, f),
             rest[automata.first[f, 1] : automata.first[f + 1, 1]],
         )
-        regime, pieces, sums = answer(table, Z[f], omega, automata.modes[f], automata.clocked[f], begun)
+        regime, pieces, sums = _answer(table, Z[f], omega, automata.modes[f], automata.clocked[f], begun)
         W[out:end], switches[f] = sums[0], pieces.fired.size
         if regime[0] < 0 or (J.size > 0 and begun.size > 0 and switches[f] == 0):
             return False
         if J.size == 0:
             continue
         jump, at_rest = np.zeros((switches[f], end - out)), np.zeros(begun.size)
-        slope = slopes(table, pieces, Z[f], omega, sums[1], sums[2], jump, at_rest)
+        slope = _slopes(table, pieces, Z[f], omega, sums[1], sums[2], jump, at_rest)
         dW[out:end, :, at : at + width] = slope[:, :, :-1]
         dW[out:end, :, last] = slope[:, :, -1]
     if J.size == 0:
         return True
-    J[:] = jacobian(dW, W, L, dL, on_bias, on_mean, pivot)
+    J[:] = _jacobian(dW, W, L, dL, on_bias, on_mean, pivot)
     for f in range(F):
         static = -prescribed[f]
         for g in range(F):

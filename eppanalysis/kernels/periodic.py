@@ -138,8 +138,8 @@ def _put(phase, value, count, c, low, high, rising):
     return count + 1
 
 
-@njit(**_COMPILED)
-def find_extrema(c, phase, value):
+@njit(**_INNER)
+def _find_extrema(c, phase, value):
     """All extrema of a series, in order of phase in [0, 2 pi); returns their number.
 
     Brackets come from the slope on an even grid; where it comes near zero between two samples without a change of sign,
@@ -357,8 +357,8 @@ def _repeat(table, motion, start, mode, memory, least, clocked, room):
     return UNSETTLED, mode, start
 
 
-@njit(**_COMPILED)
-def settle(table, z, omega, mode, clocked, rest):
+@njit(**_INNER)
+def settle_part(table, z, omega, mode, clocked, rest):
     """Run an automaton over whole periods until mode and memory values come back.
 
     An element that holds values comes from a larger motion, so that it joins its loop even where it could also rest;
@@ -407,12 +407,12 @@ def settle(table, z, omega, mode, clocked, rest):
         for k in range(n + 1):
             free, rate = on_free, on_rate * (omega * k)
             own[s, k] = complex(free * z[k].real - rate * z[k].imag, free * z[k].imag + rate * z[k].real)
-        counts[s] = find_extrema(own[s], phase[s], value[s])
+        counts[s] = _find_extrema(own[s], phase[s], value[s])
     own[n_series] = z
     count, start, least, there = 0, 0.0, 2 if clocked else 1, mode
     if n_memory > 0 and not clocked:
         if same == n_series:
-            counts[same] = find_extrema(z, phase[same], value[same])
+            counts[same] = _find_extrema(z, phase[same], value[same])
         best = -math.inf
         for i in range(counts[same]):
             if value[same, i] > best:
@@ -438,3 +438,15 @@ def settle(table, z, omega, mode, clocked, rest):
         count, there, start = _repeat(table, motion, start, there, held, least, clocked, room)
     s = max(count, 0)
     return count, there, start, begun, at[:s].copy(), fired[:s].copy(), holds[:s].copy()
+
+
+@njit(**_COMPILED)
+def settle(table, z, omega, mode, clocked, rest):
+    """See :func:`settle_part`, for whoever asks for nothing else."""
+    return settle_part(table, z, omega, mode, clocked, rest)
+
+
+@njit(**_COMPILED)
+def find_extrema(c, phase, value):
+    """See :func:`_find_extrema`."""
+    return _find_extrema(c, phase, value)
