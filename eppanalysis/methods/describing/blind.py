@@ -2,12 +2,12 @@
 
 All are looked for on the loop itself. A balance with harmonics is begun where the first-order balance comes nearest to
 a cycle that it just does not have. An element that sticks, which a sine never does, is asked whether what drives it
-comes to rest meanwhile: where it grows without end, sticking and slipping alternate (Armstrong-Helouvry, Dupont and
-Canudas de Wit, Automatica 30 (1994) 1083). And an element that jumps over the only output with which the loop could
-stand still (an encoder between two levels under integral action) keeps it moving, whatever a sine would do, unless its
-switching dies out there. Where nothing turns the phase of a sine (a relay on two integrators) it swings at any size.
-Where nothing damps a drift through a dead zone (a satellite between the thresholds of its thrusters), pulses turn it
-about.
+comes to rest meanwhile: where it grows without end, under integral action or on a moving belt, sticking and slipping
+alternate (Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994) 1083). And an element that jumps over the
+only output with which the loop could stand still (an encoder between two levels under integral action) keeps it moving,
+whatever a sine would do, unless its switching dies out there. Where nothing turns the phase of a sine (a relay on two
+integrators) it swings at any size. Where nothing damps a drift through a dead zone (a satellite between the thresholds
+of its thrusters), pulses turn it about.
 In discrete time the samples of a sine fall on either side of a jump as their phase wants: a whole region of gains
 belongs to an amplitude, and cycles of whole numbers of samples lock where it reaches the balance (Kuo, Analysis and
 Synthesis of Sampled-Data Control Systems, 1963, chapter 8).
@@ -244,11 +244,19 @@ def _stick_slip(balance: Balance) -> Iterator[str]:
     """Friction that is greater at rest than in motion, where the loop pulls ever harder while it sticks."""
     system = balance.system
     for i, e in enumerate(system.elements):
-        if e.sticks_and_slips and _winds_up(balance, i):
+        if e.sticks_and_slips and ((winds_up := _winds_up(balance, i)) or _is_dragged(balance, i)):
+            why, how = ("integral action", "hunt") if winds_up else ("what drags it", "judder")
             yield (
-                f"{system.element_names[i]} sticks, which first order does not see, and integral action does not let "
-                "it stick for ever: the loop may hunt, in cycles of sticking and slipping that are not predicted here."
+                f"{system.element_names[i]} sticks, which first order does not see, and {why} does not let it "
+                f"stick for ever: the loop may {how}, in cycles of sticking and slipping that are not predicted here."
             )
+
+
+def _is_dragged(balance: Balance, element: int) -> bool:
+    """Whether no mean force holds an element's input at zero: what moves under it, a belt or a disc, goes on."""
+    others = np.hstack([balance.on_bias[:, balance.owner != element], balance.on_mean])
+    left = balance.prescribed - others @ np.linalg.lstsq(others, balance.prescribed)[0]
+    return bool(np.abs(left).max(initial=0.0) > _UNDAMPED * np.abs(balance.prescribed).max(initial=0.0))
 
 
 def _winds_up(balance: Balance, element: int) -> bool:

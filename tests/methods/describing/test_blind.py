@@ -42,6 +42,20 @@ def test_friction_that_stays_stuck_is_not(loop):
     assert predict_limit_cycles(loop).warnings == ()
 
 
+def on_a_belt(speed: float, static: float) -> LureSystem:
+    """A mass on a spring and a damper, dragged by a belt through Coulomb friction with break-away."""
+    A, C = [[0.0, 1.0], [-100.0, -0.2]], [[0.0, -1.0]]
+    return LureSystem.build(A, [[0.0], [1.0]], C, [Friction(1.0, static)], constant_input=[speed])
+
+
+@pytest.mark.parametrize(("speed", "static", "judders"), [(0.01, 2.0, True), (0.0, 2.0, False), (0.01, 1.0, False)])
+def test_friction_on_what_moves_is_said_to_judder(speed, static, judders):
+    """A mass that a belt takes along breaks loose and sticks again; not on one that stands, nor without stiction."""
+    loop = on_a_belt(speed, static)
+    assert [("drags" in w and "sticks" in w) for w in predict_limit_cycles(loop).warnings] == [True] * judders
+    assert (epp.simulate(loop, t_end=100.0).limit_cycle is not None) == judders
+
+
 def test_stick_slip_is_seen_through_the_rest_of_a_servo():
     """The same behind a gear with play and an encoder: what the other elements do does not hide the integrator."""
     a = [[0, 1, 0, 0, 0], [0, -62.5, 0, 0, 2500.0], [0, 0, 0, 1, 0], [0, 0, 0, -2.0, 0], [0, 0, 0, 0, 0]]
@@ -154,7 +168,7 @@ def test_a_quantiser_that_rounds_down_is_said_to_hunt_where_zero_is_an_edge(shif
     loop = LureSystem.build(
         A, [[0.0], [0.0], [1.0]], [[-1.08, 0.0, 0.0]], [floor], constant_input=[shift], x0=[0.3, 0.0, 0.0]
     )
-    run = epp.simulate(loop, t_end=100.0)
+    run = epp.epp.simulate(loop, t_end=100.0)
     assert (run.status is Status.LIMIT_CYCLE) == (shift == 0.0)
     prediction = predict_limit_cycles(loop)
     assert len(prediction) == 0 or shift
