@@ -44,7 +44,9 @@ class Block(Section):
 
     delay: float = quantity(0.0, "Dead time", "s", "ms", at_least=0)
     sample_time: float | None = quantity(None, "Time between two executions, with the output held", "s", "ms", above=0)
-    computation_delay: float = quantity(0.0, "Time from a sample to the new output", "s", "ms", at_least=0)
+    computation_delay: float = quantity(
+        0.0, "Time from a sample to the new output, less than `sample_time`", "s", "ms", at_least=0
+    )
     discretisation: str = choice("How its continuous form is executed", tuple(DISCRETISATIONS))
     start: Sequence[float] | None = numbers(
         "States at the start: of matrices theirs, of a transfer function those of a controllable form in its own time",
@@ -69,7 +71,9 @@ class Block(Section):
             expected = "zero where it is sampled: a computation_delay, or a dead_time behind it"
             raise ModelError(type(self).__name__, self.delay, expected, field="delay")
         if self.sample_time and not self.computation_delay < self.sample_time:
-            limit = "less than sample_time"
+            limit = (
+                "less than sample_time (a whole sample: a transfer_function of it, num = [1], den = [1, 0], behind it)"
+            )
             raise ModelError(type(self).__name__, self.computation_delay, limit, field="computation_delay")
 
     @abstractmethod
