@@ -258,7 +258,7 @@ def test_texts_of_a_case_stay_texts():
 
 SENTENCES = {
     "fig8a_original": "Oscillates: theta 4.394 deg peak to peak at 8.974 Hz, from 0.8618 s on.",
-    "fig8b_reduced_backlash": "Settles at rest: theta at 60.59 deg, from 0.5242 s on.",
+    "fig8b_reduced_backlash": "Settles at rest: theta at 60.59 deg, from 0.677 s on.",
     "relay_deadzone": "Oscillates: x 6.072 peak to peak at 0.158 Hz, from 25.07 s on.",
 }
 PREDICTED = {

@@ -36,6 +36,8 @@ _ROUNDS = 14
 _RESOLVED, _ROUNDING = 1e-12, 1e-9
 #: Share of a signal that it may go on by in as long a run again, and rests.
 _STANDS = 1e-6
+#: Share of its range within which a signal has come to where it rests, and of a run by which that must be.
+_ENDS, _LATE = 1e-3, 0.98
 #: A motion leaves its start where it is so many times as far from it in each third of a run as in the one before, and
 #: dies down where it swings by less than this share.
 _FURTHER, _SMALLER, _GOING = 1.2, 0.99, "The motion had neither settled nor repeated itself by the end."
@@ -131,6 +133,19 @@ def resting(signals: Mapping[str, Array], more: Array) -> dict[str, float]:
     """Where signals rest, but for those that go on: the angle of a motor that keeps its speed."""
     still = [m <= _STANDS * np.abs(v).max() for v, m in zip(signals.values(), np.abs(more), strict=True)]
     return {name: float(v[-1]) for (name, v), rests in zip(signals.items(), still, strict=True) if rests}
+
+
+def moves_until(t: Array, signals: Sequence[Array]) -> float:
+    """First of the times from which on all signals are within a thousandth of their range of where they end.
+
+    What is not, late in a run that rests, is rounding.
+    """
+    last = 0
+    for v in signals:
+        away = np.flatnonzero(np.abs(v - v[-1]) > _ENDS * np.ptp(v))
+        if away.size and t[away[-1]] < _LATE * t[-1]:
+            last = max(last, int(away[-1]) + 1)
+    return float(t[last]) if last else 0.0
 
 
 def tendency(hybrid: HybridSystem, signals: Mapping[str, Array]) -> str:

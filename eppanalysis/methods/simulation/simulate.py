@@ -14,7 +14,7 @@ from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.effort import left, spend
 from eppanalysis.methods.simulation.kept import EARLY, VERDICTS, Run, from_event
-from eppanalysis.methods.simulation.period import advance, advances, analyse_period, resting, tendency
+from eppanalysis.methods.simulation.period import advance, advances, analyse_period, moves_until, resting, tendency
 from eppanalysis.methods.simulation.rounding import (
     BENEATH_ROUNDING,
     SAMPLES,
@@ -153,6 +153,8 @@ def simulate(
     if status is Status.LIMIT_CYCLE and cycle is None:
         status = Status.UNDECIDED
     settled, early = status is Status.SETTLED, run.why_early(t_end)
+    rest = resting(signals, advance(hybrid, run.rate_end) * t_end) if settled and n_written else {}
+    late = moves_until(times[:n_written], [signals[name] for name in rest])
     trend = tendency(hybrid, signals) if status is Status.UNDECIDED else ""
     return Trajectory(
         t=times[:n_written],
@@ -160,8 +162,8 @@ def simulate(
         events=_events(hybrid, run),
         status=status,
         limit_cycle=cycle,
-        settled_at=resting(signals, advance(hybrid, run.rate_end) * t_end) if settled and n_written else {},
-        settled_since=_since(hybrid, run, found) if status.ok else float("nan"),
+        settled_at=rest,
+        settled_since=max(_since(hybrid, run, found), late) if status.ok else float("nan"),
         n_events=run.count,
         note=BENEATH_ROUNDING if lost else (early and hybrid.chatters) or early or trend,
         units=system.signals.units_by_name(),

@@ -123,6 +123,17 @@ def test_a_clock_does_not_count_when_the_steady_part_is_looked_for() -> None:
     assert timed.settled_since == pytest.approx(plain.settled_since, abs=1e-9)
 
 
+@pytest.mark.parametrize("begin", [0.5, 1.0, 10.0, 1e3])
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_a_run_rests_once_its_signals_do_not_once_nothing_switches(begin, unit):
+    """Behind its limit a loop of first order dies away as an exponential; what the limit lets pass does so last."""
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 0.0]), epp.Saturation(-unit, unit), x0=[begin * unit])
+    run = epp.simulate(loop, t_end=2.0 * begin + 40.0)
+    expected = max(0.0, begin - 1.0) + math.log(1e3)
+    assert run.status is Status.SETTLED
+    assert expected <= run.settled_since + 1e-9 <= expected + 2.0 * run.t[1]
+
+
 @pytest.mark.parametrize("farther", [1e4, 1e6, 1e8])
 @pytest.mark.parametrize("name", ["relay_hyst_goncalves6", "pid_hunting"])
 def test_a_run_from_far_out_comes_to_the_same_cycle(name: str, farther: float) -> None:
@@ -799,3 +810,17 @@ def test_a_run_of_ever_smaller_swings_says_so(damping):
     assert run.status is Status.EVENT_LIMIT
     share = float(re.search(r"in swings of (\S+) of the whole motion", str(run)).group(1))
     assert 0.0 < share < 1e-4 and "give it" not in str(run)
+
+
+def test_events_are_named_where_several_elements_have_very_many_switches():
+    """A scale has a hundred thousand steps either way; what happened is looked up among those that did."""
+    loop = epp.Diagram(
+        parts={
+            "scale": epp.Quantiser(1e-3, 100_000),
+            "count": epp.Quantiser(1e-3, 100_000),
+            "plant": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0]),
+        },
+        connect=["-count -> plant", "plant -> scale", "scale -> count"],
+    ).to_system()
+    run = epp.simulate(replace(loop, x0=[0.01]), t_end=3.0)
+    assert run.n_events > 5 and {event.element for event in run.events} == {"scale", "count"}
