@@ -162,7 +162,8 @@ def _as_pint_has_it(unit: str) -> tuple[float, str]:
     except _PINT_FAILURES as error:
         raise UnknownUnit(f"a known unit in place of '{unit}'") from error
     if two.magnitude != 2.0 * one.magnitude:
-        raise QuantityError(f"a unit without offset or logarithm in place of '{unit}'")
+        counted = ": counted from any level, it is in K" if registry.K.is_compatible_with(parsed) else ""
+        raise UnknownUnit(f"a unit without offset or logarithm in place of '{unit}'{counted}")
     return float(one.magnitude), str(one.units)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from eppanalysis.cases.files import Missing, RawCase
 from eppanalysis.cases.schema import RampInput, RecordedInput, SineInput, StepInput, StepsInput
 from eppanalysis.cases.values.quantities import Parameter
-from eppanalysis.errors import CaseError, ModelError
+from eppanalysis.errors import CaseError, ModelError, UnknownName
 from eppanalysis.models.systems.inputs import InputSignal, Ramp, Recorded, Sine, Step, Steps
 from eppanalysis.units import QuantityError, parse_quantity
 
@@ -45,7 +45,8 @@ def input_signals_of(
     for name in run.inputs or {}:
         if name not in names:
             known = ", ".join(names) or "none"
-            raise CaseError(raw.origin("run.inputs"), f"run.inputs.{name}", name, f"an input of the loop: {known}")
+            expected, fault = f"an input of the loop: {known}", UnknownName(name)
+            raise CaseError(raw.origin("run.inputs"), f"run.inputs.{name}", name, expected, fault)
     return {n: make_input_signal(m, units[n], raw, f"run.inputs.{n}") for n, m in (run.inputs or {}).items()} or None
 
 

@@ -131,6 +131,8 @@ class _Reading:
             case UnknownName(name) if name.partition(".")[0] in self.gone:
                 self.missed[name.partition(".")[0]] = None
                 return True
+            case UnknownName(name) if error.field == f"run.inputs.{name}" and name in self.fed:
+                return True
             case OpenInput(name) | IdleInput(name):
                 return any(_meant(other, name.partition(".")[0]) for other in self.fed)
             case None if error.field == "connect" and isinstance(error.value, Connections) and (self.gone or self.fed):

@@ -103,6 +103,30 @@ def test_what_is_missing_beside_a_mistake_is_named_and_what_is_not_read_is_told(
     assert [text.partition("nothing drives ")[2] for text in open_ones] == ["motor.voltage).", "motor.torque)."]
 
 
+@pytest.mark.parametrize(("kind", "to"), [("dead_tim", "pipe"), ("dead_time", "pip")], ids=["kind", "name"])
+def test_an_input_whose_only_connection_is_wrong_is_no_unknown_one(tmp_path: Path, kind: str, to: str) -> None:
+    """What the input does is said of an input all the same, which the mistake beside it hides."""
+    (tmp_path / "tank.toml").write_text(
+        f"""
+kind = "diagram"
+title = "Tank"
+connect = ["valve + load -> {to}", "pipe -> tank", "-tank -> valve"]
+inputs = ["load"]
+[blocks]
+pipe = {{ kind = "{kind}", delay = "1 s" }}
+tank = {{ kind = "integrator" }}
+[elements]
+valve = {{ element = "saturation" }}
+[run]
+t_end = "9 s"
+inputs = {{ load = {{ kind = "step", size = 1 }}, laod = {{ kind = "step", size = 1 }} }}
+"""
+    )
+    said = mistakes_in(tmp_path / "tank.toml")
+    assert "load" in said.not_seen
+    assert [e.field for e in said.found if e.field.startswith("run")] == ["run.inputs.laod"]
+
+
 @pytest.mark.parametrize("name", ["azimuth_servo", "sat_am165", "fig8a_original"])
 def test_a_valid_file_has_no_mistakes(name: str) -> None:
     assert mistakes_in(shipped_cases_folder() / f"{name}.toml") == ((), (), ())
