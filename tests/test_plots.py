@@ -373,3 +373,21 @@ def test_the_curve_of_margins_leaves_the_window_where_the_loop_gain_goes_on(name
     ax = epp.margins(epp.case(name)).plot()
     curve = ax.lines[0].get_xydata()
     assert np.nanmax(np.abs(curve)) > ax.get_xlim()[1]
+
+
+@pytest.mark.parametrize("factor", [1.3, 2.6, 4.0])
+@pytest.mark.parametrize("unit", [0.021, 1.0, 370.0])
+def test_numbers_along_the_amplitude_do_not_run_into_one_another(factor, unit):
+    """However little of a power of ten the loop gain covers; two numbers at least, for one tells no scale."""
+    found = prediction_of_several()
+    branch = dict(found.curves["branches"][0], amplitude=np.geomspace(unit, factor * unit, 200))
+    meets = [{"amplitude": unit * factor**share, "omega": 2.0} for share in (0.3, 0.7)]
+    figure = plot_nyquist(replace(found, curves={**found.curves, "branches": [branch], "intersections": meets}))
+    figure.draw_without_rendering()
+    axis = figure.axes[0].xaxis
+    boxes = sorted(
+        (text.get_window_extent() for text in axis.get_ticklabels(which="both") if text.get_text()), key=lambda b: b.x0
+    )
+    low, high = figure.axes[0].bbox.x0 - 1.0, figure.axes[0].bbox.x1 + 1.0
+    boxes = [box for box in boxes if low <= (box.x0 + box.x1) / 2 <= high]
+    assert len(boxes) >= 2 and all(left.x1 + 4.0 < right.x0 for left, right in pairwise(boxes))

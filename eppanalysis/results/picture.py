@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import LogLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from eppanalysis.arrays import Array
 from eppanalysis.plotting import (
@@ -46,8 +46,9 @@ _PERIODS_SHOWN = 15
 #: A run is at rest in a picture from where all signals stay this near to their last value, relative to their range; so
 #: much of that time is shown, and if no more than so much of the run would be left out, all of it.
 _AT_REST, _BEYOND, _REST_OF_RUN = 0.005, 1.5, 0.2
-#: Highest over lowest value of an axis of powers of ten, below which numbers between them are written, too.
-_NARROW = 30.0
+#: Highest over lowest value of an axis of powers of ten, below which numbers between them are written, too, and those
+#: of even steps instead.
+_NARROW, _SHORT = 30.0, 5.0
 #: What the shaded part of a run is.
 _STEADY = {Status.SETTLED: "at rest", Status.LIMIT_CYCLE: "on the limit cycle"}
 
@@ -242,6 +243,9 @@ def _draw_loop_gain(ax: Axes, prediction: Prediction) -> None:
             axis.set_major_formatter(lambda value, _: number(value))
             axis.set_minor_locator(LogLocator(subs=between))
             axis.set_minor_formatter(lambda value, _: number(value))
+        if high < _SHORT * low:  # where even steps would crowd at the upper end
+            axis.set_major_locator(MaxNLocator(4))
+            axis.set_minor_locator(NullLocator())
 
 
 def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycle]) -> None:
