@@ -268,8 +268,7 @@ class Trajectory(Result):
     settled_at : dict of str to float
         Where the signals rest, when they do.
     settled_since : float
-        Since when the run is at rest (nothing switches and every signal that rests is within a thousandth of its
-        range of where it does, as the times of `t` show it) or on the cycle [s]; nan when it is neither.
+        Since when it rests (each signal within a thousandth of its range of there) or is on the cycle [s], or nan.
     n_events : int
         Switches in all, those included that `events` no longer holds.
     note : str

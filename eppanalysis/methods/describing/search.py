@@ -203,7 +203,8 @@ def search_one(balance: Balance) -> Found:
     system = balance.system
     single = SingleBias.of(balance)
     thresholds = thresholds_of(balance) if single is None else single.thresholds()
-    sizes = thresholds if _breakpoints(balance) else np.append(thresholds, np.abs(balance.operating_bias))
+    pieces = system.elements[0].breakpoints.size
+    sizes = thresholds if pieces else np.append(thresholds, np.abs(balance.operating_bias))
     scales = amplitude_scales(balance, crossing_gains(system), sizes, single)
     if not scales.size:
         never = single is not None and not np.any(np.isfinite(single.at(np.ones(1))))
@@ -222,7 +223,7 @@ def search_one(balance: Balance) -> Found:
     finder = _on_crossings if real else _on_phase_curves
     cycles, curves = finder(balance, list(zip(lines, gains, strict=True)), omega, L)
     text = _sentence(system, real, omega, amplitude, len(lines))
-    few = _breakpoints(balance) <= _MOST_CENTRES
+    few = pieces <= _MOST_CENTRES
     text += _MANY_STEPS * (not few) + _MANY_BRANCHES * (not followed) + _FEW_PLACES * coarse
     return Found(distinct(balance, cycles), tuple(curves), text, few and followed and not coarse)
 
@@ -245,10 +246,6 @@ def _search_single(single: SingleBias, amplitude: Array) -> Found:
         gain = float(balance.linear(np.array([w]))[0, 0, 0].real)
         cycles.append(_roots_in_amplitude(balance, amplitude, N * gain, w, gain, single.at))
     return Found(distinct(balance, np.concatenate(cycles)), (), _sentence(balance.system, True, omega, amplitude, 1))
-
-
-def _breakpoints(balance: Balance) -> int:
-    return balance.system.elements[0].breakpoints.size
 
 
 def thresholds_of(balance: Balance) -> Array:

@@ -6,7 +6,7 @@ so that integrals are spectrally exact and the interpolating polynomial gives ex
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -135,15 +135,15 @@ def resting(signals: Mapping[str, Array], more: Array) -> dict[str, float]:
     return {name: float(v[-1]) for (name, v), rests in zip(signals.items(), still, strict=True) if rests}
 
 
-def moves_until(t: Array, signals: Sequence[Array]) -> float:
-    """First of the times from which on all signals are within a thousandth of their range of where they end.
+def moves_until(t: Array, signals: Mapping[str, Array], rest: Iterable[str]) -> float:
+    """First of the times from which on the signals at rest are within a thousandth of their range of where they end.
 
     What is not, late in a run that rests, is rounding.
     """
     last = 0
-    for v in signals:
+    for v in (signals[name] for name in rest):
         away = np.flatnonzero(np.abs(v - v[-1]) > _ENDS * np.ptp(v))
-        if away.size and t[away[-1]] < _LATE * t[-1]:
+        if away.size and t[away[-1]] < _LATE * t[len(v) - 1]:
             last = max(last, int(away[-1]) + 1)
     return float(t[last]) if last else 0.0
 

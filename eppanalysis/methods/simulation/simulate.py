@@ -154,7 +154,6 @@ def simulate(
         status = Status.UNDECIDED
     settled, early = status is Status.SETTLED, run.why_early(t_end)
     rest = resting(signals, advance(hybrid, run.rate_end) * t_end) if settled and n_written else {}
-    late = moves_until(times[:n_written], [signals[name] for name in rest])
     trend = tendency(hybrid, signals) if status is Status.UNDECIDED else ""
     return Trajectory(
         t=times[:n_written],
@@ -163,7 +162,7 @@ def simulate(
         status=status,
         limit_cycle=cycle,
         settled_at=rest,
-        settled_since=max(_since(hybrid, run, found), late) if status.ok else float("nan"),
+        settled_since=max(_since(hybrid, run, found), moves_until(times, signals, rest)) if status.ok else float("nan"),
         n_events=run.count,
         note=BENEATH_ROUNDING if lost else (early and hybrid.chatters) or early or trend,
         units=system.signals.units_by_name(),
@@ -361,8 +360,7 @@ def _sample_times(t_end: float, t_eval: ArrayLike | None) -> Array:
 def _base_step(times: Array, even: bool, hybrid: HybridSystem) -> float:
     """Spacing of even samples (the engine halves it as needed), else a step that suits the linear part."""
     if times.size > 1:
-        # On the grid of even samples fast steps need no series between them (docs/theory/engine.md, Two ways to
-        # advance).
+        # On the grid of even samples fast steps need no series between (docs/theory/engine.md, Two ways to advance).
         spacing = times[-1] / (times.size - 1)
         off = np.abs(times - spacing * np.arange(times.size)).max()
         if even or (times[0] == 0.0 and off <= 1e-9 * spacing):
@@ -387,7 +385,6 @@ def named_events(hybrid: HybridSystem, times: Array, guards: IntArray, modes: In
     times, guards = times[listed], guards[listed]
     # A guard is one of one element, whose mode after it makes the second half of what happened.
     kinds = guards * words.most + modes[listed, hybrid.model.guard_element[guards]]
-    # Not counted: an encoder of 4096 steps has 8192 guards and as many modes, which make millions of kinds.
     return Events(times, kinds, {kind: words[kind] for kind in np.unique(kinds).tolist()})
 
 
