@@ -11,7 +11,7 @@ import numpy as np
 from eppanalysis.kernels.balances import balance_at, move_at, room_for, solve_at
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
 from eppanalysis.kernels.describing.closed_forms import lock_pin_at
-from eppanalysis.kernels.describing.piecewise import describe
+from eppanalysis.kernels.describing.piecewise import describe, shape_of
 from eppanalysis.kernels.responses import answer_at, room_for_answers
 
 _COMPILED = {**KERNEL, "error_model": "numpy"}
@@ -21,7 +21,7 @@ _AT_ONCE = 64
 
 
 @njit(**_INNER)
-def _describe(X, points, begin, block, places, pivot, relative, elements, free, row, inputs, of_elements):
+def _describe(X, points, begin, block, places, pivot, relative, elements, shapes, free, row, inputs, of_elements):
     """Inputs of some elements at some points, and what they make of them; not `free`, pivot and omega stand still.
 
     Arguments are those of :func:`newton`, workspace for numbers of all points, and what is filled, from the point
@@ -43,7 +43,8 @@ def _describe(X, points, begin, block, places, pivot, relative, elements, free, 
         if stiffness == 0.0:
             i, j = first[e], first[e + 1]
             table = breakpoints[i:j], slopes[i + e : j + e + 1], intercepts[i + e : j + e + 1], jumps[i:j]
-            describe(table[0], table[1], table[2], table[3], size, bias, level, share, by)
+            shape = shapes[e, 0] != 0.0, shapes[e, 1]
+            describe(table[0], table[1], table[2], table[3], shape, size, bias, level, share, by)
             for i in range(n):
                 k = points[i] - begin
                 mean[k, e], gain[k, e] = level[i], complex(share[i], 0.0)
@@ -78,6 +79,17 @@ def _describe(X, points, begin, block, places, pivot, relative, elements, free, 
                 by_mean[by_what, k, e] = (level_there - mean[k, e]) / step
                 change, per = pull - gain[k, e], 1.0 / step
                 by_gain[by_what, k, e] = complex(change.real * per, change.imag * per)
+
+
+@njit(**PART)
+def _shapes(first, maps):
+    """What :func:`~eppanalysis.kernels.describing.piecewise.shape_of` tells of each map."""
+    shapes = np.empty((first.size - 1, 2))
+    for e in range(first.size - 1):
+        i, j = first[e], first[e + 1]
+        sloped, even = shape_of(maps[0][i:j], maps[1][i + e : j + e + 1], maps[3][i:j])
+        shapes[e, 0], shapes[e, 1] = 1.0 if sloped else 0.0, even
+    return shapes
 
 
 @njit(**_COMPILED)
@@ -119,6 +131,7 @@ def newton(X, normal, iterations, limits, parts, places, pivot, static, elements
     row, inputs = np.empty((6, most_points)), np.empty((most_points, m), np.complex128)
     mean, gain = np.empty((most_points, m)), np.empty((most_points, m), np.complex128)
     by_mean, by_gain = np.empty((3, most_points, m)), np.empty((3, most_points, m), np.complex128)
+    shapes = _shapes(elements[0], elements[1])
     points, settled, lost = np.empty(most_points, np.int64), np.empty(most_points, np.bool_), np.empty(most_points)
     for begin in range(0, len(X), _AT_ONCE):
         count = 0
@@ -132,7 +145,7 @@ def newton(X, normal, iterations, limits, parts, places, pivot, static, elements
                 break
             todo, count = points[:count], 0
             of, of_elements = block if turn else every, (mean, gain, by_mean, by_gain)
-            _describe(X, todo, begin, of, places, pivot, relative, elements, free, row, inputs, of_elements)
+            _describe(X, todo, begin, of, places, pivot, relative, elements, shapes, free, row, inputs, of_elements)
             for i in todo:
                 x, k, J = X[i], i - begin, jacobian[i if len(jacobian) > 1 else 0]
                 if free:

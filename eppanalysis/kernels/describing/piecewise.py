@@ -260,12 +260,24 @@ def _reach(amplitude, bias):
 
 
 @njit(**PART)
-def describe(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain, by):
-    """One chunk: only pieces that some of its inputs reach are visited."""
+def shape_of(breakpoints, slopes, jumps):
+    """Whether a piece slopes, and the jump at all breakpoints where they are those of an even staircase, else zero.
+
+    Asked once for many chunks: an encoder has ten thousands of levels.
+    """
+    sloped = False
+    for slope in slopes:
+        sloped = sloped or slope != 0.0
+    return sloped, _even_jump(breakpoints, jumps, 0, breakpoints.size) if breakpoints.size > FEW else 0.0
+
+
+@njit(**PART)
+def describe(breakpoints, slopes, intercepts, jumps, shape, amplitude, bias, mean, gain, by):
+    """One chunk, of a map of the `shape` that :func:`shape_of` tells: only what some of its inputs reach is visited."""
     _start(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain, by)
     bottom, top, lowest, highest = _reach(amplitude, bias)
-    k = breakpoints.size
-    for piece in range(k + 1):
+    k, (sloped, even) = breakpoints.size, shape
+    for piece in range(k + 1 if sloped else 0):
         low = breakpoints[piece - 1] if piece > 0 else -math.inf
         high = breakpoints[piece] if piece < k else math.inf
         if slopes[piece] != 0.0 and high > lowest and low < top:
@@ -273,7 +285,9 @@ def describe(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain
         if slopes[piece] != 0.0 and low < highest and high > bottom:
             _add_piece(high, low, slopes[piece], -1.0, amplitude, bias, mean, gain, by[0], by[1])
     first, last = np.searchsorted(breakpoints, bottom, side="right"), np.searchsorted(breakpoints, top)
-    jump = _even_jump(breakpoints, jumps, first, last) if last - first > FEW else 0.0
+    jump = 0.0
+    if last - first > FEW:
+        jump = even if even != 0.0 else _even_jump(breakpoints, jumps, first, last)
     if jump != 0.0:
         _add_stairs(breakpoints[first:last], jump, amplitude, bias, mean, gain, by[0], by[1])
         return
@@ -305,6 +319,8 @@ def biased_sinusoid(breakpoints, slopes, intercepts, jumps, amplitude, bias, mea
         follow from them, as all are moments of the map's slope: ``2 by[1] / A`` by the bias, and by the amplitude
         ``2 (by[0] - gain) / A``, for the squares of sine and cosine add up to one.
     """
+    shape = shape_of(breakpoints, slopes, jumps)
     for i in range(0, amplitude.size, CHUNK):
         j = min(i + CHUNK, amplitude.size)
-        describe(breakpoints, slopes, intercepts, jumps, amplitude[i:j], bias[i:j], mean[i:j], gain[i:j], by[:, i:j])
+        chunk = amplitude[i:j], bias[i:j], mean[i:j], gain[i:j], by[:, i:j]
+        describe(breakpoints, slopes, intercepts, jumps, shape, *chunk)

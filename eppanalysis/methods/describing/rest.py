@@ -34,6 +34,8 @@ def no_rest(balance: Balance) -> Iterator[str]:
 def _no_rest_together(balance: Balance) -> Iterator[str]:
     """On-off elements that act together, at none of whose levels the loop could stand still."""
     system, static = balance.system, balance.static
+    if balance.m < 2:
+        return
     held = {i: levels for i in range(balance.m) if (levels := _held(balance, i))}
     if len(held) < 2 or np.prod([len(levels) for levels in held.values()]) > _MOST_TOGETHER:
         return
@@ -58,7 +60,8 @@ def _held(balance: Balance, element: int) -> list[tuple[tuple[float, float], tup
     a = e.automaton()
     modes, guards = a.mode_columns, a.guard_columns
     follows = any(np.any(modes[name]) for name in ("from_input", "from_memory", "from_smooth"))
-    if (a.n_inputs, a.n_outputs, a.n_memory) != (1, 1, 0) or follows or not a.guards:
+    many = len(a.modes) > _MOST_TOGETHER
+    if (a.n_inputs, a.n_outputs, a.n_memory) != (1, 1, 0) or follows or not a.guards or many:
         return []
     stays = []
     for k in np.flatnonzero(~modes["sticking"]):

@@ -168,7 +168,7 @@ def test_a_quantiser_that_rounds_down_is_said_to_hunt_where_zero_is_an_edge(shif
     loop = LureSystem.build(
         A, [[0.0], [0.0], [1.0]], [[-1.08, 0.0, 0.0]], [floor], constant_input=[shift], x0=[0.3, 0.0, 0.0]
     )
-    run = epp.epp.simulate(loop, t_end=100.0)
+    run = epp.simulate(loop, t_end=100.0)
     assert (run.status is Status.LIMIT_CYCLE) == (shift == 0.0)
     prediction = predict_limit_cycles(loop)
     assert len(prediction) == 0 or shift

@@ -36,3 +36,14 @@ def test_cycles_at_a_resonance_are_those_of_the_relays_locus(damping: float, gai
     wanted = [w for w in wanted if (gain / np.polyval(den, 1j * w)).real < 0]
     found = sorted(c.omega for c in epp.predict_limit_cycles(loop))
     assert np.allclose(found, wanted, rtol=1e-9, atol=0.0) if wanted else not found
+
+
+def test_an_encoder_of_many_levels_has_the_cycles_of_one_of_few() -> None:
+    """Among the first levels no further one counts; they cost as many evaluations as there are, not their square."""
+    few, many = (
+        epp.predict_limit_cycles(epp.LureSystem.from_tf(([5.0], [1.0, 3.0, 2.0, 0.0]), epp.Quantiser(0.01, levels)))
+        for levels in (200, 20_000)
+    )
+    assert len(few) == 2 and str(few) == str(many)
+    wanted, found = (sorted((c.omega, *c.amplitudes.values()) for c in cycles) for cycles in (few, many))
+    assert np.allclose(found, wanted, rtol=1e-12, atol=0.0)
