@@ -149,6 +149,8 @@ def _of_one(own: LureSystem, at: OperatingPoint) -> Prediction:
 def predicted_cycles(system: LureSystem | CaseLike, operating_point: PointLike | None = None) -> tuple[LimitCycle, ...]:
     """The cycles of :func:`predict_limit_cycles` alone: without its warnings, which take most of its time.
 
+    Besides, to begin searches from, those that sampled controllers see with fewer than two samples a turn.
+
     Raises
     ------
     ModelError, EppError
@@ -156,10 +158,10 @@ def predicted_cycles(system: LureSystem | CaseLike, operating_point: PointLike |
     """
     own, at = standing(system, operating_point, "predict_limit_cycles")
     parts = _parts(own, at)
-    found = [(p, state, _balanced(loop, at)[-1]) for p, loop, state in parts]
+    found = [(p, state, _balanced(loop, at, True)[-1]) for p, loop, state in parts]
     if parts:
         return tuple(p.told(c, own, state) for p, state, cycles in found for c in cycles)
-    return _balanced(own, at)[-1]
+    return _balanced(own, at, True)[-1]
 
 
 def _parts(own: LureSystem, at: OperatingPoint) -> list[tuple[Part, LureSystem, Array]]:
@@ -212,11 +214,11 @@ def _means(loop: LureSystem, bias: Array) -> Array:
 
 
 def _balanced(
-    own: LureSystem, at: OperatingPoint
+    own: LureSystem, at: OperatingPoint, unseen_by_samples: bool = False
 ) -> tuple[Balance, Found, list[Point], list[Estimate], tuple[LimitCycle, ...]]:
     """The balance of a loop whose integrators stand apart, its search, and the cycles with their error estimates."""
     if (other := without_held_states(own)) is not None:
-        balance, found, points, estimates, cycles = _balanced(other.system, at)
+        balance, found, points, estimates, cycles = _balanced(other.system, at, unseen_by_samples)
         return balance, found, points, estimates, tuple(map(other.told, cycles))
     _require_rates(own)
     loop, coordinates = averaged(own).with_integrators_apart
@@ -224,7 +226,7 @@ def _balanced(
         raise ModelError(f"{loop.name}: a prediction needs at least one nonlinear element.")
     with np.errstate(all="ignore"):
         balance, found, points = search_balance(loop, at.vector(own))
-        if isinstance(loop, AveragedSystem):
+        if isinstance(loop, AveragedSystem) and not unseen_by_samples:
             points = [p for p in points if loop.takes(p.omega, _outputs(balance, p))]
         estimates = [Estimate(balance, p) for p in points]
         cycles = tuple(_cycle(balance, p, at, e, coordinates) for p, e in zip(points, estimates, strict=True))
