@@ -244,14 +244,13 @@ def _times(P, Q, out, n_dense, n_columns):
 
 @njit(**KERNEL)
 def sweep_by(
-    channels, F, S, g, gs, J, smooth, at_once, starts, ends, tau, free,
-    of_channels, dF, dS, dg, dgs, dJ, dshift, dy, out,
-):  # fmt: skip
+    channels, F, S, g, gs, J, smooth, at_once, starts, tau, free, of_channels, dF, dS, dg, dgs, dJ, dshift, dy, out
+):
     """Derivative of the equations that `sweep` sets up by a parameter of which all numbers are functions.
 
     Parameters
     ----------
-    starts, ends : arrays (p + 1, N), (p, N)
+    starts : array (p + 1, N)
         As `sweep` fills them.
     of_channels, dF, dS, dg, dgs, dJ, dshift : Channels and arrays
         Derivatives of the numbers by the parameter.
@@ -263,7 +262,8 @@ def sweep_by(
     p, _, N = F.shape
     m = free.size
     sigma, slope = np.zeros(S.shape[2]), np.zeros(S.shape[2])
-    end, moved, row, wide = np.zeros(N), np.zeros(N), np.zeros(N), np.zeros((N, N + 1))
+    end, moved, row, Phi = np.zeros(N), np.zeros(N), np.zeros(N), np.zeros((N, N))
+    square, wide = room(F), np.zeros((N, N + 1))
     begin = dy.copy()
     # Forward mode: beside the state goes its change with the parameter, through every arc and every event.
     for a in range(p):
@@ -276,7 +276,7 @@ def sweep_by(
                     moved[i] += wide[i, j] * dy[j]
         else:
             sigma[:], slope[:] = 0.0, 0.0
-            fill(end, ends[a])
+            affine_flow(F[a], starts[a], tau[a], end, Phi, square)
             affine_change(F[a], dF[a], starts[a], tau[a], dy, moved)
         value = _guard_change(channels, by, dg[a], dgs[a], gs[a], smooth[a], end, sigma, slope)
         guard_at(channels, g[a], gs[a], smooth[a], end, sigma, slope, row)

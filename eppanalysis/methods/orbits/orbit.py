@@ -114,8 +114,7 @@ class Orbit:
         """Whether an element holds a value that no switch on the cycle renews (a play that stays within its gap)."""
         # Behind the elements' values stand the slopes of inputs and a 1.
         first, count = self.arcs.memory.start, int(self.hybrid.model.first[-1, 2])
-        renewed = self.arcs.free.tolist()
-        idle = [i for i in range(first, first + count) if i not in renewed]
+        idle = np.setdiff1d(np.arange(first, first + count), self.arcs.free)
         return bool(np.any(self.arcs.F[:, :, idle]))
 
     @cached_property
@@ -249,7 +248,7 @@ def residual_slope(orbit: Orbit, by: Arcs, start: Array) -> Array:
     spend(_SWEEP + 2.0 * _ARC * p)
     sweep_by(
         arcs.acting, arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.smooth, arcs.event_sequence.at_once, orbit.starts,
-        orbit.ends, orbit.tau, arcs.free, by.acting, by.F, by.S, by.g, by.gs, by.J, by.shift, start.copy(), out,
+        orbit.tau, arcs.free, by.acting, by.F, by.S, by.g, by.gs, by.J, by.shift, start.copy(), out,
     )  # fmt: skip
     return out
 

@@ -314,7 +314,8 @@ def _met(orbit: Orbit, first: int, count: int, t_end: float) -> int:
 
     All but the last for one that meets others besides until `t_end`.
     """
-    run = _from_middle(orbit, first, t_end, 3)
+    whole = count == orbit.arcs.n_arcs
+    run = _from_middle(orbit, first, 1.1 * orbit.period if whole else t_end, 3)
     arcs = (first + np.arange(min(count, run.n_kept))) % orbit.arcs.n_arcs
     tau, times, guards = orbit.tau[arcs], run.time[run.order], run.guard[run.order]
     late = np.abs(times[: arcs.size] - (tau.cumsum() - 0.5 * orbit.tau[first]))

@@ -76,8 +76,8 @@ def test_change_of_an_arc_with_a_parameter(plant: int, clocks: int, memory: int,
     S, g, gs, J, no = np.zeros((1, n, 0)), np.zeros((1, N)), np.zeros((1, 0)), np.eye(N)[None], np.zeros(1, np.int64)
     numbers, end = (S, g, gs, J), change.copy()
     sweep_by(
-        channels, F, *numbers, no, no, starts, starts[1:], np.array([tau]), no[:0], channels, by, S, g, gs, 0.0 * J,
-        np.zeros(N), end, np.zeros(1),
+        channels, F, *numbers, no, no, starts, np.array([tau]), no[:0], channels, by, S, g, gs, 0.0 * J, np.zeros(N),
+        end, np.zeros(1),
     )  # fmt: skip
     still = np.zeros((memory, N))
     M, by_parameter = np.vstack([F[0], still]), np.vstack([by[0], still])
