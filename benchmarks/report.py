@@ -155,7 +155,7 @@ def states(found: Results) -> str:
         ]
         for r in found["states"]
     ]
-    header = ["states", "events", "engine", "scipy DOP853, rtol 1e-06, takes times", "its error", "target", ""]
+    header = ["states", "events", "engine", "faster than scipy DOP853, rtol 1e-06, by", "its error", "target", ""]
     return markdown(header, rows)
 
 

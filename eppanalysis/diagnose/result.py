@@ -204,7 +204,8 @@ class Diagnosis(Listing[Explanation]):
         """What becomes of the oscillation with the size of what is named."""
         if self.verdict is not Verdict.NAMED or not self.named[0].in_proportion:
             return ""
-        return " The oscillation is in proportion to it: a smaller one makes less of it, and only without any it ends."
+        begin = f" The oscillation is in proportion to {self.named[0].called}"
+        return f"{begin}: a smaller one makes less of it, and only without any it ends."
 
     def remedies(self) -> list[str]:
         """What to ask next of each candidate that is named, with the command that answers it."""

@@ -73,7 +73,7 @@ def plot_branch(
             _draw_branch(ax, one, name, key, x_factor, scale, squares)
             y = np.append(y, scale * one.points[key])
         for gap in branch.missing:
-            edges: dict[str, Any] = {"facecolor": "none", "edgecolor": "#BBBBBB", "linewidth": 0, "hatch": "xx"}
+            edges: dict[str, Any] = {"facecolor": "none", "edgecolor": "#BBBBBB", "linewidth": 0.8, "hatch": "xxx"}
             ax.axvspan(x_factor * gap.low, x_factor * gap.high, **edges, label=f"not covered: {gap.why}")
         if key in branch.simulated:
             runs = x_factor * branch.simulated["value"], scale * branch.simulated[key]

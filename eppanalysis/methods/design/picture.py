@@ -72,8 +72,8 @@ def _front(design: Design, ax: Axes | None) -> Figure:
         if np.any(mask):
             ax.plot(places[mask], best[mask], "D", color=VERMILLION, markerfacecolor=face, label=text)
     if design.optimum.feasible:
-        star: dict[str, Any] = {"markersize": 13, "markeredgecolor": "white"}
-        ax.plot(x * design.front_own, y * design.value_of(design.optimum), "*k", label="the case", **star)
+        star: dict[str, Any] = {"markersize": 9, "markeredgecolor": "white"}
+        ax.plot(x * design.front_own, y * design.value_of(design.optimum), "*k", label="at its own value", **star)
     for place, value, (_, o) in zip(places, best, rows, strict=True):
         told = (f"{words(n)} {design.text(n, o.at[n])}" for n in design.tune if n != design.objective)
         ax.annotate("\n".join(told), (place, value), fontsize=SMALL, xytext=(4, 4), textcoords="offset points")

@@ -99,10 +99,13 @@ class Dither(Result):
         if not np.isfinite(self.amplitude):
             told = f"No amplitude that was run removes the limit cycle by {what}; first order says {first}."
         elif not self.stays:
-            told = f"The limit cycle goes under {what} of amplitude {self.amplitude:.4g} and of all less that were run."
+            told = (
+                f"The limit cycle goes under a dither of amplitude {self.amplitude:.4g}, {what}, and under all less that "
+                "were run."
+            )
         else:
             told = (
-                f"The least dither that removes the limit cycle is {what} of amplitude {self.amplitude:.4g}; at "
+                f"The least dither that removes the limit cycle has amplitude {self.amplitude:.4g}, {what}; at "
                 f"{self.stays:.4g} {self._below()}. First order says {first}. The effective gain for small signals is "
                 f"then {self.gain:.4g}."
             )

@@ -59,7 +59,7 @@ def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None)
             _mark(lower, branch, x, _phase(branch))
     upper.set_ylabel(with_unit(f"{words(response.output)}\nhalf peak to peak", shown))
     for lower in below:
-        lower.set_ylabel("phase of the\ncomponent [deg]")
+        lower.set_ylabel("phase at the input's\nfrequency [deg]")
     for panel in (upper, *below):
         panel.set_xlabel(with_unit(f"{response.over} of {words(response.input)}", unit))
         panel.margins(x=0.02)
