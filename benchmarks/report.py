@@ -93,7 +93,7 @@ def job_sweep(found: Results) -> str:
     t = found["threads"]
     same = "no bit differs" if t["same"] else "RESULTS DIFFER"
     who = f"sweep into a store, two threads ({same}; load {t['load']:.1f})"
-    goal = f"{t['target']:g} of {t['possible']:.2f}, which their processor time allows"
+    goal = f"{t['target']:g} of the factor {t['possible']:.2f} that their processor time allows"
     rows.append([who, f"{t['cells_per_second'][1]:.0f}", f"{t['speedup']:.2f} times one", goal, verdict(t)[1]])
     for r in found["chunks"]:
         rows.append([f"into a store in blocks of {r['chunk']} cells", f"{r['cells_per_second']:.0f}", "", "", ""])

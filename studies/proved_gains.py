@@ -126,7 +126,7 @@ def _cycle_from(loop: epp.LureSystem) -> epp.LimitCycle | None:
 def table(found: tuple[ProvedGains, ...]) -> str:
     """The loops in Markdown."""
     lines = [
-        "| L(s) | proved free up to | proved to cycle from | gap | sectors | period of the cycle [s] |",
+        "| L(s) | proved free up to | proved to cycle from | apart | sectors | period of the cycle [s] |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
     lines += [

@@ -84,8 +84,8 @@ class LimitCycle(Result):
     method : str
         "describing function", "harmonic balance", "exact orbit" or "simulation".
     status : Status
-    period, frequency : float
-        Period [s] and frequency [Hz].
+    period : float
+        Period [s].
     mean, peak_to_peak : dict of str to float
         Of every named signal, in its SI unit.
     harmonics : mapping of str to complex array

@@ -21,10 +21,12 @@ _INTRODUCTION = """\
 
 <!-- Made by "python -m studies.pages.elements" from the code; changes belong there. -->
 
-What stands behind `element =` in `[[loop.blocks]]` or `[[loop.elements]]` ({doc}`loops`), with its fields. A field
-without a default must be given. A value is a plain number, a text with a unit (`"12 mm"`, which becomes SI), or a table
-of `value`, `mark`, `note` and `tolerance` ({doc}`../cases`); the fields of `piecewise_linear` are lists of numbers or
-texts. Units in brackets are those that the loop around the element has there: where its input is a length, the gap of a
+What stands behind `element =` in `[elements]` of a diagram ({doc}`diagrams`), or in `[[loop.blocks]]` or
+`[[loop.elements]]` of a loop ({doc}`loops`), with its fields. A field without a default must be given. A value is a
+plain number, a text with a unit (`"12 mm"`, which becomes SI), in a diagram an expression of its parameters, or a table
+of `value`, `mark`, `note` and `tolerance` ({doc}`../cases`); fields that hold several numbers (`piecewise_linear`, the
+tables, `polynomial`) are lists of them.
+Units in brackets are those that the loop around the element has there: where its input is a length, the gap of a
 play is one too.
 
 Besides its own fields every element takes

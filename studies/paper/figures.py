@@ -384,7 +384,7 @@ def paper_sensitivity() -> Figure:
             codes = [1 if word == want else 2 if word in ("settle", "oscillate") else 3 for word in found]
             table[names.index(name), n * j : n * (j + 1)] = codes
     meanings = ("given by the paper, or what the finding itself changes", "holds", "flips", "undecided")
-    colours = ("#F4F4F4", SKY, VERMILLION, ORANGE)
+    colours = ("#D9D9D9", SKY, VERMILLION, ORANGE)
     figure = figure_of_height(1.6 + 0.18 * len(names))
     ax = figure.subplots()
     ax.pcolormesh(table, cmap=ListedColormap(colours), norm=BoundaryNorm(np.arange(5) - 0.5, 4), edgecolors="white")

@@ -183,7 +183,7 @@ def equations() -> str:
         [
             f"{g.gap / DEGREE:.3g}°",
             f"{1e3 * g.excursion:.3f}",
-            f"{g.force / LBF:.4f}",
+            f"{g.force / LBF:.4g}",
             f"{SAID[g.key].value:g}",
             _percent(g.force / LBF, SAID[g.key].value),
             "nothing: K R was derived from it" if g.key == "large gap" else "that the cable is linear",
@@ -257,7 +257,7 @@ def claim_rows() -> list[Row]:
         Row(
             "stiffness",
             f"{made.outcome(soft)} with a quarter of the stiffness",
-            f"no cycle below {100 * least:.0f} % of the nominal stiffness; the paper gives none",
+            f"no cycle below {100 * least:.0f} % of the nominal stiffness; the paper gives no number",
             _verdict(made.outcome(soft) == "settles"),
         ),
         Row(
@@ -296,7 +296,7 @@ def stop_rows() -> list[Row]:
             "stops",
             f"with a dwell time of {1e3 * case.value('parking.dwell_time'):.4g} ms the elbow parks {parks:.3g} s after "
             f"the step, in fall {n} of the force through the parking band; without parking logic it goes on",
-            "possible, but only with a dwell time shorter than that fall; the paper gives none. On the cycle of "
+            "possible, but only with a shorter dwell time than that fall; the paper gives no time. On the cycle of "
             f"Figure 8(a) it would have to be below {1e3 * sensitivity.longest_fall():.2g} ms, whichever assumption "
             "is changed by up to half",
             PARTLY if holds else DIFFERS,
@@ -400,7 +400,7 @@ def together() -> str:
         for spread in sensitivity.SPREADS:
             found = sensitivity.all_at_once(finding, spread)
             shares.append(f"{found.count(str(expected.outcome))} of {len(found)}")
-        rows.append([str(i + 1), f"`{finding}`", f"{expected.outcome}s", expected.paper, *shares])
+        rows.append([str(i + 1), f"`{finding}`", str(expected.outcome), expected.paper, *shares])
     header = ["", "finding", "must", "place", *(f"holds within ±{100 * s:.0f} %" for s in sensitivity.SPREADS)]
     return markdown(header, rows)
 

@@ -64,7 +64,7 @@ def test_scheduler_and_workers_started_by_the_page_give_the_same_bits(tmp_path) 
             found = re.search(r"tcp://[\d.]+:\d+", (tmp_path / "scheduler.log").read_text())
             address = found[0] if found else ""
             time.sleep(0.1)
-        worker = [w if w != "auto" else "2" for w in words(command("dask worker"), address)]
+        worker = [w if w != "-1" else "2" for w in words(command("dask worker"), address)]
         running.append(start([*worker, "--no-dashboard"], "workers.log"))
         call = words(command("eppanalysis sweep fig8a_original --scheduler tcp"), address)
         done = subprocess.run(

@@ -37,7 +37,7 @@ def certify(
     sectors: int = 48,
     operating_point: PointLike | None = None,
 ) -> Certificate:
-    """Prove a statement about a loop with one element, by balls and rational numbers, and have it checked.
+    """Prove a statement about a loop, by balls and rational numbers, and have it checked.
 
     Parameters
     ----------

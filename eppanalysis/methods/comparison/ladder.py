@@ -165,7 +165,7 @@ class Ladder(Result):
     rows : tuple of Rung
         First order, harmonic balance, exact orbit and simulation of every cycle, with time and error of each.
     search : CycleSearch or None
-        All exact cycles; None in discrete time, and where an input does not stand still.
+        All exact cycles; None in discrete time where the run is on a cycle, and where the search is refused.
     search_seconds : float
         How long the search for them took.
     operating_point : OperatingPoint or None

@@ -100,8 +100,8 @@ class Dither(Result):
             told = f"No amplitude that was run removes the limit cycle by {what}; first order says {first}."
         elif not self.stays:
             told = (
-                f"The limit cycle goes under a dither of amplitude {self.amplitude:.4g}, {what}, and under all less that "
-                "were run."
+                f"The limit cycle goes under a dither of amplitude {self.amplitude:.4g}, {what}, and under all less "
+                "that were run."
             )
         else:
             told = (

@@ -62,7 +62,7 @@ class Mode:
     Parameters
     ----------
     name : str
-    from_input, from_memory, from_smooth : array, shapes (n_outputs, n_inputs), (.., n_memory) and (.., n_smooth)
+    from_input, from_memory, from_smooth : array, shapes (n_outputs, n_inputs), (..., n_memory) and (..., n_smooth)
     constant : array, shape (n_outputs,)
     sticking : bool
         Whether it keeps the first input at `level`. Such a mode exists only where the loop pulls back against the

@@ -177,8 +177,8 @@ class Nonlinearity(ABC):
     Attributes
     ----------
     n_inputs, n_outputs : int
-        Numbers of scalar inputs and outputs. Only the first input is excited in the describing function; a second one
-        is its rate (lock pin) or a clock.
+        Numbers of scalar inputs and outputs. Only the first input is excited in the describing function; others
+        follow from it, such as its rate (lock pin), or are a clock or a state.
     input_ports, output_ports : tuple of str
         What a diagram calls its inputs and outputs, where there are several.
     kind : str
@@ -199,8 +199,6 @@ class Nonlinearity(ABC):
         Of such a map's pieces.
     jumps : array, shape (k,)
         Of such a map at its breakpoints.
-    sticks_and_slips : bool
-        Whether it resists more at rest than in motion.
     own_states : OwnStates or None
         Linear states that a loop appends to its own. What the element says of itself holds behind them, for its
         automaton, or, where it has an element inside, from the loop's signal before it to the one behind it.

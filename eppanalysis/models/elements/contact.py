@@ -150,9 +150,9 @@ class LockPin(Nonlinearity, kind="lock_pin"):
 class NordinShaft(Nonlinearity, kind="nordin_shaft"):
     """Shaft with inner damping behind a gap, whose contact angle is a state of the loop.
 
-    Inputs are the twist delta [rad], its rate [rad/s] and the contact angle theta_b [rad] (within ``gap/2``); outputs
-    are the torque [N*m] and the rate of the contact angle [rad/s], which the linear part integrates. After Nordin,
-    Galic and Gutman, "New models for backlash and gear play", Int. J. Adapt. Control Signal Process. 11, 1997.
+    Inputs are the twist delta [rad], its rate [rad/s] and the contact angle theta_b [rad] (within ``gap/2`` of zero);
+    outputs are the torque [N*m] and the rate of the contact angle [rad/s], which the linear part integrates. After
+    Nordin, Galic and Gutman, "New models for backlash and gear play", Int. J. Adapt. Control Signal Process. 11, 1997.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ class NordinShaft(Nonlinearity, kind="nordin_shaft"):
         return np.stack([means, 0.0 * means], -1), np.stack([torque, rate], -1)
 
     def thresholds(self, bias: float = 0.0) -> Array:
-        """Half the gap, about any bias: the contact angle is apart from the twist."""
+        """Half the gap, about any bias, as the contact angle is a state of its own."""
         return distances(self.gap / 2)
 
     def slope_bounds(self) -> tuple[float, float]:

@@ -120,12 +120,12 @@ class HysteresisRelay(_Levels, kind="hysteresis_relay"):
 
     @property
     def closed_form(self) -> ClosedForm | None:
-        """That of a map with two steps; None without a loop."""
+        """That of a map with two steps; None without hysteresis."""
         form = _two_steps(self.lower, self.upper, self.low, self.high)
         return form if self.upper > self.lower and form.loop else None
 
     def thresholds(self, bias: float = 0.0) -> Array:
-        """Distances of both thresholds from the bias; where it lies between them both are crossed from the greater."""
+        """Distances of both thresholds from the bias; with it between them both are crossed from the greater one on."""
         return distances(self.lower - bias, self.upper - bias)
 
     def slope_bounds(self) -> tuple[float, float]:

@@ -170,9 +170,10 @@ class BacklashCompensator(_Sticking, kind="backlash_compensator"):
     Parameters
     ----------
     gap : float
-        Total width of the play that is compensated, at least zero.
+        Total width of the play that is compensated, at least zero [unit of the input].
     travel : float, optional
-        How far the input moves from a reversal until all of the gap has been taken up, at least zero.
+        How far the input moves from a reversal until all of the gap has been taken up, at least zero [unit of the
+        input].
 
     Raises
     ------

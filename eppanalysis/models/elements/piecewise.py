@@ -46,7 +46,6 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
 
     Examples
     --------
-    >>> import numpy as np
     >>> from eppanalysis.models.elements import PiecewiseLinear
     >>> cable = PiecewiseLinear([0.0], [0.0, 100.0], [0.0, 0.0])
     >>> cable.output(0.5)[0]

@@ -240,6 +240,7 @@ class LureSystem(Responses):
         memory : optional
             What the element remembers at the start; by default as it starts by itself.
         name : str
+            Of the loop, in sentences and messages.
 
         Raises
         ------
@@ -278,14 +279,17 @@ class LureSystem(Responses):
             Elements (python-control's, too) and linear blocks with one input and one output, each a StateSpace, a
             (numerator, denominator) or a system of python-control or scipy.signal, in the direction of the signal.
         delay : float, optional
-            Dead time [s], put behind the first element, or behind the next where it would act on that straight.
-        feedback, x0, memory, element_names, name : optional
-            As of :meth:`from_tf`; `memory` and `element_names` have one for each element.
+            Dead time [s], put behind the first element, or behind the next one where the first acts straight on it.
+        feedback, x0, name : optional
+            As in :meth:`from_tf`.
+        memory, element_names : sequence, optional
+            What each element remembers at the start, and its name; by default as it starts by itself, and its kind.
 
         Raises
         ------
         ModelError
-            If no block is an element, sample times differ, or `feedback` is neither -1 nor 1.
+            If no block is an element, an element has several inputs or outputs, sample times differ, or `feedback` is
+            neither -1 nor 1.
 
         Examples
         --------

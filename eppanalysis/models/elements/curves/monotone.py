@@ -24,7 +24,7 @@ _BINOMIAL = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 1.0
 
 
 class MonotoneTable(Tabulated, kind="monotone_table"):
-    """Monotone cubics through the points of a table: the curve and its slope are continuous, and it has no overshoot.
+    """Monotone cubics through the points of a table: curve and slope are continuous within it, without overshoot.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class MonotoneTable(Tabulated, kind="monotone_table"):
     outputs : array_like, shape (k,)
         Output at each of them [unit of the output].
     beyond : {"line", "hold"}
-        Beyond the table: "line" goes on with the slope of the end, "hold" with its value.
+        Beyond the table: "line" goes on with the slope of the end, "hold" with its value, and no slope.
 
     Raises
     ------

@@ -226,7 +226,7 @@ class LuGreFriction(StateOutput, kind="lugre_friction"):
     Notes
     -----
     Canudas de Wit, Olsson, Åström and Lischinsky, A new model for control of systems with friction, 1995. With `static`
-    at `coulomb` and neither damper it is :class:`DahlFriction`; the stiffer it is, the more it is
+    equal to `coulomb` and neither damper it is :class:`DahlFriction`; the stiffer the bristles, the closer it comes to
     :class:`StribeckFriction`.
 
     Examples

@@ -81,13 +81,15 @@ class MeasuredMatrix(Shown):
         Parameters
         ----------
         data : control.FrequencyResponseData
-            A point at frequency zero is the static gain.
+            A point at frequency zero is the static gain where that is not given.
         deviation : float, optional
-            Of every path, as of a :class:`MeasuredResponse`.
+            Of every path, as in :class:`MeasuredResponse`.
         static_gain : array_like, shape (p, q), optional
             Of each path; not a number where it is not known.
         unstable_poles : int
+            Of every path, as in :class:`MeasuredResponse`.
         name : str
+            What results call it.
 
         Returns
         -------

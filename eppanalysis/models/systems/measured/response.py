@@ -37,7 +37,7 @@ class MeasuredResponse(Shown):
     """Measured frequency response of a linear part with one input and one output.
 
     Between the points it is a curve of log magnitude and unwrapped phase over log frequency; outside them it has no
-    value. Points with a standard deviation are smoothed, others are passed through.
+    value. It smooths points with a standard deviation and passes through others.
 
     Parameters
     ----------
@@ -164,11 +164,9 @@ class MeasuredResponse(Shown):
         data : control.FrequencyResponseData
             With one input and one output; a point at frequency zero is the static gain where that is not given.
         deviation : array_like or float, optional
-            As of the class; of as many points as `data` has.
-        static_gain : float, optional
-        unstable_poles : int
-        name : str
-            As of the class.
+            As in the class; for as many points as `data` has.
+        static_gain, unstable_poles, name : optional
+            As in the class.
 
         Returns
         -------
