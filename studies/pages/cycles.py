@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 import eppanalysis as epp
 from eppanalysis.methods.search.basin import REST, basin
-from eppanalysis.plotting import BLUE, SKY, VERMILLION, place_of, put_legend
+from eppanalysis.plotting import BLUE, DARK_SKY, SKY, VERMILLION, place_of, put_legend
 
 N_GRID = 31
 REACH = np.radians(3.0), np.radians(130.0)
@@ -29,7 +29,7 @@ def elbow_basins() -> Figure:
     figure, ax = place_of(None, 4.4)
     kinds = ((ends == REST, "none", "ends at rest"), (ends >= 0, SKY, "ends on the stable cycle"))
     for chosen, colour, label in kinds:
-        ax.plot(*np.degrees(grid[chosen]).T, "o", markersize=3.4, mfc=colour, mec=SKY, mew=0.7, label=label)
+        ax.plot(*np.degrees(grid[chosen]).T, "o", markersize=3.4, mfc=colour, mec=DARK_SKY, mew=1.1, label=label)
     if np.any(ends < REST):
         ax.plot(*np.degrees(grid[ends < REST]).T, "x", color="black", label="neither")
     middle = found.rest_state[angle]

@@ -70,7 +70,7 @@ def sources_table() -> str:
 
 def _published(found: Published) -> str:
     standing = [found.source, found.how_known, "confirmed" if found.confirmed else ""]
-    return f"{found.quantity} {number(found.value)} ({'; '.join(filter(None, standing))})"
+    return f"{found.quantity}: {number(found.value)} ({'; '.join(filter(None, standing))})"
 
 
 def truth_table() -> str:

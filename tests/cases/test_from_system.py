@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas
 import pytest
 from hypothesis import given, settings, strategies as st
 
@@ -173,7 +174,7 @@ def test_a_report_of_a_loop(tmp_path: Path) -> None:
 
     case = epp.Case.from_system(loop_of_a_relay(), "my loop")
     cells = [c.source for c in make_notebook([case]).cells]
-    place: dict[str, Any] = {"epp": epp}
+    place: dict[str, Any] = {"epp": epp, "pandas": pandas}
     exec(next(c for c in cells if "case = " in c).split("import eppanalysis as epp")[1], place)
     assert_same(epp.Case.from_system(place["case"].to_system(), "relay_deadzone").to_system(), loop_of_a_relay())
     assert any("continue_branch" in c for c in cells)

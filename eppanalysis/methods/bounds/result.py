@@ -414,7 +414,7 @@ class DesignBounds(Listing[BoundCell]):
         if self.not_covered:
             free = f"No {which} was found"
             orbits = f"a cycle was found just beyond {verified} of {count(len(found), 'bound')}"
-        limit = self._span(self.limit, [c.bound for c in found], "of", "that runs from")
+        limit = self._span(self.limit, [c.bound for c in found], "of", "in the range")
         return (
             f"{free} {side} a {words(self.limit)} {limit}, for {at}{doubt}; {orbits}{none}. {self.not_covered}"
         ).rstrip() + f" {self.in_theorems}".rstrip()

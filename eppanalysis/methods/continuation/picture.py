@@ -73,7 +73,7 @@ def plot_branch(
             _draw_branch(ax, one, name, key, x_factor, scale, squares)
             y = np.append(y, scale * one.points[key])
         for gap in branch.missing:
-            edges: dict[str, Any] = {"facecolor": "none", "edgecolor": "#BBBBBB", "linewidth": 0.8, "hatch": "xxx"}
+            edges: dict[str, Any] = {"facecolor": "none", "edgecolor": GREY, "linewidth": 0.8, "hatch": "xxx"}
             ax.axvspan(x_factor * gap.low, x_factor * gap.high, **edges, label=f"not covered: {gap.why}")
         if key in branch.simulated:
             runs = x_factor * branch.simulated["value"], scale * branch.simulated[key]
@@ -84,7 +84,7 @@ def plot_branch(
         show_constant(ax, y)
         top = max(height_of(one.points["value"], scale * one.points[key]) for one in (branch, *branch.others))
         if top < np.nanmax(y):
-            ax.set_ylim(0.0, top)
+            ax.set_ylim(0.0, 1.05 * top)
         if at is not None:
             ax.axvline(x_factor * at, color=GREY, linestyle=":")
         ax.set_ylabel("frequency [Hz]" if key == "frequency" else label)

@@ -39,8 +39,8 @@ _FAR = np.geomspace(1e-60, 1e60, 601)
 _RESONANT = 0.03
 #: Gain at a resonance, relative to those of frequencies ten a decade, from which these miss it, and it is not damped.
 _SHARP, _UNDAMPED = 3.0, 1e9
-#: Logarithm of a loop gain, estimated between nodes of a grid, that is not one whatever the estimate misses.
-_FAR_FROM_ONE = 4.0
+#: Logarithm of a loop gain between nodes that surely is not one; gain below which the logarithm goes on as its tangent.
+_FAR_FROM_ONE, _FAINT = 4.0, 1e-3
 #: Breakpoints around which biases are sought where the static balance has several answers.
 _MOST_CENTRES = 8
 _MANY_STEPS = (
@@ -212,8 +212,7 @@ def search_one(balance: Balance) -> Found:
     amplitude = amplitude_nodes(scales, thresholds, 24)
     if single is not None:
         return _search_single(single, amplitude)
-    # Without a bias, for how far the frequencies must reach alone; cycles are sought along the curves of the static
-    # balance.
+    # Without a bias, for how far the frequencies must reach alone; cycles are sought along the static balance's curves.
     N = balance.evaluate(amplitude[:, None], np.zeros((len(amplitude), 1)), np.ones(len(amplitude)))[1][:, 0]
     omega = frequency_nodes(system, 40, _lowest_gain(N))
     L = balance.linear(omega)[:, 0, 0]
@@ -437,7 +436,9 @@ def _roots_in_amplitude(
 
 
 def _log_excess(loop_gain: Array) -> Array:
-    return np.where(np.isnan(loop_gain), np.nan, np.log(np.maximum(loop_gain, 1e-300)))
+    # A gain that falls through one and zero within a step goes on below as a line does: a wall there hides the root.
+    further = np.log(_FAINT) + loop_gain / _FAINT - 1.0
+    return np.where(loop_gain < _FAINT, further, np.log(np.maximum(loop_gain, _FAINT)))
 
 
 def _points(line: Array, omega: Array, loop_gain: Array) -> Array:

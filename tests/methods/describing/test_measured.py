@@ -62,7 +62,7 @@ def test_data_of_loops_without_a_cycle_of_first_order_have_none(name):
 
 def test_data_of_an_undamped_resonance_have_the_cycle_that_the_model_tells_of_in_words():
     # A resonance of data is finite: the friction's gain is next to zero on the cycle, not there.
-    (told,) = predicted("belt_leine").warnings
+    told, _ = predicted("belt_leine").warnings
     (cycle,) = epp.predict_limit_cycles(of_case("belt_leine", per_decade=60))
     friction = epp.case("belt_leine").to_system().elements[0]
     slope = abs(friction.describing_function(0.2, -0.2).gain)

@@ -120,7 +120,7 @@ def test_cascades_are_evaluated_in_order_and_circles_refused():
     assert run.signals["saturation_output"][0] == pytest.approx(1.0)
     assert run.signals["dead_zone_output"][0] == pytest.approx(0.7)
     circle = epp.LureSystem.build(
-        [[0.0]], [[1.0, 0.0]], [[0.0], [1.0]], [epp.Saturation(), epp.DeadZone()], D=[[0, 1], [1, 0]], time_step=1.0
+        [[0.0]], [[1.0, 0.0]], [[0.0], [1.0]], [epp.Saturation(), epp.DeadZone()], D=[[0, 0.5], [0.5, 0]], time_step=1.0
     )
     with pytest.raises(ModelError, match="feed each other in a circle"):
         epp.simulate(circle, t_end=1.0)

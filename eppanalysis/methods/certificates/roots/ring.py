@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -85,15 +86,16 @@ def _between(system: LureSystem, here: int, after: int) -> LureSystem:
     if len(system.elements) == 1:
         return system
     kept = np.flatnonzero(_states(system, here, after))
-    return LureSystem.build(
+    part = LureSystem.build(
         system.A[np.ix_(kept, kept)],
         system.B[kept][:, [here]],
         system.C[[after]][:, kept],
         [system.elements[here]],
-        D=system.D[[after]][:, [here]],
         delays=system.delays[[here]],
         time_step=system.time_step,
     )
+    # The element acts on the one behind it, not on itself.
+    return replace(part, D=system.D[[after]][:, [here]])
 
 
 def as_steps(element: dict[str, Any]) -> dict[str, Any]:
