@@ -59,9 +59,9 @@ def sweep(
     axes : mapping of str to axis, Zipped, LatinHypercube, Sobol or Tolerances
         An axis is a list of quantities (["1 deg", "2 deg"]; plain numbers are in SI units) or "start:stop:count:unit".
         A mapping is a grid, each axis a dimension of its own.
-    run : {"simulate", "predict", "cycles", "trigger", "certify"} or several of them
+    run : {"simulate", "predict", "cycles", "trigger", "certify"}, several of them, or "all"
         Runs in time from the case's start until ``case.t_end``; describing functions; exact orbits; what starts them;
-        what is proved, which needs the extra "proof" and is not in "all". With "simulate" and "predict" together the
+        what is proved, which needs the extra "proof" and is left out of "all". With "simulate" and "predict" together the
         first-order error is reported.
     signals : str or sequence of str, optional
         Signals whose amplitude and mean are reported, the first one under plain names; by default that of `allow`, else

@@ -115,6 +115,7 @@ def design_bounds(
         Runs of each test, from a seeded cloud of initial states and steps of the inputs; a sampled loop has those of
         the search.
     seed : int
+        Of the runs of each test.
     prove : bool
         Prove what can be proved on both sides of every exact bound (:func:`certify`, :func:`certify_orbit`; seconds
         each): that there is no limit cycle, and that there is one (`BoundCell.proved`). Needs the extra "proof".

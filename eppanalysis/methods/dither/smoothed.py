@@ -137,7 +137,7 @@ def smoothed(element: Nonlinearity, amplitude: float, wave: Wave = "sine") -> No
     Raises
     ------
     ModelError
-        If the amplitude is not positive, or the element has memory or several inputs.
+        If the amplitude is not positive, or the element has several inputs, or memory other than that of a play.
 
     References
     ----------

@@ -61,7 +61,7 @@ def harmonic_balance(
         With any elements, memory included. Measured data must reach the harmonics of the order, and have a static gain
         where the cycle has a mean.
     guess : LimitCycle
-        From :func:`~eppanalysis.methods.describing.predict.predict_limit_cycles`, a simulation or another balance;
+        From :func:`~eppanalysis.predict_limit_cycles`, a simulation or another balance;
         period and harmonics of its named signals are used.
     order : int, optional
         Highest harmonic. By default the order rises (1, 3, 5, 9, ...) until the estimated error is below 1e-4.
@@ -72,8 +72,8 @@ def harmonic_balance(
     -------
     LimitCycle
         Of the given order, or of the one that the neglected harmonics change least. Status NOT_CONVERGED where Newton's
-        iteration fails at the given order (the last iterate is returned), or without one where they change each by more
-        than 5 % or higher orders do not settle. ``error_estimate`` is the relative error of frequency and fundamentals,
+        iteration fails at the given order (the last iterate is returned), or, where no order is given, where they change the
+        answer of each by more than 5 % or higher orders do not settle. ``error_estimate`` is the relative error of frequency and fundamentals,
         from balances of higher orders; it is not-a-number where those do not settle, and `note` says why: an exact
         orbit need not be near then. ``provenance.statistics["orders"]`` lists the orders tried, with the change that
         the neglected harmonics cause to first order.

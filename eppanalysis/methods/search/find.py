@@ -70,7 +70,7 @@ def find_limit_cycles(
     predicted: Sequence[LimitCycle] | None = None,
     progress: Progress | None = None,
 ) -> CycleSearch:
-    """All limit cycles of a loop as exact orbits, stable and unstable.
+    """The limit cycles of a loop that a search finds, as exact orbits, stable and unstable; it may miss one.
 
     Parameters
     ----------
@@ -81,11 +81,11 @@ def find_limit_cycles(
     operating_point : OperatingPoint or mapping of str to float, optional
         Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
     by_balance : bool
-        Where a prediction does not lead to an orbit, try by way of harmonic balance of rising order; that takes a
-        second or two for a prediction without an orbit near.
+        Where a prediction does not lead to an orbit, try by way of harmonic balance of rising order, which
+        takes longer.
     predicted : sequence of LimitCycle, optional
-        What :func:`predict_limit_cycles` found for this system and this input, where that is known already; it takes
-        most of the time of a search.
+        What :func:`predict_limit_cycles` found for this system and this input, where that is known already; it saves
+        that part of the search.
     progress : callable, optional
         Called with what is done (runs made, or numbers of samples asked), of how much (None where that is not known
         before), and the state of the search in words.

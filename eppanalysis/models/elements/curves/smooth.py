@@ -60,7 +60,7 @@ class Cube(_Power, kind="cube"):
     Parameters
     ----------
     scale : float
-        Output at an input of one [unit of the output per cubed unit of the input].
+        Factor of the cube [unit of the output per cubed unit of the input].
 
     Raises
     ------
@@ -103,7 +103,7 @@ class Drag(_Power, kind="drag"):
     Parameters
     ----------
     scale : float
-        Drag at a velocity of one [unit of the output per squared unit of the input].
+        Factor of ``x*|x|`` [unit of the output per squared unit of the input].
 
     Raises
     ------
