@@ -61,8 +61,8 @@ def sweep(
         A mapping is a grid, each axis a dimension of its own.
     run : {"simulate", "predict", "cycles", "trigger", "certify"}, several of them, or "all"
         Runs in time from the case's start until ``case.t_end``; describing functions; exact orbits; what starts them;
-        what is proved, which needs the extra "proof" and is left out of "all". With "simulate" and "predict" together the
-        first-order error is reported.
+        what is proved, which needs the extra "proof" and is left out of "all". With "simulate" and "predict" together
+        the first-order error is reported.
     signals : str or sequence of str, optional
         Signals whose amplitude and mean are reported, the first one under plain names; by default that of `allow`, else
         the case's own one. "all" for every signal.
