@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError, visible
 from eppanalysis.methods.certificates.registry import STATEMENTS, Asked
+from eppanalysis.readable import words
 from eppanalysis.results import PlainData, Result, Status
 from eppanalysis.shown import frame_of
 
@@ -158,11 +159,10 @@ def sentence(document: Mapping[str, Any]) -> str:
 
     Examples
     --------
-    >>> loop, claim = {"name": "servo"}, {"cycles": 1}
-    >>> sentence({"statement": "a claim of another kind", "loop": loop, "claim": claim})
+    >>> sentence({"statement": "a claim of another kind", "loop": {"name": "servo"}, "claim": {"cycles": 1}})
     "Proved of servo: a claim of another kind; {'cycles': 1}."
     """
-    name, claim = visible(str(document["loop"].get("name", "a loop"))), document["claim"]
+    name, claim = words(visible(str(document["loop"].get("name", "a loop")))), document["claim"]
     if document["statement"] in (STATEMENTS[Asked.ROOTS].text, STATEMENTS["balance"].text):
         return _roots_sentence(name, claim, document["box"])
     if document["statement"] == STATEMENTS[Asked.ABSENCE].text:
