@@ -12,6 +12,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -29,7 +30,7 @@ _SPREAD, _OF = 4.0, 3
 #: Places that a walk asks for their cost, at most.
 WALKED = 1 + CHAINS * (_OF + BEFORE + TURNS)
 #: Every other stride is shorter: few full ones stay on a step of the stair.
-SHORT = 0.3
+_SHORT = 0.3
 #: How far, in standard deviations, and by which factor in spread the two halves of the turns may differ.
 _APART, _WIDER = 1.0, 2.0
 #: Where it cools: places, turns at each growth, share of the record to begin with, by how much it grows, fewest rows.
@@ -79,9 +80,7 @@ def walk(cost: Callable[[Array], float], start: Array, matrix: Array, bounds: tu
     root = root_of(matrix)
 
     def costs(u: Array) -> Array:
-        places = start + u @ root.T
-        inside = np.all((places >= bounds[0]) & (places <= bounds[1]), axis=1)
-        return np.array([cost(q) if is_in else FORBIDDEN for q, is_in in zip(places, inside, strict=True)])
+        return _costs_within(bounds, cost, start + u @ root.T)
 
     u = _SPREAD * rng.normal(size=(_OF * CHAINS, start.size))
     found = costs(u)
@@ -90,7 +89,7 @@ def walk(cost: Callable[[Array], float], start: Array, matrix: Array, bounds: tu
     kept = np.empty((TURNS, *u.shape))
     best, least = start, cost(start)
     for turn in range(BEFORE + TURNS):
-        step_chains(costs, u, found, rng, turn, 1.0 if turn % 2 else SHORT)
+        step_chains(costs, u, found, rng, turn, 1.0 if turn % 2 else _SHORT)
         if found.min() < least:
             best, least = start + root @ u[np.argmin(found)], found.min()
         if turn >= BEFORE:
@@ -100,6 +99,12 @@ def walk(cost: Callable[[Array], float], start: Array, matrix: Array, bounds: tu
     scatter = kept.mean(axis=0).var(axis=0, ddof=1)
     effective = CHAINS * float(np.min(np.diag(spread) / np.maximum(scatter, 1e-300)))
     return Cloud(best, start + root @ mean, root @ spread @ root.T, effective, _settled(kept))
+
+
+def _costs_within(bounds: tuple[Array, Array], cost: Callable[[Array], float], places: Array) -> Array:
+    """Costs of places; beyond the bounds they are forbidden."""
+    inside = np.all((places >= bounds[0]) & (places <= bounds[1]), axis=1)
+    return np.array([cost(q) if is_in else FORBIDDEN for q, is_in in zip(places, inside, strict=True)])
 
 
 def _settled(kept: Array) -> bool:
@@ -166,10 +171,10 @@ def anneal(response: Response, starts: Array, bounds: tuple[Array, Array], seed:
     for k, window in enumerate(windows):
         progress(k, len(windows), "identify: search by a population")
 
-        def costs(places: Array, window: float = window) -> Array:
-            inside = np.all((places >= bounds[0]) & (places <= bounds[1]), axis=1)
-            pairs = zip(places, inside, strict=True)
-            return np.array([float(np.sum(response.residual(q, window) ** 2)) if ok else FORBIDDEN for q, ok in pairs])
+        def cost(q: Array, window: float = window) -> float:
+            return float(np.sum(response.residual(q, window) ** 2))
+
+        costs = partial(_costs_within, bounds, cost)
 
         for _ in range(2):
             found = costs(u)
@@ -190,5 +195,5 @@ def _go_on(costs: Callable[[Array], Array], u: Array, rng: np.random.Generator, 
     centre, size = u.mean(axis=0), u.std(axis=0) + 1e-9
     at, cold = (u - centre) / size, found / temperature
     for turn in range(_TURNS // 2):
-        step_chains(lambda x: costs(centre + x * size) / temperature, at, cold, rng, turn, 1.0 if turn % 2 else SHORT)
+        step_chains(lambda x: costs(centre + x * size) / temperature, at, cold, rng, turn, 1.0 if turn % 2 else _SHORT)
     return np.asarray(centre + at * size)

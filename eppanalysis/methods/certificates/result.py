@@ -159,7 +159,13 @@ def sentence(document: Mapping[str, Any]) -> str:
 
     Examples
     --------
-    >>> sentence({"statement": "a claim of another kind", "loop": {"name": "servo"}, "claim": {"cycles": 1}})
+    >>> sentence(
+    ...     {
+    ...         "statement": "a claim of another kind",
+    ...         "loop": {"name": "servo"},
+    ...         "claim": {"cycles": 1},
+    ...     }
+    ... )
     "Proved of servo: a claim of another kind; {'cycles': 1}."
     """
     name, claim = words(visible(str(document["loop"].get("name", "a loop")))), document["claim"]

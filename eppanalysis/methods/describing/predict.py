@@ -157,10 +157,8 @@ def predicted_cycles(system: LureSystem | CaseLike, operating_point: PointLike |
         As :func:`predict_limit_cycles`.
     """
     own, at = standing(system, operating_point, "predict_limit_cycles")
-    parts = _parts(own, at)
-    found = [(p, state, _balanced(loop, at, True)[-1]) for p, loop, state in parts]
-    if parts:
-        return tuple(p.told(c, own, state) for p, state, cycles in found for c in cycles)
+    if parts := _parts(own, at):
+        return tuple(p.told(c, own, state) for p, loop, state in parts for c in _balanced(loop, at, True)[-1])
     return _balanced(own, at, True)[-1]
 
 

@@ -74,10 +74,9 @@ def harmonic_balance(
         Of the given order, or of the one that the neglected harmonics change least. Status NOT_CONVERGED where Newton's
         iteration fails at the given order (the last iterate is returned), or, where no order is given, where they
         change the answer of each by more than 5 % or higher orders do not settle. ``error_estimate`` is the relative
-        error of frequency and fundamentals,
-        from balances of higher orders; it is not-a-number where those do not settle, and `note` says why: an exact
-        orbit need not be near then. ``provenance.statistics["orders"]`` lists the orders tried, with the change that
-        the neglected harmonics cause to first order.
+        error of frequency and fundamentals, from balances of higher orders; it is not-a-number where those do not
+        settle, and `note` says why: an exact orbit need not be near then. ``provenance.statistics["orders"]`` lists the
+        orders tried, with the change that the neglected harmonics cause to first order.
 
     Raises
     ------

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import AlgebraicLoop, ModelError
-
-if TYPE_CHECKING:
-    from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.models.systems.signals import slices
 
 #: What stands for the slope of a jump, relative to what it is compared with.
 _STEEP = 1e9
@@ -44,31 +42,37 @@ def no_unique_answer(who: str, parts: Iterable[str], expected: str) -> ModelErro
     return ModelError(what, expected=expected, field="connect", fault=loop)
 
 
-def require_unique(system: LureSystem) -> None:
+def require_unique(who: str, elements: Sequence[Nonlinearity], names: Sequence[str], D: Array) -> None:
     """Refuse elements that act straight on themselves in a way that has no answer, or several.
 
     With slopes K between their bounds the loop has one answer where ``det(I - D K)`` has one sign. As it is linear in
     each slope, its signs at the ends of all of them tell.
+
+    Parameters
+    ----------
+    who : str
+        The loop.
+    D : array, shape (nz, nw)
+        Straight from the elements' outputs to their inputs, without dead time.
 
     Raises
     ------
     ModelError
         If there is more or less than one answer.
     """
-    single = [e for e, el in enumerate(system.elements) if (el.n_inputs, el.n_outputs) == (1, 1)]
-    rows = [system.input_slices[e].start for e in single]
-    columns = [system.output_slices[e].start for e in single]
-    D = np.where(system.delays[columns] > 0.0, 0.0, system.D[np.ix_(rows, columns)])
+    single = [e for e, el in enumerate(elements) if (el.n_inputs, el.n_outputs) == (1, 1)]
+    inputs, outputs = slices([e.n_inputs for e in elements]), slices([e.n_outputs for e in elements])
+    D = D[np.ix_([inputs[e].start for e in single], [outputs[e].start for e in single])]
     on = parts_on_loops(D) if len(D) else np.zeros(0, np.int64)
     # Of more there are too many ends: a run then stops at the combination of modes that has no solution.
     if not on.size or on.size > _MOST:
         return
     D = D[np.ix_(on, on)]
-    ends = [_finite(system.elements[single[i]].slope_bounds(), D) for i in on]
+    ends = [_finite(elements[single[i]].slope_bounds(), D) for i in on]
     signs = {float(np.sign(np.linalg.det(np.eye(len(on)) - D * np.array(k)))) for k in product(*ends)}
     if signs not in ({1.0}, {-1.0}):
-        names = (system.element_names[single[i]] for i in on)
-        raise no_unique_answer(system.name, names, "a block with states in it, or slopes around it that stay below one")
+        loop = (names[single[i]] for i in on)
+        raise no_unique_answer(who, loop, "a block with states in it, or slopes around it that stay below one")
 
 
 def _finite(bounds: tuple[float, float], D: Array) -> tuple[float, float]:

@@ -59,8 +59,7 @@ class LureSystem(Responses):
     C : array, shape (nz, n)
         From the state to the stacked inputs of the elements.
     D : array, shape (nz, nw)
-        From the outputs of the elements straight to their inputs (cascades); the loop gain through D and the elements'
-        slopes must stay regular.
+        From the elements' outputs straight to their inputs (cascades); with their slopes that must have one answer.
     elements : tuple of Nonlinearity
         In the order in which their inputs and outputs are stacked.
     element_names : tuple of str
@@ -207,7 +206,7 @@ class LureSystem(Responses):
         made = with_own_states(made) if any(e.own_states is not None for e in elements) else made
         if made.margins_at or made.cuts is not None:
             require_places(name, made.margins_at, made.places)
-        require_unique(made)
+        require_unique(name, made.elements, made.element_names, np.where(made.delays > 0.0, 0.0, made.D))
         return made
 
     @classmethod
@@ -245,8 +244,7 @@ class LureSystem(Responses):
         Raises
         ------
         ModelError
-            If the transfer function is improper, G is not single-input single-output, `delay` is negative, or
-            `feedback` is neither -1 nor 1.
+            If G is improper or not single-input single-output, `delay` is negative, or `feedback` is not ±1.
 
         Examples
         --------
@@ -288,8 +286,7 @@ class LureSystem(Responses):
         Raises
         ------
         ModelError
-            If no block is an element, an element has several inputs or outputs, sample times differ, or `feedback` is
-            neither -1 nor 1.
+            If no block is an element, one has several inputs or outputs, sample times differ, or `feedback` is not ±1.
 
         Examples
         --------
