@@ -1,6 +1,6 @@
 """How good first order is: random loops of known kind, their predicted cycles and the exact ones, to a table.
 
-``python -m studies.first_order`` makes ``docs/_static/first_order.csv`` afresh (a quarter of an hour). Each loop has
+``python -m studies.first_order`` makes ``docs/_static/first_order.csv`` afresh (some tens of minutes). Each loop has
 a number, from which it is made again: ``random_loop("play", 7)``.
 """
 
@@ -92,7 +92,7 @@ def random_plant(rng: np.random.Generator) -> tuple[list[float], list[float], in
 def random_loop(element: str, number: int) -> tuple[epp.LureSystem, float, tuple[int, int, int]]:
     """The loop of a number, the amplitude it was made for, and poles, relative degree and integrators of its plant.
 
-    An amplitude between 1.05 and 12 gaps is drawn, and the gain is set such that first order has a cycle there.
+    An amplitude between 1.05 and 12 thresholds is drawn, and the gain is set such that first order has a cycle there.
     """
     rng = np.random.default_rng([zlib.crc32(element.encode()), number])
     while True:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from eppanalysis.plotting import BLUE, GREY, SMALL, VERMILLION, panels_of, put_legend
 from studies.first_order import ELEMENTS, Row, read
 
-#: Largest amplitude over the gap of each group.
+#: Largest amplitude over the threshold of each group.
 RATIOS = (1.2, 1.5, 2.0, 4.0, 12.5)
 SHARES = (0.5, 0.9, 0.95)
 
@@ -49,12 +49,12 @@ def by_filter() -> tuple[list[str], list[list[str]]]:
 
 
 def by_ratio() -> tuple[list[str], list[list[str]]]:
-    """By amplitude over the gap (threshold, limit); the relay has none."""
+    """By amplitude over the threshold (half gap, limit); the relay has none."""
     rows = [r for r in read() if r.element != "relay"]
     lines, low = [], 1.0
     for high in RATIOS:
         group = [r for r in rows if low <= r.ratio < high]
-        lines.append(_line(f"{low:g}\N{NO-BREAK SPACE}to\N{NO-BREAK SPACE}{min(high, 12):g}", group))
+        lines.append(_line(f"{low:g}\N{NO-BREAK SPACE}to\N{NO-BREAK SPACE}{high:g}", group))
         low = high
     return HEADER, lines
 
