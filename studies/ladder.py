@@ -1,14 +1,12 @@
-"""All rungs of the ladder for all shipped cases: time taken, and error against the exact cycle, to a table.
+"""All rungs of the ladder for all shipped cases, with the error against the exact cycle, to a table.
 
 ``python -m studies.ladder`` makes ``docs/_static/ladder.csv`` afresh (some minutes): what ``eppanalysis validate``
-shows of each case. Times are processor times, the shorter one of two climbs unless the first took long, so that
-other work on the machine hardly counts.
+shows of each case.
 """
 
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,14 +14,12 @@ from pathlib import Path
 import numpy as np
 
 import eppanalysis as epp
-from eppanalysis.methods.comparison.rungs import Clock
+from eppanalysis.results import Status
 from eppanalysis.models.systems.sampled.strobe import is_sampled
 from studies import STORED
 from studies.stored_tables import read_rows, write_rows
 
 TABLE = STORED / "ladder.csv"
-#: A climb that takes longer is not repeated [s].
-LONG = 10.0
 METHODS = ("describing function", "harmonic balance", "exact orbit", "simulation")
 
 
@@ -42,7 +38,6 @@ class Row:
         Of the signal [Hz, SI].
     error_period, error_size : float
         Relative errors against the exact cycle.
-    seconds : float
     note : str
     """
 
@@ -54,7 +49,6 @@ class Row:
     peak_to_peak: float
     error_period: float
     error_size: float
-    seconds: float
     note: str
 
 
@@ -65,7 +59,6 @@ def covered() -> tuple[str, ...]:
 
 def study() -> Iterator[list[Row]]:
     """Rows of one case after the other."""
-    Clock.read = staticmethod(time.process_time)
     for name in covered():
         sys.stderr.write(f"{name}\n")
         yield rows_of(name)
@@ -73,25 +66,20 @@ def study() -> Iterator[list[Row]]:
 
 def rows_of(name: str) -> list[Row]:
     """Rows of one case."""
-    begin = time.process_time()
-    tries = [epp.ladder(epp.case(name))]
-    if time.process_time() - begin < LONG:
-        tries.append(epp.ladder(epp.case(name)))
+    found = epp.ladder(epp.case(name))
     rows = []
-    for rungs in zip(*(t.rows for t in tries), strict=True):
-        r = rungs[0]
+    for r in found.rows:
         frequency, size = (r.quantities[k] for k in ("frequency", "peak-to-peak"))
         rows.append(
             Row(
                 case=name,
-                signal=tries[0].signal,
+                signal=found.signal,
                 method=r.method,
                 exact=-1 if r.exact is None else r.exact,
                 frequency=_or_nan(frequency),
                 peak_to_peak=_or_nan(size),
                 error_period=r.errors.get("period", float("nan")),
                 error_size=r.errors.get("peak-to-peak", float("nan")),
-                seconds=min(x.seconds for x in rungs),
                 note=r.note,
             )
         )
@@ -118,21 +106,19 @@ def table() -> tuple[list[str], list[list[str]]]:
     lines = []
     for name in dict.fromkeys(r.case for r in rows):
         own = [r for r in rows if r.case == name]
-        alone = []
-        for number in sorted({r.exact for r in own if r.exact >= 0}):
-            rungs = [r for r in own if r.exact == number]
-            if len(rungs) == 1 and rungs[0].note and "unstable" in rungs[0].method:
-                alone += rungs
-            else:
-                lines.append(_line(name, rungs))
-        if alone:
+        cycles = [[r for r in own if r.exact == number] for number in sorted({r.exact for r in own if r.exact >= 0})]
+        alone = [rungs[0] for rungs in cycles if len(rungs) == 1 and rungs[0].note and "unstable" in rungs[0].method]
+        several = len(alone) > 1
+        lines += [_line(name, rungs) for rungs in cycles if not (several and rungs[0] in alone)]
+        if several:
             low, high = (f(r.frequency for r in alone) for f in (min, max))
             span = " to ".join(dict.fromkeys((f"{low:.4g}", f"{high:.4g}")))
             lines.append([f"`{name}`", f"{len(alone)} unstable", span, "", "", "by search", ""])
         lines += [_line(name, [r]) for r in own if r.exact < 0 and np.isfinite(r.frequency)]
         if not any(np.isfinite(r.frequency) for r in own):
-            lines.append([f"`{name}`", "no cycle", "", *[""] * len(METHODS)])
-    return ["case", "cycle", "frequency [Hz]", *METHODS], lines
+            lines.append([f"`{name}`", "no cycle", "", "", "", "", Status(own[-1].note).name.lower()])
+    first, balance, exact, run = METHODS
+    return ["case", "cycle", "frequency [Hz]", f"{first} [%]", f"{balance} [%]", exact, f"{run} [%]"], lines
 
 
 def _line(name: str, rungs: Sequence[Row]) -> list[str]:
@@ -147,23 +133,16 @@ def _line(name: str, rungs: Sequence[Row]) -> list[str]:
 
 
 def _cell(rungs: Sequence[Row]) -> str:
-    """Errors in period and size [%], and the time taken."""
+    """Errors in period and size [%], or how an exact cycle was come to."""
     if not rungs:
         return ""
     rung = rungs[0]
-    took = _time(rung.seconds)
-    order = rung.method.split(", ")[-1].replace("order ", "n = ") + ", " if rung.method.startswith("harmonic") else ""
     if rung.method.startswith("exact"):
-        return "by search" if rung.note else took
-    errors = ""
+        return "by search" if rung.note else "closed"
+    order = [rung.method.split(", ")[-1].replace("order ", "n = ")] if rung.method.startswith("harmonic") else []
     if np.isfinite(rung.error_period):
-        errors = f"{_percent(rung.error_period)} / {_percent(rung.error_size)} %, "
-    return f"{order}{errors}{took}"
-
-
-def _time(seconds: float) -> str:
-    """A time to three digits, in the unit that needs no power of ten."""
-    return f"{seconds:.3g} s" if seconds >= 0.9995 else f"{1e3 * seconds:.3g} ms"
+        order.append(f"{_percent(rung.error_period)} / {_percent(rung.error_size)}")
+    return ", ".join(order) or "predicted"
 
 
 def _percent(error: float) -> str:

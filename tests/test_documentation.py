@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shlex
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+import eppanalysis as epp
 from eppanalysis.cli.commands import app
 from tests.cli.test_main import TRUTH_TABLE
 
@@ -16,6 +18,7 @@ ROOT = Path(__file__).parent.parent
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("[a-z]*/*.md")])
 #: A block of commands, and what the page shows of the output of the last one.
 BLOCK = re.compile(r"^```sh\n(.*?)^```$(?:\n\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL)
+TOML = re.compile(r"^```toml\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 #: A file that a page tells its reader to save.
 FILE = re.compile(r"^```toml\n(# (\w+\.toml)\n.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -60,6 +63,27 @@ def test_command_of_the_documentation_runs_and_prints_what_the_page_shows(tmp_pa
     printed = " ".join(result.output.split())
     for line in shown.splitlines():
         assert " ".join(line.split()) in printed
+
+
+def cases_of_pages() -> list[tuple[Path, str]]:
+    """Page and text of every whole case file that a page shows."""
+    blocks = [(page, text) for page in PAGES for text in TOML.findall(page.read_text(encoding="utf-8"))]
+    return [(page, text) for page, text in blocks if re.search(r"^title = ", text, re.M) and re.search(r"^kind", text, re.M)]
+
+
+@pytest.mark.parametrize(("page", "text"), [pytest.param(*c, id=f"{c[0].stem}-{i}") for i, c in enumerate(cases_of_pages())])
+def test_linear_loop_of_a_case_that_a_page_shows_is_damped(page, text):
+    found = epp.margins(epp.case_from_text(text, name=page.stem))
+    assert found.stable and found.phase_margin > math.radians(20.0)
+
+
+def test_rows_that_the_page_on_identification_shows_stand_in_a_file_that_ships():
+    page = (ROOT / "docs" / "howto" / "identify.md").read_text(encoding="utf-8")
+    name, shown = re.search(r"From `(\w+\.csv)`.*?```\n(.*?)^```", page, re.MULTILINE | re.DOTALL).groups()
+    head, *rows = shown.splitlines()
+    lines = (ROOT / "cases" / "measured" / name).read_text(encoding="utf-8").splitlines()
+    assert lines[0] == head
+    assert "\n".join(rows) in "\n".join(lines)
 
 
 def test_readme_begins_with_its_two_commands():

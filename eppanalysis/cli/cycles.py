@@ -1,4 +1,4 @@
-"""The commands ``eppanalysis cycles`` and ``eppanalysis branch``: all exact limit cycles, and how they change."""
+"""The commands ``eppanalysis cycles`` and ``eppanalysis branch``: exact limit cycles, and how they change."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def cycles(
     as_json: Json = False,
     output: Output = None,
 ) -> None:
-    """Find all limit cycles exactly, stable and unstable, and how completeness was sought."""
+    """Search for limit cycles, stable and unstable, as exact orbits, and say how they were sought; it may miss one."""
     check_output(output)
     found = load_case(case, settings)
     from eppanalysis.methods.search.find import find_limit_cycles

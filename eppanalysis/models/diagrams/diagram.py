@@ -57,7 +57,7 @@ class Diagram:
     >>> import eppanalysis as epp
     >>> servo = epp.Diagram(
     ...     parts={
-    ...         "controller": epp.blocks.PI(kp=2.0, ti=1.0),
+    ...         "controller": epp.blocks.PI(kp=2.0, ti=5.0),
     ...         "valve": epp.Saturation(lower=-1.0, upper=1.0),
     ...         "plant": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0, 0.0]),
     ...     },
