@@ -8,7 +8,7 @@ step of the harness, or a blow to the forearm) that just starts the oscillation?
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -295,5 +295,7 @@ def _range(values: Sequence[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _joined(words: Iterator[str] | Sequence[str]) -> str:
-    return ", ".join(w for w in dict.fromkeys(words) if w != "not known")
+def _joined(words: Iterable[str]) -> str:
+    """Each of the verdicts once, from the least to the greatest, as ranges of numbers are told."""
+    order = [*(word for _, word in reversed(_WORDS)), "ends the oscillation"]
+    return ", ".join(sorted(set(words) - {"not known"}, key=order.index))

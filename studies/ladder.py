@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 import eppanalysis as epp
-from eppanalysis.results import Status
 from eppanalysis.models.systems.sampled.strobe import is_sampled
+from eppanalysis.results import Status
 from studies import STORED
 from studies.stored_tables import read_rows, write_rows
 

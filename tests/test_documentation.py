@@ -68,10 +68,10 @@ def test_command_of_the_documentation_runs_and_prints_what_the_page_shows(tmp_pa
 def cases_of_pages() -> list[tuple[Path, str]]:
     """Page and text of every whole case file that a page shows."""
     blocks = [(page, text) for page in PAGES for text in TOML.findall(page.read_text(encoding="utf-8"))]
-    return [(page, text) for page, text in blocks if re.search(r"^title = ", text, re.M) and re.search(r"^kind", text, re.M)]
+    return [block for block in blocks if {"kind", "title"} <= set(re.findall(r"^(\w+) = ", block[1], re.MULTILINE))]
 
 
-@pytest.mark.parametrize(("page", "text"), [pytest.param(*c, id=f"{c[0].stem}-{i}") for i, c in enumerate(cases_of_pages())])
+@pytest.mark.parametrize(("page", "text"), cases_of_pages(), ids=lambda value: getattr(value, "stem", ""))
 def test_linear_loop_of_a_case_that_a_page_shows_is_damped(page, text):
     found = epp.margins(epp.case_from_text(text, name=page.stem))
     assert found.stable and found.phase_margin > math.radians(20.0)

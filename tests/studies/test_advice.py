@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
 
 import eppanalysis as epp
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch
 from eppanalysis.methods.bounds.harmonic import Question
+from studies import STORED
 from studies.advice import (
     ADVICE,
     AdviceRow,
+    _joined,
     _word,
     advice_frame,
     advice_of,
@@ -20,8 +23,6 @@ from studies.advice import (
     with_mass,
 )
 from tests.made_bounds import bounds_of
-
-pytestmark = pytest.mark.slow
 
 #: The original elbow with its original pulley at a profile range of 1.5 lbf.
 FRICTION, GAIN = 0.0526, "1.5 lbf"
@@ -57,10 +58,12 @@ def rows(case: epp.Case, bounds: epp.DesignBounds) -> dict[str, AdviceRow]:
     return {r.parameter: r for r in found}
 
 
+@pytest.mark.slow
 def test_the_mass_is_what_the_shell_leaves_of_the_inertia(case: epp.Case) -> None:
     assert case.value("forearm.prehensor_mass") == pytest.approx(0.45)
 
 
+@pytest.mark.slow
 def test_elasticities_against_folds_of_moved_cases(
     case: epp.Case, cycle: epp.LimitCycle, bounds: epp.DesignBounds, rows: dict[str, AdviceRow]
 ) -> None:
@@ -79,6 +82,7 @@ def test_elasticities_against_folds_of_moved_cases(
     assert rows[LIMIT].traded == pytest.approx(1.0 / rows["bands.range"].gained)
 
 
+@pytest.mark.slow
 def test_triggers_part_runs_that_settle_from_runs_that_do_not(case: epp.Case, rows: dict[str, AdviceRow]) -> None:
     size = rows["bands.range"].trigger
     ends = [epp.simulate(case.to_system(), epp.inputs.Step(s * f * size), 20.0).status.name
@@ -86,6 +90,7 @@ def test_triggers_part_runs_that_settle_from_runs_that_do_not(case: epp.Case, ro
     assert ends[:2] == ["SETTLED", "SETTLED"] and "LIMIT_CYCLE" in ends[2:]
 
 
+@pytest.mark.slow
 def test_the_model_bears_out_less_than_the_paper_says(rows: dict[str, AdviceRow]) -> None:
     """Of an elbow beyond its bound: a softer cable helps, less backlash is of no use, less friction does harm."""
     assert rows["cable.stiffness"].verdict == rows["cable.stiffness"].trigger_verdict == "strong"
@@ -96,6 +101,7 @@ def test_the_model_bears_out_less_than_the_paper_says(rows: dict[str, AdviceRow]
     assert "does not bear the advice out for the step" in said["Less pulley friction"]
 
 
+@pytest.mark.slow
 def test_frame_shows_what_is_not_applicable(case: epp.Case, rows: dict[str, AdviceRow]) -> None:
     frame = advice_frame(case, list(rows.values()))
     assert frame["profile range [lbf]"].unique().tolist() == ["1.5"]
@@ -112,6 +118,15 @@ def test_words(elasticity: float, word: str) -> None:
     assert _word(elasticity) == word
 
 
+def test_verdicts_are_told_in_the_order_of_their_numbers() -> None:
+    grown = [0.6, -0.1, math.inf, 0.05, math.nan, 0.2, 0.05, 0.0]
+    assert _joined(map(_word, grown)) == "the other way, none, weak, moderate, strong, ends the oscillation"
+    stored = (STORED / "advice.md").read_text(encoding="utf-8")
+    for told in re.findall(r"% \(([^)]*)\)", stored):
+        assert told == _joined(told.split(", "))
+
+
+@pytest.mark.slow
 def test_only_elbows_with_a_prehensor() -> None:
     with pytest.raises(epp.EppError, match="expected a case of the elbow"):
         design_advice(epp.case("backlash_servo"), ["2 lbf"])
