@@ -191,7 +191,7 @@ def equations() -> str:
         ]
         for g in gaps()
     ]
-    header = ["gap", "ΔX by (1) [mm]", "ΔF by (2) [lbf]", "measured [lbf]", "apart", "what it tests", "place"]
+    header = ["gap", "ΔX by (1) [mm]", "ΔF by (2) [lbf]", "measured [lbf]", "apart", "what it tests", "in the paper"]
     return markdown(header, rows)
 
 
@@ -318,7 +318,7 @@ GROUPS: dict[str, Callable[[], list[Row]]] = {
 
 def rows_table(rows: Iterable[Row]) -> str:
     """Statements with their places."""
-    header = ["the paper", "place", "the model", "how far apart", "verdict"]
+    header = ["what the paper says", "where", "the model", "how far apart", "verdict"]
     return markdown(
         header, ([SAID[r.key].text, SAID[r.key].place, r.model, r.apart or "–", f"**{r.verdict}**"] for r in rows)
     )
@@ -401,7 +401,7 @@ def together() -> str:
             found = sensitivity.all_at_once(finding, spread)
             shares.append(f"{found.count(str(expected.outcome))} of {len(found)}")
         rows.append([str(i + 1), f"`{finding}`", str(expected.outcome), expected.paper, *shares])
-    header = ["", "finding", "must", "place", *(f"holds within ±{100 * s:.0f} %" for s in sensitivity.SPREADS)]
+    header = ["", "finding", "must", "in the paper", *(f"holds within ±{100 * s:.0f} %" for s in sensitivity.SPREADS)]
     return markdown(header, rows)
 
 

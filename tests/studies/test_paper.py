@@ -165,7 +165,17 @@ def test_variation_keeps_what_the_paper_gives() -> None:
     )
     heavier = case.with_values(sensitivity.varied(case, "forearm.shell_inertia", 1.5))
     assert heavier.value("forearm.inertia") == pytest.approx(0.0465 + 0.003)
-    assert sensitivity.varied(case, "pulley.kinetic_ratio", 1.5) == {"pulley.kinetic_ratio": 1.0}
+
+
+@pytest.mark.parametrize("finding", sensitivity.FINDINGS)
+def test_what_cannot_go_up_by_half_is_named_on_the_page(finding: str) -> None:
+    case, page = epp.case(finding), (DOCS / "paper" / "assumptions.md").read_text(encoding="utf-8")
+    for name in sensitivity.assumed():
+        for factor in sensitivity.FACTORS:
+            if sensitivity.varied(case, name, factor)[name] != pytest.approx(factor * case.value(name)):
+                most = sensitivity.varied(case, name, factor)[name] / case.value(name) - 1.0
+                told = re.search(rf"`{name}` goes up by (\d+) per cent only", " ".join(page.split()))
+                assert told and 100.0 * most == pytest.approx(float(told[1]))
 
 
 def test_pieces_put_in_flip_what_the_page_says() -> None:
