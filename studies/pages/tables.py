@@ -138,7 +138,7 @@ def textbook_prediction() -> str:
                     _difference(omega, want.omega if want else None),
                 ]
             )
-    header = ["case", "amplitude expected", "found", "difference", "omega expected", "found", "difference"]
+    header = ["case", "amplitude expected", "found", "difference", "ω expected [rad/s]", "found", "difference"]
     return markdown(header, rows)
 
 
@@ -174,7 +174,15 @@ def textbook_simulation() -> str:
                 _difference(steady.omega, want.omega),
             ]
         )
-    header = ["case", "amplitude expected", "found", "difference", "omega expected", "found", "difference or verdict"]
+    header = [
+        "case",
+        "amplitude expected",
+        "found",
+        "difference",
+        "ω expected [rad/s]",
+        "found",
+        "difference or verdict",
+    ]
     return markdown(header, rows)
 
 
