@@ -216,7 +216,7 @@ def predict(
     as_json: Json = False,
     output: Output = None,
 ) -> None:
-    """Predict all limit cycles with describing functions, stable and unstable."""
+    """Predict limit cycles with describing functions, stable and unstable, and say what these may not see."""
     from eppanalysis.tables.files import prediction_table
 
     measured = None if response is None else _read_response(response)
