@@ -216,7 +216,7 @@ def predict(
     as_json: Json = False,
     output: Output = None,
 ) -> None:
-    """Predict limit cycles with describing functions, stable and unstable, and say what these may not see."""
+    """Predict limit cycles with describing functions, stable and unstable; what these may not see is said."""
     from eppanalysis.tables.files import prediction_table
 
     measured = None if response is None else _read_response(response)
