@@ -40,7 +40,7 @@ def cycles(
     as_json: Json = False,
     output: Output = None,
 ) -> None:
-    """Search for limit cycles, stable and unstable, as exact orbits; how they were sought is said, a search may miss one."""
+    """Search for limit cycles, stable and unstable, as exact orbits, and say how; a search may miss one."""
     check_output(output)
     found = load_case(case, settings)
     from eppanalysis.methods.search.find import find_limit_cycles
