@@ -116,7 +116,17 @@ def table() -> tuple[list[str], list[list[str]]]:
             lines.append([f"`{name}`", f"{len(alone)} unstable", span, "", "", "by search", ""])
         lines += [_line(name, [r]) for r in own if r.exact < 0 and np.isfinite(r.frequency)]
         if not any(np.isfinite(r.frequency) for r in own):
-            lines.append([f"`{name}`", "no cycle", "", "", "", "", Status(own[-1].note).name.lower()])
+            lines.append(
+                [
+                    f"`{name}`",
+                    "no cycle",
+                    "",
+                    "",
+                    "",
+                    "",
+                    Status(own[-1].note).name.lower().replace("settled", "settles"),
+                ]
+            )
     first, balance, exact, run = METHODS
     return ["case", "cycle", "frequency [Hz]", f"{first} [%]", f"{balance} [%]", exact, f"{run} [%]"], lines
 

@@ -84,7 +84,7 @@ def truth_table() -> str:
                 f"`{case.name}`",
                 case.expected.paper,
                 case.expected.finding,
-                "oscillates" if steady else result.status.name.lower().replace("_", " "),
+                "oscillates" if steady else result.status.name.lower().replace("_", " ").replace("settled", "settles"),
                 number(steady.frequency, 4) if steady else "–",
                 number(np.degrees(steady.peak_to_peak["theta"]), 4) if steady else "–",
                 ", ".join(f"{c.frequency:.3g} Hz {'stable' if c.stable else 'unstable'}" for c in cycles) or "none",
@@ -193,7 +193,7 @@ def both_directions() -> str:
         found = epp.ladder(epp.case(name))
         cycles = [f"{c.frequency:.3g} Hz {'stable' if c.stable else 'unstable'}" for c in found.prediction or ()]
         steady = found.run.limit_cycle
-        runs = f"{steady.frequency:.4g} Hz" if steady else found.outcome
+        runs = f"{steady.frequency:.4g} Hz" if steady else found.outcome.replace("settle", "settles")
         rows.append([f"`{name}`", ", ".join(cycles) or "none", runs, found.verdict])
     return markdown(["case", "first order", "simulation", "verdict"], rows)
 
