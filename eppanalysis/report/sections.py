@@ -298,7 +298,7 @@ SECTIONS: tuple[Section, ...] = (
     ),
     Section(
         "Limit cycles",
-        "All exact periodic orbits that were found; an unstable one separates rest from oscillation.",
+        "All exact periodic orbits that were found; an unstable one may divide rest from oscillation.",
         lambda case: _CYCLES.format(signals=_shown(case)),
     ),
     Section(
