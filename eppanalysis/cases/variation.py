@@ -128,9 +128,10 @@ class LoopVariation(Variation):
         return {name: self._around(name, points) for name in names} if len(names) == 2 else {}
 
     def _around(self, name: str, points: int) -> str:
+        """As far to both sides: the middle one of an odd number of points is the case's own value."""
         unit = self.case.unit(name)[1]
         shown = self.case.value(name) / self.case.si(name, f"1 {unit}".strip())
-        return f"{0.25 * shown:.12g}:{2.0 * shown:.12g}:{points}" + (f":{unit}" if unit else "")
+        return f"{0.25 * shown:.12g}:{1.75 * shown:.12g}:{points}" + (f":{unit}" if unit else "")
 
 
 #: Runs of a map are so many times as long as the case's own.

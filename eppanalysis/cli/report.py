@@ -41,12 +41,13 @@ def report(
 
 
 def _told(titles: Sequence[str]) -> Progress:
-    """Where no bar is seen, a line for each of several cases: eight take minutes."""
+    """Where no bar is seen, a line for each of several cases, and for each section of a single one."""
     told: set[str] = set()
 
     def tell(done: int, total: int | None, doing: str) -> None:
-        if len(titles) > 1 and doing in titles and doing not in told:
+        if doing not in told and (len(titles) == 1 or doing in titles):
             told.add(doing)
-            typer.echo(f"{titles.index(doing) + 1} of {len(titles)}: {doing}", err=True)
+            at, of = (done + 1, total) if len(titles) == 1 else (titles.index(doing) + 1, len(titles))
+            typer.echo(f"{at} of {of}: {doing}", err=True)
 
     return tell

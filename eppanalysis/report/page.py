@@ -25,6 +25,10 @@ _TEMPLATES = Path(__file__).parent / "templates"
 _NUMBER = re.compile(r"(?<![\w#.])-?\d[\d.]*(?:e[-+]\d+(?: [A-Za-z%]+)?| [A-Za-z%]+)")
 #: How long a browser may take to print a page [s].
 _LONGEST_PRINT = 120
+#: How much larger than its style says what comes after the first page is printed at least, and may be, largest first.
+_LEAST, _LARGER = 0.94, (1.2, 1.1, 1.0)
+#: The pages of a PDF that Chromium prints.
+_PAGE = re.compile(rb"/Type\s*/Page\b(?!s)")
 
 
 def write(notebook: NotebookNode, path: Path) -> None:
@@ -88,7 +92,7 @@ def find_browser(path: Path) -> str:
 
 
 def print_page(page: str, part: Path, path: Path) -> None:
-    """Print a page to `part`; messages call it `path`.
+    """Print a page to `part`, as large as it goes on the fewest sheets; messages call it `path`.
 
     Raises
     ------
@@ -96,6 +100,27 @@ def print_page(page: str, part: Path, path: Path) -> None:
         If there is no browser or it fails.
     """
     browser = find_browser(path)
+    fewest = _printed(browser, _scaled(page, _LEAST), path)
+    larger = (_printed(browser, _scaled(page, scale), path) for scale in _LARGER)
+    sheets = len(_PAGE.findall(fewest))
+    part.write_bytes(next((printed for printed in larger if len(_PAGE.findall(printed)) <= sheets), fewest))
+
+
+def _scaled(page: str, scale: float) -> str:
+    """A page of which all but the first sheet is printed larger; tables of many columns have no room to grow."""
+    tables = f".part + .part table:has(td:nth-child(4)) {{ zoom: {min(1.0, 1.0 / scale):.4f}; }}"
+    style = f"<style>@media print {{ .part + .part {{ zoom: {scale}; }} {tables} }}</style></head>"
+    return page.replace("</head>", style, 1)
+
+
+def _printed(browser: str, page: str, path: Path) -> bytes:
+    """The PDF of a page.
+
+    Raises
+    ------
+    EppError
+        If the browser fails.
+    """
     with tempfile.TemporaryDirectory(prefix="eppanalysis-print-", ignore_cleanup_errors=True) as folder:
         source, printed = Path(folder) / "report.html", Path(folder) / "report.pdf"
         source.write_text(page, encoding="utf-8")
@@ -107,7 +132,7 @@ def print_page(page: str, part: Path, path: Path) -> None:
         if not printed.is_file() or not printed.stat().st_size:
             said = ended.stderr.decode(errors="replace").strip().splitlines()[-1:]
             raise EppError(f"{path}: {browser} did not print it ({''.join(said)[:200]}); expected a working browser.")
-        shutil.copyfile(printed, part)
+        return printed.read_bytes()
 
 
 def _options(folder: str) -> list[str]:

@@ -82,8 +82,8 @@ if cycles is None:
 try:
     cycle = run.limit_cycle or next(iter(cycles or ()), None)
     proof = epp.certify(case, "absence") if cycle is None else epp.certify_orbit(case, cycle)
-except epp.EppError:
-    pass
+except epp.EppError as refusal:
+    proof = refusal
 epp.first_page(case, run, ladder, cycles, branch, proof)"""
 
 _START = """\
@@ -135,7 +135,7 @@ else:
         display(cycle.plot(signals={signals}).figure)"""
 
 _TRIGGER = """\
-if cycles:
+if cycles and cycles.stable:
     try:
         display(epp.table(epp.trigger(case, cycles=cycles)))
     except epp.EppError as reason:
@@ -143,7 +143,7 @@ if cycles:
 elif cycles is None:
     print("Exact limit cycles were not sought, so none is known that a disturbance could start.")
 else:
-    print("No exact limit cycle was found, so there is none that a disturbance could start.")"""
+    print("No stable limit cycle was found, so there is none that a disturbance could start.")"""
 
 _FOLLOW = """\
 branch = None
@@ -308,7 +308,8 @@ SECTIONS: tuple[Section, ...] = (
     ),
     Section(
         "Branch",
-        "How a limit cycle changes with a parameter; the dotted line is the case. Stable is solid, unstable dashed.",
+        "How a limit cycle changes with a parameter; the dotted line is the case. Stable is solid, unstable dashed. "
+        "The first page rounds where it ends to the side without it.",
         _branch,
         partial(_branch, full=True),
     ),
@@ -322,8 +323,8 @@ SECTIONS: tuple[Section, ...] = (
     ),
     Section(
         "Case",
-        "Every value, with where it comes from: taken from a paper, derived from other numbers, measured, assumed, or "
-        "tunable, which is free to choose.",
+        "Values with where they come from: taken from a paper, derived from other numbers, measured, assumed, or "
+        "tunable, which is free to choose. Coefficients of transfer functions and formulas stand in the case's file.",
         _always(_START),
     ),
     Section("Provenance", "What made these numbers.", _always(_PROVENANCE)),

@@ -30,6 +30,9 @@ _SYMBOL = 2
 #: An end this near to the case's own value, relative to it, is taken to be at it.
 _AT = 1e-9
 
+#: What is this near to the least or largest value of a branch, relative to the largest, is its end there.
+_OUTERMOST = 1e-6
+
 #: Notebooks put what stands in a cell to the right.
 _CELL = '<td style="text-align: left">'
 
@@ -71,7 +74,7 @@ def first_page(
     ladder: Ladder | None = None,
     cycles: CycleSearch | None = None,
     branch: Branch | None = None,
-    proof: Certificate | CertifiedOrbit | None = None,
+    proof: Certificate | CertifiedOrbit | EppError | None = None,
 ) -> FirstPage:
     """The first page of a report, from what has been computed for it.
 
@@ -86,8 +89,9 @@ def first_page(
         All exact cycles that were found.
     branch : Branch, optional
         Of the cycle over a parameter.
-    proof : Certificate or CertifiedOrbit, optional
-        What was tried to be proved: where it succeeds, its sentence is a theorem, and the page says that no other is.
+    proof : Certificate, CertifiedOrbit or EppError, optional
+        What was tried to be proved, or why that is refused: where it succeeds, its sentence is a theorem, and the page
+        says that no other is.
 
     Returns
     -------
@@ -175,16 +179,23 @@ def _numbers(
         how = (
             "exact branch; what is beyond was not followed" if branch.missing else "exact branch, without an end in it"
         )
-        yield f"{words(branch.parameter)} with the oscillation", f"{low.partition(' ')[0]} to {high}", how
+        what = "the oscillation" if largest is not None else "a limit cycle"
+        yield f"{words(branch.parameter)} with {what}", f"{low.partition(' ')[0]} to {high}", how
 
 
 def _nearest_end(case: Case, branch: Branch | None) -> SpecialPoint | None:
-    """Where the cycles of the branch cease to exist, nearest to the case's own value of the parameter."""
+    """Where the cycles of the branch cease to exist, nearest to the case's own value of the parameter.
+
+    A branch may turn several times: beyond an inner fold it has other cycles still.
+    """
     if branch is None or branch.not_covered:
         return None
     own = case.value(branch.parameter)
     ends = [special for special in branch.special if special.kind in _ENDS]
-    return min(ends, key=lambda end: abs(end.value - own), default=None)
+    values = np.array([*branch.points["value"], *(end.value for end in ends)])
+    near = _OUTERMOST * np.abs(values).max()
+    low, high = values.min() + near, values.max() - near
+    return min((end for end in ends if not low < end.value < high), key=lambda end: abs(end.value - own), default=None)
 
 
 def _advice(
@@ -193,20 +204,26 @@ def _advice(
     cycles: CycleSearch | None,
     branch: Branch | None,
     end: SpecialPoint | None,
-    proof: Certificate | CertifiedOrbit | None,
+    proof: Certificate | CertifiedOrbit | EppError | None,
 ) -> str:
     there = run.limit_cycle is not None or bool(cycles)
     if not there:
         keep = "" if branch is None or end is None else f" {_beside(case, branch, end)}"
         rests, opened = run.status is Status.SETTLED, cycles is not None and cycles.left_open
-        if opened or (cycles is None and not rests):
+        if opened or not rests:
             own = "Nothing from its own start; what others lead to is left open. " if rests else ""
-            return f"{own}Simulate for longer (run.t_end), or ask eppanalysis cycles.{keep}"
+            search = ", or ask eppanalysis cycles" if cycles is None else ""
+            return f"{own}Simulate for longer (run.t_end){search}.{keep}"
         # What was asked and refused is not advised.
         asks = ": eppanalysis certify --statement absence asks for one" if proof is None else ""
-        proved = proof is not None and proof.proved
+        proved = not isinstance(proof, EppError | None) and proof.proved
         searched = "" if cycles is None or proved else f" The search is thorough and no proof{asks}."
         return f"Nothing, at these values.{keep}{searched}"
+    if run.limit_cycle is None and run.status is not Status.SETTLED and not (cycles and cycles.stable):
+        return (
+            "Change the loop until its own run settles (eppanalysis design looks for such values), or simulate for "
+            "longer (run.t_end) to see where it ends."
+        )
     if branch is None:
         limit, over = [*variation_of(case).over()[:2], "FIELD", "FIELD"][:2]
         far = f"eppanalysis bounds CASE --over {over} --limit {limit}, or eppanalysis design"
@@ -255,7 +272,7 @@ def _known(
     run: Trajectory,
     ladder: Ladder | None,
     cycles: CycleSearch | None,
-    proof: Certificate | CertifiedOrbit | None,
+    proof: Certificate | CertifiedOrbit | EppError | None,
 ) -> Iterator[tuple[str, str]]:
     if ladder is not None:
         yield "Predicted", ladder.agreement.sentence(ladder.run.status)
@@ -267,6 +284,8 @@ def _known(
     if proof is None:
         told = "Nothing: no proof was asked for, or none covers this loop; eppanalysis certify says which."
         yield "Proved", f"{told}{held}"
+    elif isinstance(proof, EppError):
+        yield "Proved", f"Nothing: no sentence here is a theorem. {str(proof)[:1].upper()}{str(proof)[1:]}{held}"
     elif proof.proved:
         theorem = str(proof).removeprefix("Proved: ")
         told = f"{theorem[:1].upper()}{theorem[1:]} This sentence is a theorem, all others here are computed."

@@ -65,3 +65,15 @@ def test_a_plain_number_is_exact_in_the_unit_that_it_is_shown_in() -> None:
         changed = case.with_values(dict.fromkeys(names, value))
         assert [case.si(name, changed.value(name)) for name in names] == [value] * len(names)
     assert str(case.with_values({"gap": np.radians(0.2)}).parameters["gap"]) == "0.2 deg"
+
+
+@pytest.mark.parametrize("name", ["azimuth_servo", "virtual_spring", "wheelchair"])
+@pytest.mark.parametrize("points", [5, 7, 9])
+def test_a_map_of_any_loop_has_the_case_itself_among_its_designs(name, points):
+    """A case that comes to rest stood in a cell that a design beside it had made unknown."""
+    case = epp.case(name)
+    for field, axis in variation_of(case).axes(points).items():
+        low, high, count, *unit = axis.split(":")
+        assert int(count) == points
+        middle = case.si(field, f"{0.5 * (float(low) + float(high)):.12g} {''.join(unit)}".strip())
+        assert middle == pytest.approx(case.value(field), rel=1e-11)

@@ -19,6 +19,7 @@ import pandas
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.cli import report as command
 from eppanalysis.errors import EppError
 from eppanalysis.report import notebook as making, page, sections
 from tests.explorer.browser import find_chromium, running_browser
@@ -303,6 +304,44 @@ def test_no_table_of_a_printed_page_is_wider_than_its_column():
         )
     # None stands in the gap of the columns, nor beyond the paper.
     assert cells and not [(left, right) for left, right in cells if left < 695 / 2 < right or right > 695]
+
+
+@pytest.mark.parametrize(
+    ("sheets", "taken"), [({0.94: 4, 1.0: 5, 1.1: 5, 1.2: 6}, 0.94), ({0.94: 3, 1.0: 3, 1.1: 3, 1.2: 4}, 1.1)]
+)
+def test_a_pdf_is_printed_as_large_as_it_goes_on_the_fewest_sheets(folder, monkeypatch, sheets, taken):
+    """A few lines stood alone on a last sheet, or it was half empty."""
+    monkeypatch.setattr(page, "find_browser", lambda path: "none")
+    scales = {page._scaled("<head></head>", scale): scale for scale in sheets}
+
+    def printed(browser, text, path):
+        return b"/Type /Pages " + b"/Type /Page\n" * sheets[scales[text]] + str(scales[text]).encode()
+
+    monkeypatch.setattr(page, "_printed", printed)
+    page.print_page("<head></head>", folder / "scaled.pdf", folder / "scaled.pdf")
+    assert (folder / "scaled.pdf").read_bytes().endswith(str(taken).encode())
+
+
+@pytest.mark.parametrize(
+    ("titles", "told", "lines"),
+    [
+        (["A"], ["A", "In short", "In short", "Case"], ["1 of 9: A", "2 of 9: In short", "4 of 9: Case"]),
+        (["A", "B"], ["A", "A: In short", "B"], ["1 of 2: A", "2 of 2: B"]),
+    ],
+)
+def test_where_no_bar_is_seen_each_section_of_one_case_is_told_and_each_of_several_cases(titles, told, lines, capsys):
+    tell = command._told(titles)
+    for done, doing in enumerate(told):
+        tell(done, 9, doing)
+    assert capsys.readouterr().err.splitlines() == lines
+
+
+def test_of_unstable_cycles_alone_it_is_said_that_no_disturbance_starts_one(capsys):
+    """The table had no row and said "none"."""
+    section = next(section for section in sections.SECTIONS if section.title == "Trigger")
+    unstable = SimpleNamespace(stable=())
+    exec(section.cell(epp.case("fig8a_original"), full=False), {"epp": epp, "cycles": unstable})
+    assert capsys.readouterr().out.startswith("No stable limit cycle was found, so there is none that a disturbance")
 
 
 def test_a_browser_that_fails_is_one_sentence(monkeypatch, folder):

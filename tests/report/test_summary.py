@@ -5,11 +5,13 @@ from __future__ import annotations
 import ast
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.report import sections
+from eppanalysis.cases import variation_of
+from eppanalysis.report import sections, summary
 from tests.made_bounds import GAIN, wheelchair
 
 
@@ -99,3 +101,41 @@ def test_runs_of_a_map_go_through_two_million_samples_at_most_and_a_coarse_map_s
     along = [int(text.split(":")[2]) for text in axes.values()]
     assert math.prod(along) * samples <= 2e6 and min(along) >= 5
     assert (f"The map has {along[0]} by {along[1]} cells" in code) == (along != [9, 9]) == (samples > 0)
+
+
+def test_a_run_that_is_undecided_is_no_all_clear_either():
+    case = wheelchair().with_values({"loop.gain": 0.5, "run.t_end": "0.5 s"})
+    run, cycles = epp.simulate(case), epp.find_limit_cycles(epp.case("fig8b_reduced_backlash"))
+    assert run.status is epp.Status.UNDECIDED and not len(cycles) and not cycles.left_open
+    page = epp.first_page(case, run, cycles=cycles)
+    assert page.advice == "Simulate for longer (run.t_end)."
+
+
+def test_a_run_beside_an_unstable_cycle_alone_is_no_oscillation_to_end():
+    case = wheelchair()
+    unstable = SimpleNamespace(stable=(), __len__=lambda: 1)
+    run = SimpleNamespace(limit_cycle=None, status=epp.Status.UNDECIDED)
+    for branch in (None, epp.continue_branch(case, "loop.gain", start=1.0, stop=0.9)):
+        said = summary._advice(case, run, unstable, branch, None, None)
+        assert said.startswith("Change the loop until its own run settles")
+
+
+def test_a_proof_that_is_refused_says_why():
+    case = epp.case("virtual_spring")
+    with pytest.raises(epp.EppError) as refused:
+        epp.certify(case, "absence")
+    page = epp.first_page(case, epp.simulate(case), proof=refused.value)
+    said = dict(page.known)["Proved"].lower()
+    assert said.startswith("nothing: no sentence here is a theorem.") and str(refused.value).lower() in said
+    assert "certify" not in page.advice
+
+
+@pytest.mark.parametrize(("name", "parameter"), [("elbow", "lock_pin.backlash"), ("x15_flare", "Kp")])
+def test_beyond_the_limit_that_is_advised_the_branch_has_no_cycle(name, parameter):
+    """The elbow's branch turns three times: its oscillation went on under the fold that was advised."""
+    case = epp.case(name)
+    start, _, stop = (case.text(parameter, value) for value in variation_of(case).branch(parameter))
+    branch = epp.continue_branch(case, parameter, start=start, stop=stop)
+    end = summary._nearest_end(case, branch)
+    safe = case.si(parameter, summary._limit(case, branch, end))
+    assert safe < branch.points["value"].min() and safe < end.value < 1.001 * safe
