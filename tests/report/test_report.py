@@ -306,6 +306,19 @@ def test_no_table_of_a_printed_page_is_wider_than_its_column():
     assert cells and not [(left, right) for left, right in cells if left < 695 / 2 < right or right > 695]
 
 
+@pytest.mark.skipif(not find_chromium(), reason="no Chromium or Chrome is installed")
+def test_on_a_phone_no_table_of_values_is_wider_than_the_page():
+    """Notes and the last columns were behind the edge."""
+    shown = [epp.table(epp.case(name))._repr_html_() for name in ("elbow", "x15_flare", "azimuth_servo")]
+    style = (Path(page.__file__).parent / "templates/eppanalysis/style.css").read_text()
+    told = "".join(f'<div class="wide">{table}</div>' for table in shown)
+    with running_browser() as browser:
+        tab = browser.new_page(viewport={"width": 420, "height": 900})
+        tab.set_content(f'<style>{style}</style><body><main><div class="part">{told}</div></main>')
+        widths = tab.evaluate("[...document.querySelectorAll('.wide')].map(n => [n.scrollWidth, n.clientWidth])")
+    assert len(widths) == len(shown) and all(inside <= room for inside, room in widths), widths
+
+
 @pytest.mark.parametrize(
     ("sheets", "taken"), [({0.94: 4, 1.0: 5, 1.1: 5, 1.2: 6}, 0.94), ({0.94: 3, 1.0: 3, 1.1: 3, 1.2: 4}, 1.1)]
 )
