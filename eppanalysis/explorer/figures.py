@@ -11,6 +11,7 @@ import numpy as np
 from bokeh.events import Pan, PanEnd, PanStart, PointEvent, Tap
 from bokeh.models import ColumnDataSource, LinearColorMapper, Range1d
 from bokeh.models.annotations import Span, Title
+from bokeh.models.glyphs import MultiLine
 from bokeh.plotting import figure
 
 from eppanalysis.explorer.quick import Quick
@@ -20,6 +21,8 @@ from eppanalysis.sweep.picture import OUTCOME_COLOURS
 
 _TOOLS = "pan,box_zoom,wheel_zoom,reset,save"
 _HEIGHT = 360
+#: Of a run's line [px]: a wider one is an outline that browsers fill, some twenty times as long for many oscillations.
+_THIN = 1.0
 #: How near to the design a drag begins, relative to the axes.
 _NEAR = 0.06
 #: Outcomes of the map's cells in words, as its legend has them.
@@ -27,6 +30,9 @@ _CODES = {1: "settles", 2: "oscillates", 3: "diverges", 0: "not decided"}
 #: What stands behind the design in the map's legend.
 DRAGGED = " (drag or tap)"
 _NOTHING: dict[str, list[Any]] = {"x": [], "y": []}
+#: Columns of the Nyquist plot.
+_CURVES = ("response", "locus")
+_NYQUIST = [f"{name}_{axis}" for name in (*_CURVES, "first", "run") for axis in "xy"]
 #: Room round what the Nyquist plot must show; from its square on the window shrinks.
 _ROOM = 1.2
 
@@ -57,10 +63,10 @@ def _figure(title: str, x: str, y: str, **options: Any) -> Any:
     return made
 
 
-def _mark_run(made: figure, source: ColumnDataSource) -> None:
+def _mark_run(made: figure, source: ColumnDataSource, x: str = "x", y: str = "y") -> None:
     """The cross of the own run, in ink: black by day, light by night."""
     style: dict[str, Any] = {"marker": "x", "size": 12, "color": "black", "line_width": 2, "tags": ["ink"]}
-    made.scatter("x", "y", source=source, legend_label="run", **style)
+    made.scatter(x, y, source=source, legend_label="run", **style)
 
 
 def _legend(made: Any) -> None:
@@ -80,30 +86,48 @@ def _legend(made: Any) -> None:
 
 def _name_what_is_there(item: Any, attr: str, old: Any, data: Any) -> None:
     """A name in the legend whose mark has no place would stand alone."""
-    item.visible = any(len(values) for values in data.values())
+    glyph = item.renderers[0].glyph
+    places = data[glyph.xs if isinstance(glyph, MultiLine) else glyph.x]
+    item.visible = any(bool(np.isfinite(place).any()) for place in places)
+
+
+class RunPictures:
+    """The two pictures that follow every move: their curves come in one row, so that both are drawn at once.
+
+    Apart, the second would wait until the browser has drawn the first.
+    """
+
+    def __init__(self, signal: str, unit: str) -> None:
+        self.row = ColumnDataSource(data={})
+        self.step, self.nyquist = StepPicture(signal, unit, self.row), NyquistPicture(self.row)
+
+    def show(self, quick: Quick, text: str) -> None:
+        """New data, and in words of what."""
+        self.row.data = self.step.columns(quick, text) | self.nyquist.columns(quick)
 
 
 class StepPicture:
     """The run in time."""
 
-    def __init__(self, signal: str, unit: str) -> None:
-        self.source, self.ghost = ColumnDataSource(data=_NOTHING), ColumnDataSource(data=_NOTHING)
+    def __init__(self, signal: str, unit: str, row: ColumnDataSource) -> None:
+        self.row, self.ghost = row, ColumnDataSource(data={"time": [], "values": []})
+        self.row.data = {**self.row.data, **self.ghost.data}
         made = self.figure = _figure("Step response", "time [s]", with_unit(words(signal), unit), name="step")
-        made.line("x", "y", source=self.source, color=BLUE, line_width=1.3, legend_label="now")
-        behind: dict[str, Any] = {"color": GREY, "line_width": 1.2, "alpha": 0.85, "level": "underlay"}
-        made.line("x", "y", source=self.ghost, legend_label="before", **behind)
+        made.multi_line("time", "values", source=self.row, color=BLUE, line_width=_THIN, legend_label="now")
+        behind: dict[str, Any] = {"color": GREY, "line_width": _THIN, "alpha": 0.85, "level": "underlay"}
+        made.multi_line("time", "values", source=self.ghost, legend_label="before", **behind)
         self.now, self.before = made.legend[0].items
         self.kept, self.text = False, ""
         self.old: tuple[dict[str, Any], str] | None = None
         _legend(made)
         made.legend[0].ncols = 1
 
-    def show(self, quick: Quick, text: str) -> None:
-        """New data, and in words of what."""
+    def columns(self, quick: Quick, text: str) -> dict[str, Any]:
+        """What is drawn of a run, which in words is `text`."""
         if self.kept:
-            self.kept, self.old = False, (dict(self.source.data), self.text)
-        self.source.data = {"x": quick.time.astype(np.float32), "y": quick.values.astype(np.float32)}
+            self.kept, self.old = False, ({name: self.row.data[name] for name in self.ghost.data}, self.text)
         self.text = text
+        return {"time": [quick.time.astype(np.float32)], "values": [quick.values.astype(np.float32)]}
 
     def keep(self) -> None:
         """The run of now will be the ghost behind the next."""
@@ -121,33 +145,31 @@ class StepPicture:
 class NyquistPicture:
     """The rest of the loop and -1/N of the element at the cut."""
 
-    def __init__(self) -> None:
-        self.response, self.locus, self.first, self.run = (ColumnDataSource(data=_NOTHING) for _ in range(4))
+    def __init__(self, row: ColumnDataSource) -> None:
         ranges = {"x_range": Range1d(start=-2.0, end=1.0), "y_range": Range1d(start=-1.5, end=1.5)}
         self.window: Window | None = None
         made = self.figure = _figure("Nyquist", "real part", "imaginary part", name="nyquist", **ranges)
         for dimension in ("width", "height"):
             made.add_layout(Span(location=0, dimension=dimension, line_color=GREY, line_width=0.7))
-        made.line("x", "y", source=self.response, color=BLUE, line_width=1.5, legend_label="G(jω)")
+        row.data = {**row.data, **dict.fromkeys(_NYQUIST, [])}
+        made.multi_line("response_x", "response_y", source=row, color=BLUE, line_width=1.5, legend_label="G(jω)")
         style: dict[str, Any] = {"color": VERMILLION, "line_width": 2, "line_dash": "dashed"}
-        made.line("x", "y", source=self.locus, legend_label="−1/N(A)", **style)
-        made.scatter("x", "y", source=self.first, color=GREEN, size=10, legend_label="cycle of first order")
-        _mark_run(made, self.run)
+        made.multi_line("locus_x", "locus_y", source=row, legend_label="−1/N(A)", **style)
+        made.scatter("first_x", "first_y", source=row, color=GREEN, size=10, legend_label="cycle of first order")
+        _mark_run(made, row, "run_x", "run_y")
         _legend(made)
 
-    def show(self, quick: Quick) -> None:
-        """New data, in a window round the origin and the cycle."""
+    def columns(self, quick: Quick) -> dict[str, Any]:
+        """What is drawn of a loop, in a window round the origin and the cycle."""
         loop = quick.loop
         if loop is None:
-            self.response.data = self.locus.data = self.first.data = self.run.data = _NOTHING
             self.figure.title.text = "Nyquist: an element has no gain to draw"
-            return
-        box = self._frame(nyquist_window(loop.locus, [] if loop.point is None else [loop.point]))
-        self.response.data = _curve(loop.response, box)
-        self.locus.data = _curve(loop.locus, box)
-        _put(self.first, _mark(loop.point if quick.first_order else None))
-        _put(self.run, _mark(quick.of_run))
+            return {name: [[] if name.startswith(_CURVES) else math.nan] for name in _NYQUIST}
         self.figure.title.text = f"Nyquist, cut at {words(loop.element)}"
+        box = self._frame(nyquist_window(loop.locus, [] if loop.point is None else [loop.point]))
+        curves = {"response": _curve(loop.response, box), "locus": _curve(loop.locus, box)}
+        marks = {"first": _mark(loop.point if quick.first_order else None), "run": _mark(quick.of_run)}
+        return {f"{name}_{axis}": [value] for name, place in {**curves, **marks}.items() for axis, value in place}
 
     def _frame(self, wanted: Window) -> Window:
         """The window stays while it holds what is wanted and not much more: curves move, axes do not."""
@@ -175,14 +197,15 @@ def _put(source: ColumnDataSource, data: dict[str, list[float]]) -> None:
         source.data = data
 
 
-def _mark(point: complex | None) -> dict[str, list[float]]:
-    return {"x": [], "y": []} if point is None else {"x": [point.real], "y": [point.imag]}
+def _mark(point: complex | None) -> tuple[tuple[str, float], ...]:
+    return ("x", math.nan if point is None else point.real), ("y", math.nan if point is None else point.imag)
 
 
-def _curve(values: Any, box: Window) -> dict[str, Any]:
+def _curve(values: Any, box: Window) -> tuple[tuple[str, Any], ...]:
     """The part of a curve that may be seen; far away from the window it is cut."""
-    cut = np.where(np.abs(values) < 6.0 * max(map(abs, box)), values, complex(math.nan, math.nan))
-    return {"x": cut.real.astype(np.float32), "y": cut.imag.astype(np.float32)}
+    near = np.abs(values) < 6.0 * max(map(abs, box))
+    cut = np.where(near, values, complex(math.nan, math.nan))
+    return ("x", cut.real.astype(np.float32)), ("y", cut.imag.astype(np.float32))
 
 
 class BranchPicture:
@@ -274,6 +297,8 @@ class MapPicture:
         star: dict[str, Any] = {"marker": "star", "size": 19, "fill_color": "black", "line_color": "white"}
         made.scatter("x", "y", source=self.star, legend_label="the case", **star)
         _legend(made)
+        for item in made.legend[0].items[: len(_CODES)]:
+            item.visible = True  # colours that have no place of their own
         made.legend[0].ncols = 2  # on a phone three are wider than the screen
 
     def show_place(self, x: float, y: float) -> None:

@@ -63,8 +63,8 @@ const paint = () => {
     }
   }
 };
-const name = () => {
-  for (const root of doc.roots()) {
+const name = (roots) => {
+  for (const root of roots) {
     const place = document.querySelector(`[data-root-id="${root.id}"]`);
     for (const handle of find(place, (node) => node.matches('.noUi-handle'))) {
       handle.setAttribute('aria-label', root.title);
@@ -80,8 +80,9 @@ const name = () => {
 };
 night.addEventListener('change', paint);
 paint();
-setTimeout(name, 0);
-for (const root of doc.roots().filter((one) => one.tags.length && one.start !== undefined)) {
-  root.properties.value.change.connect(() => setTimeout(name, 0));
+setTimeout(() => name(doc.roots()), 0);
+for (const root of doc.roots()) {
+  const said = root.renderers ? root.title.properties.text : root.start !== undefined && root.properties.value;
+  if (said) said.change.connect(() => setTimeout(() => name([root]), 0));
 }
 """

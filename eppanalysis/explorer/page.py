@@ -19,7 +19,7 @@ from eppanalysis.cases.elbow_case import current
 from eppanalysis.cases.variation import Slider
 from eppanalysis.errors import EppError
 from eppanalysis.explorer import quick, slow
-from eppanalysis.explorer.figures import BranchPicture, MapPicture, NyquistPicture, StepPicture
+from eppanalysis.explorer.figures import BranchPicture, MapPicture, RunPictures
 from eppanalysis.explorer.looks import LOOKS, WIDGETS
 from eppanalysis.explorer.standalone import standalone
 from eppanalysis.explorer.values import (
@@ -159,9 +159,10 @@ class Page:
         return button
 
     def _make_pictures(self) -> None:
-        self.step, self.nyquist = StepPicture(self.signal, self.unit), NyquistPicture()
+        self.run = RunPictures(self.signal, self.unit)
+        self.step = self.run.step
         self.branch = BranchPicture(self.signal, self.unit)
-        self.pictures: list[Any] = [self.step, self.nyquist, self.branch]
+        self.pictures: list[Any] = [self.step, self.run.nyquist, self.branch]
         self.axes: tuple[Slider, Slider] | None = None
         self.map: MapPicture | None = None
         names = [n for n in ("bands.range", "lock_pin.backlash") if n in self.sliders] or list(self.sliders)[:2]
@@ -224,7 +225,8 @@ class Page:
     def _moved(self) -> None:
         """A slider, or the design on the map, has been let go."""
         self.shown["moving"] = False
-        self._write_address()
+        if not self.computing:  # the picture comes first
+            self._write_address()
 
     def _set_field(self, text: str) -> None:
         if not text.strip():
@@ -329,8 +331,7 @@ class Page:
         """The run and its Nyquist plot; what else changes follows, once for all moves till then."""
         self.case, self.size = result.case, result.peak_to_peak
         with self._together():
-            self.step.show(result, _in_short(self.base, self.values))
-            self.nyquist.show(result)
+            self.run.show(result, _in_short(self.base, self.values))
             self.verdict.text = result.sentence
         if not self.marking:
             self.marking = True
@@ -349,6 +350,8 @@ class Page:
                 self.exact.text = "Exact limit cycles: being sought ..."
             if self.map is not None and self.axes is not None:
                 self.map.show_place(*(self._place(a.name) for a in self.axes))
+            if not self.shown.get("moving"):
+                self._write_address()
 
     @contextmanager
     def _together(self) -> Iterator[None]:

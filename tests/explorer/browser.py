@@ -127,7 +127,7 @@ def open_page(browser, address: str, width: int = 1200, height: int = 900, **opt
     page.goto(address)
     page.wait_for_function("window.Bokeh && Bokeh.documents.length && Bokeh.documents[0].is_idle")
     page.evaluate(HELPERS)
-    page.wait_for_function("model('step').renderers[0].data_source.data.x.length > 100")
+    page.wait_for_function("model('step').renderers[0].data_source.data.time?.[0]?.length > 100")
     page.wait_for_function("['step', 'nyquist'].every((name) => !model(name) || root(name))")
     return page
 

@@ -206,7 +206,7 @@ def test_a_phone_shows_all_of_it(browser, address, width):
 
 
 def test_heading_legend_and_ghost_follow_the_values(page):
-    now, ghost = (f"model('step').renderers[{i}].data_source.data.y" for i in (0, 1))
+    now, ghost = (f"model('step').renderers[{i}].data_source.data.values[0]" for i in (0, 1))
     before = page.evaluate(f"Array.from({now})")
     wait(page, "model('heading').text === 'With the values of its file.'")
     set_field(page, "lock_pin.backlash = 1.5 deg")
@@ -297,7 +297,10 @@ def test_the_page_is_kept_as_a_file_that_needs_no_server(browser, page, tmp_path
     alone.on("request", lambda request: asked.append(request.url))
     alone.goto((tmp_path / "kept.html").as_uri())
     alone.wait_for_function("Bokeh.documents.length && Bokeh.documents[0].is_idle")
-    assert alone.evaluate("Bokeh.documents[0].get_model_by_name('step').renderers[0].data_source.data.x.length") > 100
+    assert (
+        alone.evaluate("Bokeh.documents[0].get_model_by_name('step').renderers[0].data_source.data.time[0].length")
+        > 100
+    )
     assert "1.5 deg" in alone.inner_text("main")
     wait(alone, "Bokeh.documents[0].roots().every((one) => one.border_fill_color === '#16181c')", 20.0)
     assert alone.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(22, 24, 28)"
