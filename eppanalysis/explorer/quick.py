@@ -26,8 +26,10 @@ from eppanalysis.results import Status, Trajectory
 from eppanalysis.results.picture import shown_until
 
 _SAMPLES = 2401
-#: A run of which less than this share is worth a look is shown by a part, up to a round time.
-_SHARE, _ROUND = 0.25, (1.0, 2.0, 5.0, 10.0)
+#: A run is shown up to a round time, so that the axis stays when a value moves a little.
+_ROUND = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)
+#: A part with fewer samples than this share of all, or this number in a period, is run again with finer ones.
+_SHARE, _FEWEST_IN_PERIOD = 0.25, 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,16 +93,21 @@ def _times(system: LureSystem, t_end: float) -> Array | None:
 
 
 def _begin(case: Case, system: LureSystem, run: Trajectory) -> Trajectory:
-    """What there is to see of a run: a small part of it is run again, as its samples are too coarse."""
+    """What there is to see of a run: the part up to its steady state and a while of that."""
     until = shown_until(run)
-    if not 0.0 < until < _SHARE * case.t_end:
+    if until <= 0.0:
         return run
     decade = 10.0 ** math.floor(math.log10(until))
     end = next(decade * factor for factor in _ROUND if decade * factor >= until)
-    if system.time_step:
-        early = run.t <= end
-        return replace(run, t=run.t[early], signals={name: y[early] for name, y in run.signals.items()})
-    return simulate(system, case.input, end, t_eval=_times(system, end))
+    if end >= case.t_end:
+        return run
+    early = run.t <= end
+    cycle, fewest = run.limit_cycle, _SHARE * _SAMPLES
+    if cycle is not None:
+        fewest = max(fewest, _FEWEST_IN_PERIOD * end / cycle.period)
+    if not system.time_step and early.sum() < min(fewest, _SAMPLES):
+        return simulate(system, case.input, end, t_eval=_times(system, end))
+    return replace(run, t=run.t[early], signals={name: y[early] for name, y in run.signals.items()})
 
 
 def _sentence(run: Trajectory, signal: str, unit: str, factor: float) -> str:

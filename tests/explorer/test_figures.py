@@ -69,6 +69,17 @@ def test_of_a_long_run_that_soon_rests_the_beginning_is_shown():
     assert moves.mean() > 0.05 and not moves[-1]
 
 
+@pytest.mark.parametrize("name", ["x15_flare", "fig8a_original", "two_mass_deadzone"])
+def test_of_a_run_that_oscillates_no_more_is_shown_than_its_periods_can_be_told_apart(name):
+    """223 periods of an aircraft were a blue block."""
+    loop = case(name)
+    shown, run = compute(loop, shown_signal(loop), {}), simulate(loop)
+    cycle = run.limit_cycle
+    assert run.settled_since + 15 * cycle.period <= shown.time[-1] < loop.t_end
+    steady = shown.values[shown.time > shown.time[-1] - 3 * cycle.period]
+    assert np.ptp(steady) == pytest.approx(shown.factor * cycle.peak_to_peak[shown.signal], rel=0.03)
+
+
 def test_a_loop_in_discrete_time_is_shown_sample_by_sample():
     loop = case("backlash_discrete_pi")
     shown, run = compute(loop, shown_signal(loop), {}), simulate(loop)
