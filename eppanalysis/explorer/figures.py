@@ -23,6 +23,8 @@ _TOOLS = "pan,box_zoom,wheel_zoom,reset,save"
 _HEIGHT = 360
 #: Of a run's line [px]: a wider one is an outline that browsers fill, some twenty times as long for many oscillations.
 _THIN = 1.0
+#: Dashes [px]; what Bokeh calls dashed is dotted in a row of curves.
+_DASHED = "6 5"
 #: How near to the design a drag begins, relative to the axes.
 _NEAR = 0.06
 #: Outcomes of the map's cells in words, as its legend has them.
@@ -113,7 +115,8 @@ class StepPicture:
         self.row, self.ghost = row, ColumnDataSource(data={"time": [], "values": []})
         self.row.data = {**self.row.data, **self.ghost.data}
         made = self.figure = _figure("Step response", "time [s]", with_unit(words(signal), unit), name="step")
-        made.multi_line("time", "values", source=self.row, color=BLUE, line_width=_THIN, legend_label="now")
+        now = made.multi_line("time", "values", source=self.row, color=BLUE, line_width=_THIN, legend_label="now")
+        made.x_range.renderers = [now]  # a ghost that was shown for longer would make it look as if it ended
         behind: dict[str, Any] = {"color": GREY, "line_width": _THIN, "alpha": 0.85, "level": "underlay"}
         made.multi_line("time", "values", source=self.ghost, legend_label="before", **behind)
         self.now, self.before = made.legend[0].items
@@ -153,7 +156,7 @@ class NyquistPicture:
             made.add_layout(Span(location=0, dimension=dimension, line_color=GREY, line_width=0.7))
         row.data = {**row.data, **dict.fromkeys(_NYQUIST, [])}
         made.multi_line("response_x", "response_y", source=row, color=BLUE, line_width=1.5, legend_label="G(jω)")
-        style: dict[str, Any] = {"color": VERMILLION, "line_width": 2, "line_dash": "dashed"}
+        style: dict[str, Any] = {"color": VERMILLION, "line_width": 2, "line_dash": _DASHED}
         made.multi_line("locus_x", "locus_y", source=row, legend_label="−1/N(A)", **style)
         made.scatter("first_x", "first_y", source=row, color=GREEN, size=10, legend_label="cycle of first order")
         _mark_run(made, row, "run_x", "run_y")
@@ -219,7 +222,7 @@ class BranchPicture:
             ColumnDataSource(data=_NOTHING) for _ in range(4)
         )
         made.multi_line("xs", "ys", source=self.stable, color=BLUE, line_width=2, legend_label="stable")
-        style: dict[str, Any] = {"color": VERMILLION, "line_width": 2, "line_dash": "dashed"}
+        style: dict[str, Any] = {"color": VERMILLION, "line_width": 2, "line_dash": _DASHED}
         made.multi_line("xs", "ys", source=self.unstable, legend_label="unstable", **style)
         made.scatter("x", "y", source=self.begins, marker="diamond", size=11, color=ORANGE, legend_label="cycles begin")
         marks: dict[str, Any] = {"size": 10, "line_color": GREEN, "line_width": 2}

@@ -22,13 +22,7 @@ from eppanalysis.explorer import quick, slow
 from eppanalysis.explorer.figures import BranchPicture, MapPicture, RunPictures
 from eppanalysis.explorer.looks import LOOKS, WIDGETS
 from eppanalysis.explorer.standalone import standalone
-from eppanalysis.explorer.values import (
-    Values,
-    moved_case,
-    read_pair,
-    read_query,
-    write_query,
-)
+from eppanalysis.explorer.values import Values, moved_case, read_pair, read_query, write_query
 from eppanalysis.readable import DIGITS, in_print, readable, words
 
 if TYPE_CHECKING:
@@ -82,7 +76,7 @@ class Page:
         self.case = base
         self.version = 0
         self.computing = self.marking = self.setting = False
-        self.size = math.nan
+        self.size, self.until = math.nan, 0.0
         self.later: Any = None
         self.running: dict[str, Future[Any]] = {}
         self.shown: dict[str, Any] = {}
@@ -311,7 +305,7 @@ class Page:
             return
         self.computing = True
         version = self.version
-        future = self.threads.submit(quick.compute, self.base, self.signal, dict(self.values))
+        future = self.threads.submit(quick.compute, self.base, self.signal, dict(self.values), self.until)
         future.add_done_callback(lambda done: self._next_tick(partial(self._end_quick, done, version)))
 
     def _end_quick(self, done: Future[quick.Quick], version: int) -> None:
@@ -329,7 +323,7 @@ class Page:
 
     def _show(self, result: quick.Quick) -> None:
         """The run and its Nyquist plot; what else changes follows, once for all moves till then."""
-        self.case, self.size = result.case, result.peak_to_peak
+        self.case, self.size, self.until = result.case, result.peak_to_peak, result.until
         with self._together():
             self.run.show(result, _in_short(self.base, self.values))
             self.verdict.text = result.sentence

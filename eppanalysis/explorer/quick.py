@@ -26,8 +26,8 @@ from eppanalysis.results import Status, Trajectory
 from eppanalysis.results.picture import shown_until
 
 _SAMPLES = 2401
-#: A run is shown up to a round time, so that the axis stays when a value moves a little.
-_ROUND = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)
+#: A run is shown up to a round time, and the next one so, too, while that is not more than so many times too long.
+_ROUND, _MUCH = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0), 2.5
 #: A part with fewer samples than this share of all, or this number in a period, is run again with finer ones.
 _SHARE, _FEWEST_IN_PERIOD = 0.25, 24
 
@@ -41,6 +41,7 @@ class Quick:
     signal: str
     unit: str
     factor: float  # to that unit from SI
+    until: float  # up to when the run is shown [s]
     #: time, values: (n,): [s], [unit].
     time: Array
     values: Array
@@ -59,8 +60,13 @@ def shown_signal(case: Case) -> str:
     return case.expected.signal or case.to_system().signals.names[0]
 
 
-def compute(base: Case, signal: str, values: Mapping[str, float]) -> Quick:
+def compute(base: Case, signal: str, values: Mapping[str, float], held: float = 0.0) -> Quick:
     """Run a case with moved values.
+
+    Parameters
+    ----------
+    held : float
+        Up to when the run before was shown [s]; this one is, too, if it can be.
 
     Raises
     ------
@@ -70,7 +76,7 @@ def compute(base: Case, signal: str, values: Mapping[str, float]) -> Quick:
     case = moved_case(base, values)
     system = with_element_inputs(case.to_system(), (signal,))
     run = simulate(system, case.input, case.t_end, t_eval=_times(system, case.t_end))
-    seen = _begin(case, system, run)
+    seen, until = _begin(case, system, run, held)
     unit, factor = readable(run.units.get(signal, ""))
     cycle = run.limit_cycle
     return Quick(
@@ -78,6 +84,7 @@ def compute(base: Case, signal: str, values: Mapping[str, float]) -> Quick:
         signal,
         unit,
         factor,
+        until,
         seen.t,
         factor * seen.signals[signal],
         float("nan") if cycle is None else cycle.frequency,
@@ -92,22 +99,28 @@ def _times(system: LureSystem, t_end: float) -> Array | None:
     return None if system.time_step else np.linspace(0.0, t_end, _SAMPLES)
 
 
-def _begin(case: Case, system: LureSystem, run: Trajectory) -> Trajectory:
-    """What there is to see of a run: the part up to its steady state and a while of that."""
-    until = shown_until(run)
-    if until <= 0.0:
-        return run
-    decade = 10.0 ** math.floor(math.log10(until))
-    end = next(decade * factor for factor in _ROUND if decade * factor >= until)
-    if end >= case.t_end:
-        return run
+def _begin(case: Case, system: LureSystem, run: Trajectory, held: float) -> tuple[Trajectory, float]:
+    """What there is to see of a run, the part up to its steady state and a while of that, and up to when that is."""
+    end = _round_time(shown_until(run), held)
+    if not 0.0 < end < case.t_end:
+        return run, case.t_end
     early = run.t <= end
     cycle, fewest = run.limit_cycle, _SHARE * _SAMPLES
     if cycle is not None:
         fewest = max(fewest, _FEWEST_IN_PERIOD * end / cycle.period)
     if not system.time_step and early.sum() < min(fewest, _SAMPLES):
-        return simulate(system, case.input, end, t_eval=_times(system, end))
-    return replace(run, t=run.t[early], signals={name: y[early] for name, y in run.signals.items()})
+        return simulate(system, case.input, end, t_eval=_times(system, end)), end
+    return replace(run, t=run.t[early], signals={name: y[early] for name, y in run.signals.items()}), end
+
+
+def _round_time(until: float, held: float) -> float:
+    """The one that was held while it shows all and is not much longer, so that curves move and their axis does not."""
+    if until <= 0.0:
+        return 0.0
+    if until <= held <= _MUCH * until:
+        return held
+    decade = 10.0 ** math.floor(math.log10(until))
+    return next(decade * factor for factor in _ROUND if decade * factor >= until)
 
 
 def _sentence(run: Trajectory, signal: str, unit: str, factor: float) -> str:

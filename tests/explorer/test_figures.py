@@ -80,6 +80,21 @@ def test_of_a_run_that_oscillates_no_more_is_shown_than_its_periods_can_be_told_
     assert np.ptp(steady) == pytest.approx(shown.factor * cycle.peak_to_peak[shown.signal], rel=0.03)
 
 
+def test_the_time_axis_stays_in_small_moves_and_holds_what_there_is_to_see():
+    loop, held, ends = case("backlash_servo_unseen"), 0.0, []
+    for gain in (1.0, 1.03, 1.06, 1.1, 1.15, 1.2, 1.15, 1.1, 1.06, 1.03, 1.06):
+        shown = compute(loop, shown_signal(loop), {"loop.gain": gain}, held)
+        cycle = simulate(loop.with_values({"loop.gain": gain}))
+        assert cycle.settled_since + 15 * cycle.limit_cycle.period <= shown.until
+        held = shown.until
+        ends.append(held)
+    assert (
+        len(set(ends))
+        <= 2
+        < len({compute(loop, shown_signal(loop), {"loop.gain": g}).until for g in (1.0, 1.03, 1.15)})
+    )
+
+
 def test_a_loop_in_discrete_time_is_shown_sample_by_sample():
     loop = case("backlash_discrete_pi")
     shown, run = compute(loop, shown_signal(loop), {}), simulate(loop)
