@@ -27,7 +27,7 @@ from eppanalysis.results.picture import shown_until
 
 _SAMPLES = 2401
 #: A run is shown up to a round time, and the next one so, too, while that is not more than so many times too long.
-_ROUND, _MUCH = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0), 2.5
+_ROUND, _ROOM, _MUCH = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0), 1.15, 2.5
 #: A part with fewer samples than this share of all, or this number in a period, is run again with finer ones.
 _SHARE, _FEWEST_IN_PERIOD = 0.25, 24
 
@@ -114,13 +114,16 @@ def _begin(case: Case, system: LureSystem, run: Trajectory, held: float) -> tupl
 
 
 def _round_time(until: float, held: float) -> float:
-    """The one that was held while it shows all and is not much longer, so that curves move and their axis does not."""
+    """The one that was held while it shows all and is not much longer, so that curves move and their axis does not.
+
+    A new one leaves some room: what comes next often takes a little longer.
+    """
     if until <= 0.0:
         return 0.0
     if until <= held <= _MUCH * until:
         return held
     decade = 10.0 ** math.floor(math.log10(until))
-    return next(decade * factor for factor in _ROUND if decade * factor >= until)
+    return next(decade * factor for factor in _ROUND if decade * factor >= _ROOM * until)
 
 
 def _sentence(run: Trajectory, signal: str, unit: str, factor: float) -> str:
