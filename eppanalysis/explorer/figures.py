@@ -235,9 +235,9 @@ class BranchPicture:
         _legend(made)
 
     def show_run(self, place: float, size: float) -> None:
-        """Where the case stands on the axis, and what its run does."""
+        """Where the case stands on the axis, and what its run does; nan if that is not decided."""
         self.here.location = place
-        _put(self.run, {"x": [place], "y": [0.0 if math.isnan(size) else size]})
+        _put(self.run, _NOTHING if math.isnan(size) else {"x": [place], "y": [size]})
 
     def show_branch(self, facts: dict[str, Any], label: str, x_factor: float, y_factor: float) -> None:
         """The branch."""

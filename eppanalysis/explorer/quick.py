@@ -45,7 +45,7 @@ class Quick:
     #: time, values: (n,): [s], [unit].
     time: Array
     values: Array
-    #: frequency, peak_to_peak: of the limit cycle [Hz], [unit]; nan where there is none.
+    #: frequency, peak_to_peak: of the limit cycle [Hz], [unit]; nan where there is none, but at rest the size is zero.
     frequency: float
     peak_to_peak: float
     sentence: str  # the verdict
@@ -78,7 +78,7 @@ def compute(base: Case, signal: str, values: Mapping[str, float], held: float = 
     run = simulate(system, case.input, case.t_end, t_eval=_times(system, case.t_end))
     seen, until = _begin(case, system, run, held)
     unit, factor = readable(run.units.get(signal, ""))
-    cycle = run.limit_cycle
+    cycle, size = run.limit_cycle, 0.0 if run.status is Status.SETTLED else math.nan
     return Quick(
         case,
         signal,
@@ -87,8 +87,8 @@ def compute(base: Case, signal: str, values: Mapping[str, float], held: float = 
         until,
         seen.t,
         factor * seen.signals[signal],
-        float("nan") if cycle is None else cycle.frequency,
-        float("nan") if cycle is None else factor * cycle.peak_to_peak[signal],
+        math.nan if cycle is None else cycle.frequency,
+        size if cycle is None else factor * cycle.peak_to_peak[signal],
         _sentence(run, signal, unit, factor),
         *_loop(case, run),
     )

@@ -28,11 +28,23 @@ def test_a_legend_names_what_there_is():
     picture.show_branch({"pieces": pieces, "begins": []}, "gain", 1.0, 1.0)
     assert named(picture) == ["stable", "unstable"]
     picture.show_exact({"size": [3.0], "stable": [True]}, 1.0, 1.0)
-    picture.show_run(1.0, math.nan)
+    picture.show_run(1.0, 0.0)
     assert named(picture) == ["stable", "unstable", "exact, stable", "run"]
     picture.show_branch({"pieces": [], "begins": []}, "gain", 1.0, 1.0)
     picture.show_exact(None, 1.0, 1.0)
     assert named(picture) == ["run"]
+
+
+def test_a_run_that_is_not_decided_is_not_marked_as_one_at_rest():
+    picture = BranchPicture("x", "")
+    sizes = [
+        compute(loop, shown_signal(loop), {}).peak_to_peak
+        for loop in (case("stiction_deadband_none"), case("upright"), case("backlash_servo"))
+    ]
+    assert math.isnan(sizes[0]) and sizes[1] == 0.0 < sizes[2]
+    for size, names in zip(sizes, ([], ["run"], ["run"]), strict=True):
+        picture.show_run(1.0, size)
+        assert named(picture) == names
 
 
 def test_a_map_names_the_design_and_where_cycles_begin():
