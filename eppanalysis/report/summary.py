@@ -29,6 +29,8 @@ _ENDS = (Change.FOLD, Change.TURNING, Change.INFINITE, Change.LINEAR)
 _SYMBOL = 2
 #: An end this near to the case's own value, relative to it, is taken to be at it.
 _AT = 1e-9
+#: A run that came to no end is to be so many times as long.
+_LONGER = 10
 
 #: What is this near to the least or largest value of a branch, relative to the largest, is its end there.
 _OUTERMOST = 1e-6
@@ -206,14 +208,14 @@ def _advice(
     end: SpecialPoint | None,
     proof: Certificate | CertifiedOrbit | EppError | None,
 ) -> str:
-    there = run.limit_cycle is not None or bool(cycles)
-    if not there:
+    if run.limit_cycle is None and not cycles:
         keep = "" if branch is None or end is None else f" {_beside(case, branch, end)}"
         rests, opened = run.status is Status.SETTLED, cycles is not None and cycles.left_open
         if opened or not rests:
             own = "Nothing from its own start; what others lead to is left open. " if rests else ""
             search = ", or ask eppanalysis cycles" if cycles is None else ""
-            return f"{own}Simulate for longer (run.t_end){search}.{keep}"
+            longer = f'--set run.t_end="{quantity(_LONGER * case.t_end, "s")}"'
+            return f"{own}Simulate for longer, {longer}{search}.{keep}"
         # What was asked and refused is not advised.
         asks = ": eppanalysis certify --statement absence asks for one" if proof is None else ""
         proved = not isinstance(proof, EppError | None) and proof.proved
@@ -226,7 +228,7 @@ def _advice(
         )
     if branch is None:
         limit, over = [*variation_of(case).over()[:2], "FIELD", "FIELD"][:2]
-        far = f"eppanalysis bounds CASE --over {over} --limit {limit}, or eppanalysis design"
+        far = f"eppanalysis bounds {case.name} --over {over} --limit {limit}, or eppanalysis design"
         return f"Ask how far a parameter must go: {far}."
     if end is None:
         return (

@@ -78,7 +78,7 @@ def test_a_run_that_is_too_short_does_not_take_back_what_the_search_found():
     assert page.verdict == f"{cycles.headline()}. Its own run was on none of them by its end, after 1 s."
     assert dict(page.known)["Exact"].startswith(cycles.headline())
     assert [value.split()[-1] for _, value, _ in page.numbers[1:]] == ["Hz", "s"]
-    assert page.advice.startswith("Ask how far a parameter must go: eppanalysis bounds CASE --over ")
+    assert page.advice.startswith("Ask how far a parameter must go: eppanalysis bounds sat_khalil710 --over ")
 
 
 def test_what_a_search_left_open_is_no_all_clear():
@@ -89,6 +89,7 @@ def test_what_a_search_left_open_is_no_all_clear():
     sure, unsure = (epp.first_page(case, run, cycles=search).advice for search in (cycles, opened))
     assert sure.startswith("Nothing, at these values. The search is thorough")
     assert unsure.startswith("Nothing from its own start; what others lead to is left open.")
+    assert unsure.endswith(f'Simulate for longer, --set run.t_end="{10 * case.t_end:g} s".')
 
 
 @pytest.mark.parametrize(
@@ -108,7 +109,7 @@ def test_a_run_that_is_undecided_is_no_all_clear_either():
     run, cycles = epp.simulate(case), epp.find_limit_cycles(epp.case("fig8b_reduced_backlash"))
     assert run.status is epp.Status.UNDECIDED and not len(cycles) and not cycles.left_open
     page = epp.first_page(case, run, cycles=cycles)
-    assert page.advice == "Simulate for longer (run.t_end)."
+    assert page.advice == 'Simulate for longer, --set run.t_end="5 s".'
 
 
 def test_a_run_beside_an_unstable_cycle_alone_is_no_oscillation_to_end():

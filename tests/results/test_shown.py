@@ -354,8 +354,10 @@ def test_a_search_without_a_stable_cycle_claims_none():
     assert str(none) == "No limit cycle was found by 40 runs: all settle at rest."
     undecided = replace(none, left_open=("2 runs neither settled nor repeated themselves",), status=Status.UNDECIDED)
     assert str(undecided).startswith(
-        "No limit cycle was found by 40 runs: some starts settle at rest. The search leaves"
+        "Undecided: no limit cycle was found by 40 runs, some starts settle at rest. The search leaves"
     )
+    nothing = replace(undecided, settles=False)
+    assert str(nothing).startswith("Undecided: no limit cycle was found by 40 runs. The search leaves")
     both = replace(none, diverges=True)
     assert str(both) == "No limit cycle was found by 40 runs: some starts settle at rest and some grow without bound."
 

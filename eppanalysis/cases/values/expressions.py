@@ -348,13 +348,15 @@ def _wanted(text: str) -> str:
     if not (found := _QUANTITY.search(text)):
         return _WANTED
     number, name = found.groups()
+    quantity = f"{number} {name}"
     try:
-        parse_any(f"{number} {name}")
+        parse_any(quantity)
     except QuantityError:
-        return f"an expression with a sign between {number} and {name}, as in '{number}*{name}'"
-    return (
-        f"an expression of numbers and parameters: give '{number} {name}' a name in [parameters], and write that here"
-    )
+        # A unit written as on a data sheet, "2.7 mNm", is a quantity still and no parameter behind a number.
+        if not (likely := meant(quantity)):
+            return f"an expression with a sign between {number} and {name}, as in '{number}*{name}'"
+        quantity = likely
+    return f"an expression of numbers and parameters: give '{quantity}' a name in [parameters], and write that here"
 
 
 def _check(node: ast.expr, text: str, names: dict[str, None], depth: int) -> None:

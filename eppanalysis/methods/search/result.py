@@ -114,11 +114,14 @@ class CycleSearch(Listing[LimitCycle]):
         if self.unclosed or not self.status.ok:
             open_ends = f" {self.message}"
         if not self.cycles:
-            none = "No limit cycle was found" + (f" by {count(self.n_runs, 'run')}" if self.n_runs else "")
+            # Runs without an end say nothing of cycles: the verdict begins with that, not with what was not found.
+            none = "No limit cycle was found" if self.status.ok else "Undecided: no limit cycle was found"
+            none += f" by {count(self.n_runs, 'run')}" if self.n_runs else ""
             alike = self.n_runs > 0 and not self.left_open and self.settles != self.diverges
             first, second = ("all", "all") if alike else ("some starts", "some")
             ends = [f"{first} settle at rest"] * self.settles + [f"{second} grow without bound"] * self.diverges
-            return f"{none}{': ' * bool(ends)}{listed(ends) if ends else ''}.{open_ends}"
+            sign = ": " if self.status.ok else ", "
+            return f"{none}{sign * bool(ends)}{listed(ends) if ends else ''}.{open_ends}"
         # Rest and a cycle may both be there: which of them a motion comes to is for its start to say.
         begin = "Can oscillate" if self.settles else "Oscillates"
         if not self.stable:

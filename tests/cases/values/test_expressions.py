@@ -299,6 +299,7 @@ def test_expressions_can_be_sent_to_another_process() -> None:
         ("Kp/(1 rad)", "give '1 rad' a name in [parameters], and write that here."),
         ("Kp - .5e-3V/rad", "give '.5e-3 V' a name in [parameters], and write that here."),
         ("5 mm + 3", "give '5 mm' a name in [parameters], and write that here."),
+        ("Kp*2.7 mNm", "give '2.7 mN*m' a name in [parameters], and write that here."),
         ("(3 J1)*2", "a sign between 3 and J1, as in '3*J1'."),
         ("", "a quantity such as '5 mm', or an expression"),
         ("-" * 150 + "1", "at most 100 operations inside one another"),
