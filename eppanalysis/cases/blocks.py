@@ -32,7 +32,7 @@ _TRIALS = (1.0, -1.0, 0.0, 1e-3, 1e3)
 #: Field of an element that names a CSV file, which holds its columns.
 FILE = "file"
 #: Fields that every element has.
-_OF_ALL = ("element", "name", "memory")
+OF_ALL = ("element", "name", "memory")
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
         raise raw.refused(f"{field}.name", "a plain name of letters, digits and underscores")
     memory = table.get("memory")
     if kind == AUTOMATON:
-        fields = {key: value for key, value in table.items() if key not in _OF_ALL}
+        fields = {key: value for key, value in table.items() if key not in OF_ALL}
         found = read_automaton(fields, field, raw)
         if memory is not None:
             memory = read_memory(memory, found.arguments["rules"], f"{field}.memory", raw)
@@ -171,7 +171,7 @@ def _read_fields(
     types = field_types(element_class(kind))
     table = _with_columns(element_class(kind).columns, table, field, raw)
     for key, value in table.items():
-        if key in _OF_ALL:
+        if key in OF_ALL:
             continue
         place = f"{field}.{key}"
         if key not in types:

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+import inspect
+from collections.abc import Mapping
 from typing import Any
 
+from eppanalysis.cases.blocks import FILE, OF_ALL, field_types, known_elements
 from eppanalysis.cases.model import KINDS, json_schema
+from eppanalysis.cases.values.automata import AUTOMATON
+from eppanalysis.models.devices.declared import Declared, declared_fields
+from eppanalysis.models.diagrams import BLOCKS
 
 _DEFINITIONS = "$defs"
 #: What a file that inherits may leave out is for the file that it inherits from to say.
@@ -14,7 +21,8 @@ _PARTLY = "partly_"
 def case_schema() -> dict[str, Any]:
     """JSON schema (draft 2020-12) of a case file of any kind; of one that inherits every part may be left out.
 
-    It knows fields, types and choices. Units, ranges and what parts mean together are checked by ``eppanalysis check``.
+    It knows fields, those of each kind of block and element among them, types and choices. Units, ranges and what parts
+    mean together are checked by ``eppanalysis check``.
 
     Examples
     --------
@@ -29,6 +37,15 @@ def case_schema() -> dict[str, Any]:
             parts = {**whole.get(_DEFINITIONS, {}), "": {k: v for k, v in whole.items() if k != _DEFINITIONS}}
             for part, schema in parts.items():
                 definitions[_place(name, part)] = _moved(schema, name, partly=change)
+    for prefix, change in (("", False), (_PARTLY, True)):
+        definitions |= {f"{prefix}{part}": schema for part, schema in _parts(partly=change).items()}
+        for section, part in (("blocks", "block"), ("elements", "element")):
+            for named in definitions[f"{prefix}diagram"]["properties"][section]["patternProperties"].values():
+                named["$ref"] = f"#/{_DEFINITIONS}/{prefix}{part}"
+            # A ring's parts may be without an element, and are then linear.
+            for choice in definitions[f"{prefix}loop.LoopSection"]["properties"][section]["anyOf"]:
+                if "items" in choice:
+                    choice["items"]["$ref"] = f"#/{_DEFINITIONS}/{_PARTLY}element"
     by_kind = [
         {
             "if": {"properties": {"kind": {"const": kind}}, "required": ["kind"]},
@@ -45,6 +62,43 @@ def case_schema() -> dict[str, Any]:
         "else": {"required": ["kind"], "properties": {"kind": {"enum": list(KINDS)}}, "allOf": by_kind},
         _DEFINITIONS: definitions,
     }
+
+
+def _parts(*, partly: bool) -> dict[str, Any]:
+    """Schemas of a linear block and of an element, each with the fields of its kind."""
+    blocks = {}
+    for kind, made in BLOCKS.items():
+        given = {field.name for field in dataclasses.fields(made) if field.default is dataclasses.MISSING}
+        fields = {name: _declared(about) for name, about in declared_fields(made).items()}
+        blocks[kind] = {"properties": fields, "required": sorted(given & set(fields))}
+    elements: dict[str, Any] = {}
+    for kind, element in known_elements().items():
+        # Modes, guards and resets of an element of one's own are for `eppanalysis check`.
+        if kind == AUTOMATON:
+            elements[kind] = {}
+            continue
+        names = [*field_types(element), *[FILE] * bool(element.columns), *OF_ALL]
+        given = {p.name for p in inspect.signature(element).parameters.values() if p.default is p.empty}
+        # Columns may stand in a file.
+        elements[kind] = {"properties": dict.fromkeys(names, True), "required": sorted(given - {*element.columns})}
+    return {"block": _one_of("kind", blocks, partly=partly), "element": _one_of("element", elements, partly=partly)}
+
+
+def _declared(about: Declared) -> dict[str, Any]:
+    said = about.about + f"; SI unit: {about.unit}" * bool(about.unit)
+    return {"description": said, **({"enum": list(about.choices)} if about.choices else {})}
+
+
+def _one_of(tag: str, kinds: Mapping[str, Mapping[str, Any]], *, partly: bool) -> dict[str, Any]:
+    """A table whose field `tag` says which others there are; `partly` requires nothing."""
+    choices = []
+    for kind, fields in kinds.items():
+        closed = {"additionalProperties": False, "properties": {tag: True, **fields["properties"]}} if fields else {}
+        required = {"required": fields["required"]} if fields and not partly else {}
+        which = {"properties": {tag: {"const": kind}}, "required": [tag]}
+        choices.append({"if": which, "then": {**closed, **required}})
+    whole = {"type": "object", "properties": {tag: {"enum": list(kinds)}}, "allOf": choices}
+    return whole if partly else {**whole, "required": [tag]}
 
 
 def _place(kind: str, part: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import tomllib
 from pathlib import Path
@@ -12,6 +13,9 @@ from typer.testing import CliRunner
 from eppanalysis.cases import shipped_cases_folder
 from eppanalysis.cases.editors import case_schema
 from eppanalysis.cli.commands import app
+from eppanalysis.models.devices.declared import declared_fields
+from eppanalysis.models.diagrams import BLOCKS
+from eppanalysis.models.elements import ELEMENTS
 
 jsonschema = pytest.importorskip("jsonschema")
 FILES = sorted(shipped_cases_folder().glob("*.toml"))
@@ -49,10 +53,33 @@ def test_the_shipped_cases_are_of_all_kinds_and_some_inherit():
         ("elbow", {"lock_pin": {"backlesh": "1 deg"}}),
         ("fig8a_original", {"lock_pin": {"backlesh": "1 deg"}}),
         ("x15_flare", {"conect": []}),
+        ("azimuth_servo", {"blocks": {"load": {"kind": "inertia", "inertia": "1 kg*m^2", "dampng": 1}}}),
+        ("azimuth_servo", {"blocks": {"load": {"kind": "inertia", "damping": 1}}}),
+        ("azimuth_servo", {"blocks": {"load": {"kind": "innertia", "inertia": 1}}}),
+        ("azimuth_servo", {"blocks": {"load": {"inertia": 1}}}),
+        ("azimuth_servo", {"elements": {"gear": {"element": "play", "gapp": 1}}}),
+        ("azimuth_servo", {"elements": {"gear": {"element": "plya", "gap": 1}}}),
+        ("stiction_deadband_none", {"loop": {"num": [1], "den": [1, 1], "elements": [{"element": "play", "gapp": 1}]}}),
+        ("relay_deadzone", {"loop": {"blocks": [{"num": [1], "den": [1, 1]}, {"element": "play", "gapp": 1}]}}),
     ],
 )
 def test_a_mistake_is_found(validator, name, change):
     assert not validator.is_valid({**read(name), **change})
+
+
+def test_fields_of_blocks_and_elements_are_those_that_a_reader_of_files_takes(validator):
+    """Every field that a kind declares is taken, and a file that inherits may give any of them alone."""
+    drawn = {"kind": "diagram", "title": "t", "connect": [], "run": {"t_end": 1}}
+    for kind, made in BLOCKS.items():
+        fields = {name: (about.choices or (1,))[0] for name, about in declared_fields(made).items()}
+        validator.validate({**drawn, "blocks": {"part": {"kind": kind, **fields}}})
+    for kind, element in ELEMENTS.items():
+        fields = dict.fromkeys(inspect.signature(element).parameters, 1)
+        validator.validate({**drawn, "elements": {"part": {"element": kind, **fields}}})
+    ring = {"blocks": [{"num": [1], "den": [1, 1]}, {"element": "play", "gap": 1}]}
+    validator.validate({**read("relay_deadzone"), "loop": ring})
+    validator.validate({**read("relay_deadzone"), "loop": {"num": [1], "den": [1, 1], "elements": ring["blocks"][1:]}})
+    validator.validate({"base": "azimuth_servo", "blocks": {"motor": {"ratio": 60}}, "elements": {"gear": {"gap": 1}}})
 
 
 @pytest.mark.parametrize("missing", ["kind", "title", "loop", "run"])
