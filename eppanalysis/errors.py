@@ -140,15 +140,15 @@ def require_packages(what: str, extra: str, *modules: str) -> None:
     Examples
     --------
     >>> require_packages("a sum", "proof", "math")
-    >>> require_packages("a sum", "proof", "no_such_module", "math")
+    >>> require_packages("a sum", "proof", "no_such_module", "math", "none_either", "nor_this")
     Traceback (most recent call last):
-    eppanalysis.errors.EppError: a sum needs no_such_module; expected what
+    eppanalysis.errors.EppError: a sum needs no_such_module, none_either, nor_this; expected what
     "pip install 'eppanalysis[proof]'" installs.
     """
     missing = [_PACKAGES.get(name, name) for name in modules if util.find_spec(name) is None]
     if missing:
         how = f"what \"pip install 'eppanalysis[{extra}]'\" installs"
-        raise EppError(f"{what} needs {' and '.join(missing)}; expected {how}.")
+        raise EppError(f"{what} needs {', '.join(missing)}; expected {how}.")
 
 
 class CaseError(EppError):
