@@ -140,7 +140,9 @@ def require_packages(what: str, extra: str, *modules: str) -> None:
     Examples
     --------
     >>> require_packages("a sum", "proof", "math")
-    >>> require_packages("a sum", "proof", "no_such_module", "math", "none_either", "nor_this")
+    >>> require_packages(
+    ...     "a sum", "proof", "no_such_module", "math", "none_either", "nor_this"
+    ... )
     Traceback (most recent call last):
     eppanalysis.errors.EppError: a sum needs no_such_module, none_either, nor_this; expected what
     "pip install 'eppanalysis[proof]'" installs.
