@@ -12,14 +12,17 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.font_manager import FontProperties
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Annotation
 from matplotlib.textpath import TextPath
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, shown
-from eppanalysis.readable import readable, with_unit, words
+from eppanalysis.readable import number, readable, with_unit, words
 
 #: Colours that stay apart under every form of colour blindness (Okabe and Ito, "Color Universal Design", 2008).
 BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE, GREY = (
@@ -49,6 +52,9 @@ _PANEL_HEIGHT, _LOW_PANEL, _MANY_PANELS = 1.5, 1.15, 4
 _LABEL_IN_AN_INCH = 12.5
 #: What varies by less than this share of itself is a constant, whose digits are rounding errors.
 _CONSTANT = 1e-6
+#: Highest over lowest value of an axis of powers of ten, below which numbers between them are written, too, and those
+#: of even steps instead.
+_NARROW, _SHORT = 30.0, 5.0
 #: Half height of the axis around a constant, relative to it.
 _AROUND = 0.05
 #: A curve runs away that exceeds so many times what it stays below over this share of its width.
@@ -58,6 +64,8 @@ _BOLD, _BOLD_IN_AN_INCH = 10.0, 11.3
 _SMALL_IN_AN_INCH = 15.2
 #: Height of a line of letters, relative to their size.
 _LINE = 1.25
+#: Distance of titles from the edges of a figure [inch], and letters of words that are not broken.
+_MARGIN, _LONG_WORD = 0.06, 20
 #: Lines of small print above a picture; longer details stand below it, where they keep nobody from the evidence.
 _MOST_ABOVE = 4
 #: What the sign and the gaps of an entry of a legend take, in sizes of its letters.
@@ -81,11 +89,11 @@ def put_verdict(figure: Figure, verdict: str, details: str = "", subject: str = 
     theirs.
     """
     name = "" if subject in _UNNAMED else subject  # a loop that nobody named has no name to show
-    bold = lines_of(verdict, _BOLD_IN_AN_INCH * figure.get_figwidth())
-    letters = _SMALL_IN_AN_INCH * figure.get_figwidth()
-    small, below = lines_of(": ".join(filter(None, (name, details))), letters), []
+    width = figure.get_figwidth()
+    bold = _within(width, verdict, _BOLD_IN_AN_INCH, _BOLD, "bold")
+    small, below = _within(width, ": ".join(filter(None, (name, details))), _SMALL_IN_AN_INCH, SMALL), []
     if len(small) > _MOST_ABOVE and not figure.legends:  # which stand at the foot, too
-        small, below = lines_of(name, letters), lines_of(details, letters)
+        small, below = (_within(width, text, _SMALL_IN_AN_INCH, SMALL) for text in (name, details))
     heights = _LINE * _BOLD, _LINE * SMALL
     room = math.ceil(len(small) * heights[1] / heights[0])  # empty lines of the title, in which the small ones stand
     figure.set_figheight(figure.get_figheight() + (len(bold) + room) * heights[0] / 72.0)
@@ -99,6 +107,17 @@ def put_verdict(figure: Figure, verdict: str, details: str = "", subject: str = 
     engine = figure.get_layout_engine()
     if engine is not None and any(ax.get_aspect() != "auto" for ax in figure.axes):
         engine.execute(figure)  # its two rounds at drawing do not suffice where a title takes room from a fixed shape
+
+
+def _within(width: float, text: str, in_an_inch: float, size: float, weight: str = "normal") -> list[str]:
+    """A text in lines of a width [inch]: so many letters stand on an inch as a rule, fewer where they are broad."""
+    room = _HINTED * 72.0 * (width - 2.0 * _MARGIN) / size
+    lines = lines_of(text, in_an_inch * width)
+    for letters in range(int(in_an_inch * width) - 1, _LONG_WORD, -1):
+        if all(_length(line, weight) <= room for line in lines):
+            break
+        lines = lines_of(text, letters)
+    return lines
 
 
 def _put_below(figure: Figure, text: Annotation) -> None:
@@ -156,6 +175,18 @@ def height_of(x: Array, y: Array) -> float:
     top = float(np.max(y, initial=0.0))
     usual = float(height[order][np.searchsorted(share, _KEPT * share[-1])]) if len(share) else top
     return top if top <= _RUNS_AWAY * usual else 2.0 * usual
+
+
+def number_powers(axis: Axis, between: Sequence[float]) -> None:
+    """Numbers of an axis of powers of ten: where it has few of these, multiples `between` them or even steps, too."""
+    low, high = axis.get_view_interval()
+    if high < _NARROW * low:  # powers of ten alone would leave the axis without numbers
+        axis.set_major_formatter(lambda value, _: number(value))
+        axis.set_minor_locator(LogLocator(subs=between))
+        axis.set_minor_formatter(lambda value, _: number(value))
+    if high < _SHORT * low:  # where even steps would crowd at the upper end
+        axis.set_major_locator(MaxNLocator(4))
+        axis.set_minor_locator(NullLocator())
 
 
 def mark_events(ax: Axes, times: Array) -> None:
@@ -346,9 +377,10 @@ def in_columns(texts: Iterable[str], width: float) -> tuple[list[str], int]:
     return lines, 1
 
 
-def _length(text: str) -> float:
+def _length(text: str, weight: str = "normal") -> float:
     """How long a text is, in sizes of its letters."""
-    return float(TextPath((0.0, 0.0), text, size=1.0).get_extents().width) if text.strip() else 0.0
+    letters = FontProperties(weight=weight)
+    return float(TextPath((0.0, 0.0), text, size=1.0, prop=letters).get_extents().width) if text.strip() else 0.0
 
 
 def figure_of(picture: Axes | Figure) -> Figure:

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
 import eppanalysis as epp
@@ -21,7 +21,7 @@ from eppanalysis.methods.driven import picture as driven_picture
 from eppanalysis.methods.search import picture as search_picture
 from eppanalysis.plotting import figure_of_height, lines_of, put_verdict
 from eppanalysis.results import Status
-from eppanalysis.results.picture import plot_limit_cycle, plot_nyquist, plot_trajectory
+from eppanalysis.results.picture import _extremes, plot_limit_cycle, plot_nyquist, plot_trajectory
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.sweep import parallel, picture as sweep_picture
 from tests.shared import cycles_of, of_unknown_response, said_above
@@ -66,6 +66,7 @@ def test_every_line_stands_out_from_paper_by_day_and_by_night(relay_ladder):
     drawn = {line.get_color() for line in lines} | set(sweep_picture._LINE_COLOURS) - {"#000000"}
     drawn |= {colour for kind in (True, False) for colour, _ in parallel._LINES[kind]} - {"#000000"}
     drawn |= {*search_picture._STABLE, *search_picture._UNSTABLE, *(colour for colour, _ in driven_picture._STABLE)}
+    drawn |= {to_hex(colour) for n in range(1, 7) for colour in sweep_picture._slice_colours(n)}
     assert len(drawn) > 5
     for colour in drawn:
         assert stands_out(colour) >= 3.0, colour
@@ -93,7 +94,7 @@ def test_of_a_long_run_as_much_is_drawn_as_can_be_told_apart_and_the_axis_says_h
         assert ax.get_xlim()[0] == 0.0 and shown == pytest.approx(15.0)
         assert ax.get_xlabel() == f"time [s], the same up to {run.end_time:.4g} s"
         t, drawn = ax.lines[0].get_data()
-        late = (t > run.settled_since) & (t < ax.get_xlim()[1])
+        late = (t > run.settled_since + 5.0 * run.limit_cycle.period) & (t < ax.get_xlim()[1])
         assert np.ptp(drawn[late]) == pytest.approx(run.limit_cycle.peak_to_peak["x"], rel=1e-3)
 
 
@@ -142,6 +143,54 @@ def test_a_run_whose_samples_miss_the_peaks_of_its_cycle_is_drawn_with_the_cycle
     late = t > 60.0
     np.testing.assert_allclose(drawn[late], np.interp(t[late], fine.t, fine.signals["x"]), atol=0.02)
     assert np.ptp(drawn[late]) == pytest.approx(coarse.limit_cycle.peak_to_peak["x"], rel=1e-3)
+
+
+@pytest.mark.parametrize("frequency", [10.0, 12.9, 30.0])
+def test_a_motion_too_fast_for_the_samples_of_its_run_is_drawn_in_its_full_height(frequency):
+    """A pole under a sine, which 6001 samples meet at the same phase or at one that creeps: its height is known."""
+    pole = epp.Diagram(
+        {"pole": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0]), "limit": epp.Saturation(-9.0, 9.0)},
+        connect=["force - pole -> limit", "limit -> pole"],
+        inputs=["force"],
+    )
+    run = epp.simulate(pole, epp.inputs.Sine(1.0, frequency), t_end=600.0)
+    assert "further and further" not in str(run)
+    t, drawn = run.plot(signals=["pole"]).lines[0].get_data()
+    height = 2.0 / abs(2j * np.pi * frequency + 2.0)
+    for late in (t > 300.0, (t > 300.0) & (t < 305.0)):
+        assert np.ptp(drawn[late]) == pytest.approx(height, rel=0.03)
+
+
+@pytest.mark.parametrize("n", [12_001, 50_000, 77_777])
+def test_a_curve_of_many_points_keeps_its_extremes_wherever_they_are(n):
+    values = np.random.default_rng(n).normal(size=n)
+    t = np.linspace(3.0, 5.0, n)
+    fewer, kept = _extremes(t, values)
+    assert len(fewer) < 13_000
+    assert np.all(np.diff(fewer) >= 0.0) and (fewer[0] - 3.0, fewer[-1]) == (pytest.approx(0.0, abs=1e-3), 5.0)
+    assert (kept.min(), kept.max()) == (values.min(), values.max())
+    np.testing.assert_array_equal(kept, values[np.searchsorted(t, fewer)])
+
+
+@pytest.mark.parametrize("letters", ["m", "Wm", "0.1006 Hz", "il"])
+def test_titles_of_broad_letters_stay_within_the_picture(letters):
+    figure = figure_of_height(3.0)
+    figure.add_subplot()
+    put_verdict(figure, f"{letters} " * 30, f"{letters} " * 40, letters)
+    figure.draw_without_rendering()
+    for text in (figure._suptitle, figure.artists[-1]):
+        box = text.get_window_extent()
+        assert 0.0 <= box.x0 < box.x1 <= figure.bbox.x1
+
+
+def test_a_cycle_that_was_not_reached_does_not_look_like_one_that_exists():
+    one = cycle()
+    lines = {status: plot_limit_cycle(replace(one, status=status)).axes[0].lines[0] for status in Status}
+    known = {(line.get_color(), line.get_linestyle()) for status, line in lines.items() if status.ok}
+    not_reached = {(line.get_color(), line.get_linestyle()) for status, line in lines.items() if not status.ok}
+    doubtful = plot_limit_cycle(replace(one, error_estimate=np.inf)).axes[0].lines[0]
+    assert len(known) == len(not_reached) == 1 and known.isdisjoint(not_reached)
+    assert (doubtful.get_color(), doubtful.get_linestyle()) in not_reached
 
 
 def test_numbers_are_not_parted_from_their_units_where_a_verdict_breaks():

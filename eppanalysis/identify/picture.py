@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from eppanalysis.plotting import (
     root_figure,
 )
 from eppanalysis.readable import readable, with_unit, words
+from eppanalysis.units import parse_quantity
 
 #: Points of a curve that is only drawn behind.
 _MOST_POINTS = 6000
@@ -49,7 +50,8 @@ def plot_bench(fit: BenchFit, ax: Axes | None = None) -> Figure:
     for i, (role, panel) in enumerate(panels.items()):
         top = figure.add_subplot(grid[2 * i])
         below = figure.add_subplot(grid[2 * i + 1], sharex=top)
-        _draw_panel(top, below, role, panel, str(fit.curves["x"]), bool(fit.curves.get("line")))
+        units = [_shown_in(unit, fit.estimates) for unit in panel["units"]]
+        _draw_panel(top, below, role, panel, str(fit.curves["x"]), bool(fit.curves.get("line")), units)
         if i == 0:
             put_legend(top)
     _draw_intervals(figure.add_subplot(grid[-1]), fit.estimates)
@@ -68,8 +70,17 @@ def _height_of(estimates: tuple[Estimate, ...]) -> float:
     return 0.8 + 0.55 * len(estimates)
 
 
-def _draw_panel(top: Axes, below: Axes, role: str, panel: Mapping[str, Any], abscissa: str, line: bool) -> None:
-    (x_unit, x_factor), (unit, factor) = (readable(u) for u in panel["units"])
+def _shown_in(unit: str, estimates: tuple[Estimate, ...]) -> tuple[str, float]:
+    """The unit of a column as it stands in those of the parameters, and its factor: V/lbf goes with lbf."""
+    pounds = any("lbf" in estimate.friendly for estimate in estimates)
+    return ("lbf", 1.0 / parse_quantity("1 lbf", "N")) if unit == "N" and pounds else readable(unit)
+
+
+def _draw_panel(
+    top: Axes, below: Axes, role: str, panel: Mapping[str, Any], abscissa: str, line: bool,
+    units: Sequence[tuple[str, float]],
+) -> None:  # fmt: skip
+    (x_unit, x_factor), (unit, factor) = units
     x = x_factor * np.asarray(panel["x"])
     if "behind" in panel:
         times, values = (np.asarray(a) for a in panel["behind"])

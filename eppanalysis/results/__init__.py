@@ -273,6 +273,8 @@ class Trajectory(Result):
         Switches in all, those included that `events` no longer holds.
     note : str
         Why a run ended early, or is undecided where a longer run would not decide it.
+    again : callable or None
+        Signals at other times, computed anew from the same start; None where only the samples are known.
     """
 
     t: Array
@@ -285,6 +287,7 @@ class Trajectory(Result):
     units: dict[str, str] = field(default_factory=dict)
     n_events: int = 0
     note: str = ""
+    again: Callable[[Array], Mapping[str, Array]] | None = None
 
     in_json = "status message settled_at settled_since limit_cycle n_events operating_point end_time provenance"
 
@@ -325,12 +328,8 @@ class Trajectory(Result):
         if self.limit_cycle is not None:
             return f"Oscillates: {self.limit_cycle.size}{since}.{' ' * bool(self.note)}{self.note}"
         if self.status is Status.SETTLED:
-            where = next(((n, v) for n, v in self.settled_at.items()), None)
-            at = (
-                ""
-                if where is None
-                else f": {words(where[0])} at {quantity(at_rest(where[1]), self.units.get(where[0], ''))}"
-            )
+            first = list(self.settled_at.items())[:1]
+            at = "".join(f": {words(n)} at {quantity(at_rest(v), self.units.get(n, ''))}" for n, v in first)
             return f"{_STANDS if self.stands_still else 'Settles at rest'}{at}{since}."
         end = f"after {number(self.end_time)} s" if self.t.size else "without samples"
         begin = f"Undecided {end}" if self.status is Status.UNDECIDED else end.capitalize()

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from eppanalysis.arrays import Array
 from eppanalysis.plotting import (
@@ -29,6 +28,7 @@ from eppanalysis.plotting import (
     main_signals,
     mark_events,
     note_below,
+    number_powers,
     place_of,
     places_of,
     put_legend,
@@ -39,16 +39,15 @@ from eppanalysis.results import LimitCycle, Prediction, Status, Trajectory
 
 #: So many signals of a run are all drawn where none are named; of more the two that answer what it does.
 MOST_PANELS = 3
-#: Samples in a period below which its peaks are missed, so that a steady motion would seem to beat.
-_FEWEST_IN_PERIOD = 60
+#: Fewest and most samples of the shown part of a run, how many times finer each row of them is, and points drawn.
+_SAMPLES, _MOST_SAMPLES, _FINER, _MOST_POINTS = 1000, 300_000, 2.618, 12_000
+#: A curve is resolved where fewer than this share of its values lie off the lines by more than this share of its range.
+_OFF, _FEW_OFF = 0.02, 0.02
 #: Periods of a steady motion that are shown; more merge into a bar, behind which nobody sees how it began.
 _PERIODS_SHOWN = 15
 #: A run is at rest in a picture from where all signals stay this near to their last value, relative to their range; so
 #: much of that time is shown, and if no more than so much of the run would be left out, all of it.
 _AT_REST, _BEYOND, _REST_OF_RUN = 0.005, 1.5, 0.2
-#: Highest over lowest value of an axis of powers of ten, below which numbers between them are written, too, and those
-#: of even steps instead.
-_NARROW, _SHORT = 30.0, 5.0
 #: What the shaded part of a run is.
 _STEADY = {Status.SETTLED: "at rest", Status.LIMIT_CYCLE: "on the limit cycle"}
 
@@ -76,11 +75,11 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
         names, every = main_signals(names), names
         left_out = [name for name in every if name not in names]
     figure, panels = places_of(given, len(names))
-    until = shown_until(trajectory)
+    until, motion = shown_until(trajectory), motion_of(trajectory)
     times = np.array([event.time for event in trajectory.events if event.time <= until])
     for name, ax in zip(names, panels, strict=False):
         label, factor = label_of(name, trajectory.units)
-        draw_run(ax, trajectory, name, factor, 1.0)
+        draw_run(ax, trajectory, motion, name, factor, 1.0)
         show_constant(ax, factor * trajectory.signals[name])
         label_up(ax, label)
         mark_events(ax, times)
@@ -124,35 +123,59 @@ def time_of(run: Trajectory) -> str:
     return f"time [s]{goes_on}"
 
 
-def draw_run(ax: Axes, run: Trajectory, name: str, factor: float, linewidth: float) -> None:
-    """A signal of a run in time; of a cycle too fast for the run's samples to meet its peaks, with the cycle's own."""
-    t, values, cycle, until = run.t, factor * run.signals[name], run.limit_cycle, shown_until(run)
-    periods = 0.0 if cycle is None else run.end_time / cycle.period
-    if cycle is not None and periods > max(_FEWEST_IN_PERIOD, t.size / _FEWEST_IN_PERIOD):
-        steady = t >= run.settled_since
-        own, waveform = one_period(cycle)
-        wave = factor * np.asarray(waveform[name])
-        fine = np.arange(run.settled_since, until, cycle.period / (2 * _FEWEST_IN_PERIOD))
-        shift = _shift_of(t[steady], values[steady], own - own[0], wave, cycle.period)
-        again = np.interp(fine - shift, own - own[0], wave, period=cycle.period)
-        t, values = np.append(t[~steady], fine), np.append(values[~steady], again)
+def motion_of(run: Trajectory) -> tuple[Array, Mapping[str, Array]]:
+    """Times and signals of a run, so near to one another that straight lines between them are its curve.
+
+    The samples that a run holds may miss the peaks of a fast motion, so that it seems to be a slow one. Each finer row
+    of times has no whole ratio to the one before it: a motion that repeats itself from sample to sample of one does not
+    do so in the other. Of what is faster still the extremes over short times are drawn, a band.
+    """
+    t, until = run.t, shown_until(run)
+    signals: Mapping[str, Array] = run.signals
+    n = max(_SAMPLES, int(np.count_nonzero(t <= until)))
+    while run.again is not None and t.size > 1 and n < _MOST_SAMPLES:
+        n = round(_FINER * n)
+        finer = np.linspace(t[0], until, n)
+        values = run.again(finer)
+        # One that ends by its events ends there again.
+        finer = finer[: min(map(len, values.values()), default=0)]
+        if all(_is_on(np.interp(finer, t, signals[name]), y) for name, y in values.items()):
+            break
+        t, signals = finer, values
+    return t, signals
+
+
+def _is_on(line: Array, values: Array) -> bool:
+    """Whether values lie on a line, but for those few about their jumps."""
+    return bool(np.mean(np.abs(line - values) > _OFF * np.ptp(values)) < _FEW_OFF) if values.size else True
+
+
+def draw_run(
+    ax: Axes, run: Trajectory, motion: tuple[Array, Mapping[str, Array]], name: str, factor: float, linewidth: float
+) -> None:
+    """A signal of the shown part of a run in time, from its motion."""
+    t, values = motion[0], factor * motion[1][name]
+    if t.size > _MOST_POINTS:
+        t, values = _extremes(t, values)
     ax.plot(t, values, color=BLUE, linewidth=linewidth)
-    if until < run.end_time:
-        ax.set_xlim(run.t[0], until)
+    if shown_until(run) < run.end_time:
+        ax.set_xlim(run.t[0], shown_until(run))
 
 
-def _shift_of(t: Array, values: Array, own: Array, wave: Array, period: float) -> float:
-    """The time at which a cycle's waveform begins in the last samples of a run that is on it."""
-    t, values = t[-_FEWEST_IN_PERIOD:], values[-_FEWEST_IN_PERIOD:]
-    shifts = np.linspace(0.0, period, 400, endpoint=False)
-    away = [np.abs(np.interp(t - shift, own, wave, period=period) - values).sum() for shift in shifts]
-    return float(shifts[np.argmin(away)])
+def _extremes(t: Array, values: Array) -> tuple[Array, Array]:
+    """Least and greatest value of each short piece of a curve, in their order: it fills the same dots."""
+    size = 2 * len(t) // _MOST_POINTS + 1
+    rows = np.append(values, np.repeat(values[-1], -len(values) % size)).reshape(-1, size)
+    places = np.sort(np.stack([rows.argmin(axis=1), rows.argmax(axis=1)], axis=1), axis=1)
+    at = np.minimum((places + size * np.arange(len(rows))[:, None]).ravel(), len(t) - 1)
+    at = np.append(at, len(t) - 1)
+    return t[at], values[at]
 
 
 def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None, given: Axes | None = None) -> Figure:
     """One period of a limit cycle, one panel a signal, with its mean (dashed) and its switches (grey marks).
 
-    Angles are in degrees, lengths in millimetres.
+    One that may not exist, or was not reached, is grey and dotted. Angles are in degrees, lengths in millimetres.
 
     Parameters
     ----------
@@ -170,10 +193,12 @@ def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None, gi
     names = chosen(waveform, signals)
     figure, panels = places_of(given, len(names))
     switches = np.array([event.time for event in cycle.events if event.time <= cycle.period])
+    doubtful = cycle.may_not_exist or not cycle.status.ok
+    style: dict[str, Any] = {"color": GREY, "linestyle": ":"} if doubtful else {"color": BLUE}
     for name, ax in zip(names, panels, strict=False):
         label, factor = label_of(name, cycle.units)
         values = factor * np.asarray(waveform[name])
-        ax.plot(time, values, color=BLUE, linewidth=1.2)
+        ax.plot(time, values, linewidth=1.2, **style)
         ax.axhline(factor * cycle.mean[name], color=GREY, linewidth=0.8, linestyle="--", label="mean")
         show_constant(ax, values)
         label_up(ax, label)
@@ -237,15 +262,8 @@ def _draw_loop_gain(ax: Axes, prediction: Prediction) -> None:
     _mark_cycles(ax, points, prediction.cycles)
     ax.set_xlabel(with_unit(f"amplitude at the input of {element}", unit))
     ax.set_ylabel("loop gain (one at a cycle)")
-    for axis, between in ((ax.xaxis, (2.0, 5.0)), (ax.yaxis, (2.0, 3.0, 5.0))):  # numbers side by side need more room
-        low, high = axis.get_view_interval()
-        if high < _NARROW * low:  # powers of ten alone would leave the axis without numbers
-            axis.set_major_formatter(lambda value, _: number(value))
-            axis.set_minor_locator(LogLocator(subs=between))
-            axis.set_minor_formatter(lambda value, _: number(value))
-        if high < _SHORT * low:  # where even steps would crowd at the upper end
-            axis.set_major_locator(MaxNLocator(4))
-            axis.set_minor_locator(NullLocator())
+    number_powers(ax.xaxis, (2.0, 5.0))  # numbers side by side need more room
+    number_powers(ax.yaxis, (2.0, 3.0, 5.0))
 
 
 def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycle]) -> None:

@@ -353,8 +353,8 @@ def _unknown(plane: xarray.Dataset, by: str | None) -> np.ndarray:
 
 
 def _slice_colours(n: int) -> list[Any]:
-    """Dark to light, so that neighbours and print in grey keep apart."""
-    return [colormaps["cividis"](0.65 * i / max(n - 1, 1)) for i in range(n)]
+    """Dark to light, so that neighbours and print in grey keep apart, and the lightest still stands out from paper."""
+    return [colormaps["cividis"](0.6 * i / max(n - 1, 1)) for i in range(n)]
 
 
 def _slices(ax: Axes, plane: xarray.Dataset, across: np.ndarray, by: str | None, names: Sequence[str]) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.cases import shipped_cases_folder
 from eppanalysis.identify.estimate import BenchFit
 from eppanalysis.identify.step import DEFAULT
 from tests import benches
@@ -171,4 +172,17 @@ def test_case_carries_marks_and_tolerances(tmp_path):
 def test_pictures_have_labels_and_units(tmp_path):
     figure = identify(backlash_cycling(3, torque=True), tmp_path, "backlash").plot().figure
     labels = {ax.get_ylabel().replace("\n", " ") for ax in figure.axes}
-    assert {"angle [deg]", "force [N]", "residual [N]"} <= labels
+    assert {"angle [deg]", "force [lbf]", "residual [lbf]"} <= labels
+
+
+def test_forces_are_in_the_unit_of_the_gains_beside_them():
+    """The slope of the unloaded line of the picture is the gain that stands below it, number by number."""
+    fit = epp.identify(epp.case("elbow"), tray=shipped_cases_folder() / "measured" / "weight_tray.csv").fits[0]
+    top, below, intervals = fit.plot().figure.axes
+    gain = next(e for e in fit.estimates if e.name == "sensor.gain")
+    assert (below.get_xlabel(), gain.friendly) == ("force [lbf]", "V/lbf")
+    force, voltage = top.lines[0].get_data()
+    low = (force > 0.3) & (voltage < 6.0)
+    slopes = voltage[low] / force[low]
+    told = [text.get_text() for text in intervals.texts if "sensor gain" in text.get_text()]
+    assert slopes.min() < float(told[0].split()[3]) < slopes.max() < 1.5 * slopes.min()

@@ -57,7 +57,7 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     # A single value has no width: what is drawn of it is a strip around it.
     over = x if x.size > 1 else x * np.array([0.98, 1.02])
     figure, ax = place_of(ax, 4.2)
-    _draw_approximate(ax, over, y_factor, bounds)
+    _draw_approximate(ax, x, over, y_factor, bounds)
     _draw_best(ax, x, y_factor, bounds)
     _draw_tests(ax, x, y_factor, bounds)
     _draw_proofs(ax, x, y_factor, bounds)
@@ -75,7 +75,7 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     return figure
 
 
-def _draw_approximate(ax: Axes, over: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:
+def _draw_approximate(ax: Axes, x: np.ndarray, over: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:
     """The lines of first order and of harmonic balance."""
     for name, text, colour, style in (
         ("first_order", "first order", DARK_ORANGE, ":"),
@@ -85,6 +85,9 @@ def _draw_approximate(ax: Axes, over: np.ndarray, y_factor: float, bounds: Desig
             continue  # a higher harmonic balance is not asked for sizes, none of a sampled loop
         values = np.broadcast_to(y_factor * bounds.array(name), over.shape)
         ax.plot(over, values, style, color=colour, linewidth=1.6, label=text)
+        if name == "harmonic":  # which mostly lies under the exact bound, whose points stand within its rings
+            rings: dict[str, Any] = {"color": colour, "markersize": 11, "markerfacecolor": "none"}
+            ax.plot(x, y_factor * bounds.array(name), f"o{style}", **rings, linewidth=1.6, label=text)
 
 
 def _draw_tests(ax: Axes, x: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:

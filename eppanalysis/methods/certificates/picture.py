@@ -14,6 +14,7 @@ from eppanalysis.methods.certificates.play.picture import plot_level
 from eppanalysis.methods.certificates.registry import Asked
 from eppanalysis.methods.certificates.result import Certificate
 from eppanalysis.plotting import BLUE, VERMILLION, place_of, put_legend
+from eppanalysis.readable import number
 
 
 def plot_certificate(certificate: Certificate, ax: Axes | None = None) -> Figure:
@@ -57,7 +58,7 @@ def _plot_cover(certificate: Certificate, ax: Axes) -> None:
     faces = [colours[mark] for mark, _ in leaves]
     ax.add_collection(PolyCollection(corners, facecolors=faces, edgecolors="0.6", linewidths=0.3))
     for k, root in enumerate(certificate.roots):
-        ax.plot(root.amplitude[0], root.omega[0], "ko", markersize=4, label="a root" * (k == 0))
+        ax.plot(root.amplitude[0], root.omega[0], "ko", mfc="none", markersize=9, label="a root" * (k == 0))
     marks = {mark for mark, _ in leaves}
     said = {".": "proved: no root", "r": "proved: this root alone", "?": "undecided"}
     for mark in [mark for mark in said if mark in marks]:
@@ -79,8 +80,8 @@ def _plot_cells(certificate: Certificate, ax: Axes) -> None:
     corners = [[(a, c), (b, c), (b, d), (a, d)] for a, b, c, d in np.array([*leaves(evidence["cover"])]) / 2.0**GRID]
     cells = PolyCollection(corners, array=np.array(evidence["order"], float), cmap="Greys", edgecolors="none")
     ax.add_collection(cells)
-    for (number, _), cycle in zip(evidence["forms"], cycles_of(claim), strict=True):
-        held = [c for c, n in zip(corners, evidence["order"], strict=True) if n == number]
+    for (place, _), cycle in zip(evidence["forms"], cycles_of(claim), strict=True):
+        held = [c for c, n in zip(corners, evidence["order"], strict=True) if n == place]
         x, y = np.mean([np.mean(c, axis=0) for c in held], axis=0)
         said = f"{np.mean(cycle['period']):.4g} s, {'un' * (cycle['outside'] > 0)}stable"
         ax.plot(x, y, "o", color=VERMILLION if cycle["outside"] else BLUE, markersize=5, label=said)
@@ -108,8 +109,14 @@ def _plot_popov(certificate: Certificate, ax: Axes) -> None:
     edge = 0.0 if high is None else -1.0 / (high - floor)
     ax.plot(x, y, color=BLUE, linewidth=1.6, label="Popov's curve")
     heights = np.array([y.min(), y.max()])
-    ax.plot(edge + rate * heights, heights, color=VERMILLION, linewidth=1.0, label=f"multiplier {rate:.4g} s")
-    ax.plot([edge], [0.0], "k+", markersize=10)
+    ax.plot(
+        edge + rate * heights,
+        heights,
+        color=VERMILLION,
+        linewidth=1.0,
+        label=f"line that it stays to the right of (multiplier {number(rate)} s)",
+    )
+    ax.plot([edge], [0.0], "k+", markersize=10, label=f"{number(edge)}, the edge of the sector")
     ax.set_xlabel("Re G(jω)")
     ax.set_ylabel("ω Im G(jω) [1/s]")
     put_legend(ax)

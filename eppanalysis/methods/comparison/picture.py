@@ -30,7 +30,7 @@ from eppanalysis.plotting import (
 )
 from eppanalysis.readable import number
 from eppanalysis.results import LimitCycle, Prediction
-from eppanalysis.results.picture import draw_run, one_period, plot_nyquist, time_of
+from eppanalysis.results.picture import draw_run, motion_of, one_period, plot_nyquist, time_of
 
 #: Heights of a panel of the run, of the steady motion, and of the prediction [inch].
 _RUN, _CLOSE, _PREDICTION = 1.0, 1.4, 3.0
@@ -72,9 +72,10 @@ def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
     grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
     panels = [figure.add_subplot(grid[i]) for i in range(len(heights))]
     runs, close = panels[:n], panels[n : n + n * motion]
+    whole = motion_of(ladder.run)
     for name, ax in zip(names, runs, strict=True):
         label, factor = label_of(name, ladder.run.units)
-        draw_run(ax, ladder.run, name, factor, 0.7)
+        draw_run(ax, ladder.run, whole, name, factor, 0.7)
         label_up(ax, label, 0.75)
     for name, ax in zip(names, close, strict=False):
         draw(ax, ladder, name)
@@ -163,7 +164,7 @@ def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:
     run = ladder.run
     label, factor = label_of(name, run.units)
     y = factor * run.signals[name]
-    draw_run(ax, run, name, factor, 1.3)
+    draw_run(ax, run, motion_of(run), name, factor, 1.3)
     ax.lines[-1].set_label("simulated")
     bands = []
     for cycle in ladder.prediction or ():

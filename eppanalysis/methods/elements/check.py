@@ -110,6 +110,7 @@ def check_element(
         np.asarray(gain, complex),
         np.pi * sizes**2 * np.imag(gain),
         turn * (0.5 * sizes**2 * np.real(gain) + bias * mean),
+        omega=omega,
         decided=rules.complete,
         message=" ".join(said),
         provenance=Provenance("check_element", {"bias": bias, "omega": omega}),

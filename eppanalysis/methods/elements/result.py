@@ -36,6 +36,8 @@ class ElementCheck(Result):
         Overlaps, ties, endless chains and chatter, each with an example.
     amplitudes : array, shape (n,)
         Of the sine at the input [its unit].
+    omega : float
+        Angular frequency of the sine [rad/s].
     mean, gain : array, complex array, shape (n,)
         Describing function of the first output there.
     over_way, over_speed : array, shape (n,)
@@ -55,6 +57,7 @@ class ElementCheck(Result):
     gain: ComplexArray = field(default_factory=lambda: np.zeros(0, complex))
     over_way: Array = field(default_factory=lambda: np.zeros(0))
     over_speed: Array = field(default_factory=lambda: np.zeros(0))
+    omega: float = 1.0
     decided: bool = True
     message: str = ""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,6 +15,8 @@ from eppanalysis.plotting import BLUE, DARK, GREEN, VERMILLION, place_of, put_le
 #: Half the width of the window; and loop gains that are drawn, beyond its corners, so that a curve goes to its edge.
 _REACH = 2.5
 _DRAWN = 2.0 * np.sqrt(2.0) * _REACH
+#: The mark of -1.
+_CRITICAL: dict[str, Any] = {"marker": "+", "color": "k", "markersize": 10, "linestyle": "none", "label": "-1"}
 
 
 def plot_margins(margins: Margins, ax: Axes | None = None) -> Figure:
@@ -27,7 +31,7 @@ def plot_margins(margins: Margins, ax: Axes | None = None) -> Figure:
     ax.plot(L.real, L.imag, color=BLUE, linewidth=1.6, label="L(jω)")
     turn = np.linspace(0.0, 2.0 * np.pi, 181)
     ax.plot(np.cos(turn), np.sin(turn), color="0.6", linewidth=0.8, linestyle="--")
-    ax.plot([-1.0], [0.0], marker="+", color="k", markersize=10, linestyle="none")
+    ax.plot([-1.0], [0.0], **_CRITICAL)
     if np.isfinite(margins.gain_margin) and margins.gain_margin:
         ax.plot(
             [-1.0 / margins.gain_margin],
@@ -62,11 +66,11 @@ def plot_onset_point(point: OnsetPoint, ax: Axes | None = None) -> Figure:
         turned += 360.0 * np.round((np.rad2deg(point.phase) - here) / 360.0)
     ax.plot(turned, 20.0 * np.log10(np.abs(L)), color=BLUE, linewidth=1.6, label="open loop")
     ax.plot(phase, decibels, "--", color=VERMILLION, linewidth=1.6, label="boundary")
-    ax.fill_between(phase, decibels, 60.0, color=VERMILLION, alpha=0.12, linewidth=0)
+    ax.fill_between(phase, decibels, 60.0, color=VERMILLION, alpha=0.12, linewidth=0, label="prone to jump")
     if np.isfinite(point.omega):
         there = [np.rad2deg(point.phase)], [20.0 * np.log10(point.gain)]
         ax.plot(*there, "o", color=GREEN, markersize=8, label=f"onset at {point.omega:.4g} rad/s", zorder=5)
-    ax.plot([-180.0], [0.0], marker="+", color="k", markersize=10, linestyle="none")
+    ax.plot([-180.0], [0.0], **_CRITICAL)
     ax.set_xlim(-270.0, 0.0)
     ax.set_ylim(-20.0, 25.0)
     ax.set_xticks(np.arange(-270.0, 1.0, 45.0))

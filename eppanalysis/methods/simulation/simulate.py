@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from eppanalysis.methods.simulation.rounding import (
 )
 from eppanalysis.methods.simulation.samples import judge_samples, locked_or_not, rests_since
 from eppanalysis.methods.simulation.states import unread_apart
+from eppanalysis.methods.simulation.times import base_step, sample_times
 from eppanalysis.methods.simulation.workspaces import announce_compilation, of_thread
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
 from eppanalysis.models.systems.inputs import InputSignal, input_signals_by_name
@@ -61,6 +62,8 @@ _MOST_STEPS = 10_000_000
 _SET_UP, _DELAYED, _SMOOTH, _FAST_STEPS = 200.0, 5.0, 20.0, 20.0
 #: A state beyond this has diverged, in a run that rounding has stopped.
 _LARGEST_STATE = 1e100
+#: Samples that tell whether a run grows; no whole multiple of those that it usually has.
+_TREND_SAMPLES = 9709
 #: Changes from period to period, relative to the cycle's size, that may be rounding.
 _STANDING = 1e-9
 
@@ -121,7 +124,7 @@ def simulate(
         raise EppError(f"simulate: t_end is {t_end}; expected a positive number of seconds.")
     if step is not None and not (np.isfinite(step) and step > 0):
         raise EppError(f"simulate: step is {step}; expected a positive number of seconds.")
-    times = _sample_times(t_end, t_eval)
+    times = sample_times(t_end, t_eval)
     if system.time_step:
         from eppanalysis.methods.simulation.iterate import iterate
 
@@ -136,7 +139,7 @@ def simulate(
     given = input_signals_by_name(system.input_names, input)
     for observed in (False, True):  # curved elements may repeat themselves without a switch: extrema tell it
         hybrid = HybridSystem.from_lure(system, given, observed)
-        base = step or _base_step(times, t_eval is None, hybrid)
+        base = step or base_step(times, t_eval is None, hybrid)
         samples = 0 if (strobe := Strobe.of(hybrid)) is None else strobe.samples_in(t_end)
         kept = _KEPT_EVENTS + min(samples, _KEPT_SAMPLES)
         run = run_hybrid(hybrid, t_end, times, base, max_events + samples, kept, max_steps)
@@ -144,8 +147,8 @@ def simulate(
         if status is not Status.UNDECIDED or not (hybrid.may_be_quiet and run.is_quiet_at(t_end)):
             break
     lost = repeats_undecided(status, found)
+    signals = _signals(system.signals.names, run)
     n_written = int(run.stats[2])
-    signals = dict(zip(system.signals.names, run.samples[:n_written].T.copy(), strict=True))
     settings = {"t_end": t_end, "step": base, "max_events": max_events, "max_steps": max_steps, "system": system.name}
     facts = Provenance("event-exact simulation", settings, statistics=_statistics(run))
     at = OperatingPoint.of(system, input, t_end)
@@ -154,7 +157,10 @@ def simulate(
         status = Status.UNDECIDED
     settled, early = status is Status.SETTLED, run.why_early(t_end)
     rest = resting(signals, advance(hybrid, run.rate_end) * t_end) if settled and n_written else {}
-    trend = tendency(hybrid, signals) if status is Status.UNDECIDED else ""
+    again = partial(_at_times, hybrid, system.signals.names, base, max_events + samples, max_steps)
+    trend = ""
+    if status is Status.UNDECIDED and n_written > 1:  # from times of its own: a fast motion may stand still in samples
+        trend = tendency(hybrid, again(np.linspace(times[0], times[n_written - 1], _TREND_SAMPLES)))
     return Trajectory(
         t=times[:n_written],
         signals=signals,
@@ -168,7 +174,20 @@ def simulate(
         units=system.signals.units_by_name(),
         provenance=facts,
         operating_point=at,
+        again=again,
     )
+
+
+def _signals(names: tuple[str, ...], run: Run) -> dict[str, Array]:
+    """The named signals at the times that a run has reached."""
+    return dict(zip(names, run.samples[: int(run.stats[2])].T.copy(), strict=True))
+
+
+def _at_times(
+    hybrid: HybridSystem, names: tuple[str, ...], base: float, max_events: int, max_steps: int, times: Array
+) -> dict[str, Array]:
+    """Signals of a run at other times, for which it is made anew."""
+    return _signals(names, run_hybrid(hybrid, float(times[-1]), times, base, max_events, 1, max_steps))
 
 
 def _asked(
@@ -340,32 +359,6 @@ def loses_elements(
     again = run_hybrid(watched(start), end, times, 2.0 * start.time_scale, max_events, 1)
     signals = again.samples[: int(again.stats[2])]
     return len(signals) > 0 and is_lost(start, signals, period, changes)
-
-
-def _sample_times(t_end: float, t_eval: ArrayLike | None) -> Array:
-    if t_eval is None:
-        return np.linspace(0.0, t_end, 6001)
-    times = np.atleast_1d(np.asarray(t_eval, float))
-    # What increases from and to a finite number is finite in between.
-    ends = times[[0, -1]] if times.size else times
-    if times.ndim != 1 or not (np.isfinite(ends).all() and (times[1:] > times[:-1]).all()):
-        raise EppError("simulate: t_eval must hold finite times in increasing order.")
-    if times.size and (times[0] < 0 or times[-1] > t_end * (1 + 1e-12)):
-        raise EppError(
-            f"simulate: t_eval runs from {times[0]} to {times[-1]}; expected times from 0 to t_end = {t_end}."
-        )
-    return times
-
-
-def _base_step(times: Array, even: bool, hybrid: HybridSystem) -> float:
-    """Spacing of even samples (the engine halves it as needed), else a step that suits the linear part."""
-    if times.size > 1:
-        # On the grid of even samples fast steps need no series between (docs/theory/engine.md, Two ways to advance).
-        spacing = times[-1] / (times.size - 1)
-        off = np.abs(times - spacing * np.arange(times.size)).max()
-        if even or (times[0] == 0.0 and off <= 1e-9 * spacing):
-            return float(spacing)
-    return 2.0 * hybrid.time_scale
 
 
 def _statistics(run: Run) -> dict[str, Any]:

@@ -140,3 +140,15 @@ def test_what_cannot_be_told_is_said() -> None:
 def test_arguments_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(epp.EppError, match="check_element: .*; expected"):
         epp.check_element(epp.Play(1.0), **wrong)
+
+
+def test_the_picture_says_its_units_and_at_which_frequency() -> None:
+    """What a rate limiter does to a sine depends on amplitude times frequency alone: one curve, on two scales."""
+    slow, fast = (epp.check_element(epp.RateLimiter(rate=1.0), [2.0 / w, 4.0 / w], omega=w) for w in (1.0, 8.0))
+    np.testing.assert_allclose(slow.gain, fast.gain)
+    for found, said in ((slow, "1 rad/s"), (fast, "8 rad/s")):
+        panels = found.plot().figure.axes
+        assert len(panels) == 2
+        for ax in panels:
+            assert said in ax.get_xlabel() and "[" in ax.get_xlabel()
+            assert "[" in ax.get_ylabel() + "".join(t.get_text() for t in ax.get_legend().get_texts())

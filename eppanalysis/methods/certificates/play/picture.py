@@ -27,8 +27,8 @@ def plot_level(given: Mapping[str, Any], ax: Axes) -> None:
     sector = np.clip(np.searchsorted(-angles, -fine, side="right") - 1, 0, len(forms) - 1)
     direction = np.stack([np.cos(fine), np.sin(fine)])
     for matrices, style, colour, label in (
-        (forms[sector][:, :2, :2], "-", BLUE, "play moves"),
-        (np.broadcast_to(stuck[:2, :2], (len(fine), 2, 2)), "--", VERMILLION, "play rests"),
+        (forms[sector][:, :2, :2], "-", BLUE, "falling function equal to 1 while the play moves"),
+        (np.broadcast_to(stuck[:2, :2], (len(fine), 2, 2)), "--", VERMILLION, "the same while it rests"),
     ):
         value = np.einsum("ik,kij,jk->k", direction, matrices, direction)
         radius = np.where(value > 0, 1.0 / np.sqrt(np.where(value > 0, value, 1.0)), np.nan)
@@ -36,7 +36,7 @@ def plot_level(given: Mapping[str, Any], ax: Axes) -> None:
         ax.plot(*(radius * direction), style, color=colour, linewidth=1.6, label=label)
     reach = max(*ax.get_xlim(), *ax.get_ylim())
     for ray in rays / np.linalg.norm(rays, axis=1)[:, None] * reach:
-        ax.plot([0.0, ray[0]], [0.0, ray[1]], color=GREY, linewidth=0.4)
-    ax.set_xlabel("speed of the input of the play")
-    ax.set_ylabel("contact coordinate $y_2$,\nits acceleration and speed")
+        ax.plot([0.0, ray[0]], [0.0, ray[1]], color=GREY, linewidth=0.4, label="borders of the sectors")
+    ax.set_xlabel("contact coordinate $y_1$: speed of the input of the play")
+    ax.set_ylabel("contact coordinate $y_2$:\nits acceleration and speed")
     put_legend(ax)
