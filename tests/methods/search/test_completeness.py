@@ -148,3 +148,14 @@ def test_the_size_that_an_estimate_promises_is_that_of_the_first_signal() -> Non
     assert not found.unclosed
     # DOP853 at 1e-12 in steps of 0.05, between the rises of the potential through zero.
     assert [c.period for c in found] == [pytest.approx(33.367002, rel=1e-7)]
+
+
+@pytest.mark.parametrize(("zero", "settles"), [(0.5, True), (0.05, False)])
+def test_a_loop_without_a_size_of_its_own_is_run_in_any_units(zero, settles):
+    """No run was made from a start at rest; of an integrator that is reset no threshold tells how far to start."""
+    for size, unit in ((1.0, 1.0), (1e-3, 1.0), (1.0, 1e3)):
+        plant = ([size * zero * unit, size], [unit**2, 0.2 * unit, 0.0])
+        clegg = epp.CleggIntegrator(gain=1.0 / (size * unit))
+        found = epp.find_limit_cycles(epp.LureSystem.from_tf(plant, clegg, x0=[0.0, 0.0]))
+        assert found.n_runs > 100
+        assert (found.settles, found.diverges, len(found), found.status.ok) == (settles, not settles, 0, True)
