@@ -37,7 +37,7 @@ from eppanalysis.methods.search.ends import (
     Reached,
 )
 from eppanalysis.methods.search.locked import Enough, search_locked, search_near
-from eppanalysis.methods.search.reach import pace
+from eppanalysis.methods.search.reach import may_be_overcome, pace
 from eppanalysis.methods.search.rests import towards_rests
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.told import N_RANDOM, SCALES, Told
@@ -55,6 +55,8 @@ from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
 _SEED = 20050901
+#: Scales of starts beyond the others, where no start has left and the loop holds none from far out.
+_AFAR = (SCALES[-1], 30.0, 200.0, 2e3, 2e4)
 #: Most basin boundaries that are bisected. A fractal boundary has no last one.
 _MOST_BOUNDARIES = 150
 #: Steps of the engine, and what is worth as many, after which a search ends; the share of them for all predictions
@@ -216,6 +218,9 @@ class _Search(Told):
                     self._scan(ray)
                 for start in self._random():
                     self.outcome(*start)
+                if End.DIVERGENCE not in self.outcomes and may_be_overcome(self.system):
+                    for ray in self.rays[-1:]:
+                        self._scan(ray, _AFAR)
                 for x, H, rests_by in towards_rests(self.hybrid, self.met) if End.REST not in self.outcomes else ():
                     self.n_towards += 1
                     self.outcome(x, H, rests_by)
@@ -366,11 +371,11 @@ class _Search(Told):
             x[~self.hybrid.compared] = self.hybrid.x0[~self.hybrid.compared]
             yield x, H
 
-    def _scan(self, ray: Ray) -> None:
+    def _scan(self, ray: Ray, scales: Sequence[float] = SCALES) -> None:
         """Outcomes along a line of starts, and the unstable cycles on the basin boundaries between them."""
         centre, direction, H = ray
-        ends = [self.outcome(centre + s * direction, H) for s in SCALES]
-        for a, b, end_a, end_b in zip(SCALES, SCALES[1:], ends, ends[1:], strict=False):
+        ends = [self.outcome(centre + s * direction, H) for s in scales]
+        for a, b, end_a, end_b in zip(scales, scales[1:], ends, ends[1:], strict=False):
             if end_a != end_b:
                 self._bisect(ray, a, b, end_a, end_b)
 

@@ -11,6 +11,8 @@ from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import describe
 from eppanalysis.methods.describing.search import frequency_scales
+from eppanalysis.models.elements.piecewise import PiecewiseLinear
+from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import CANCELLED, without_rounding
 
@@ -49,6 +51,12 @@ def oscillations_at_reach(system: LureSystem) -> tuple[ComplexArray, Array]:
         inputs = without_rounding(np.abs(C @ states), np.abs(C) @ np.abs(states), CANCELLED)
         states = states / inputs.max(axis=0, initial=0.0)
     return states[:, np.all(np.isfinite(states), axis=0)], C
+
+
+def may_be_overcome(system: LureSystem) -> bool:
+    """Whether the linear part grows by itself while all elements give no more than so much: from far out all grows."""
+    limited = all(isinstance(e, PiecewiseLinear) and e.slopes[0] == e.slopes[-1] == 0.0 for e in system.elements)
+    return limited and bool(np.any(poles(system.A).real > 0.0))
 
 
 def _middle_frequencies(system: LureSystem) -> Array:

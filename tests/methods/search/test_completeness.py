@@ -159,3 +159,11 @@ def test_a_loop_without_a_size_of_its_own_is_run_in_any_units(zero, settles):
         found = epp.find_limit_cycles(epp.LureSystem.from_tf(plant, clegg, x0=[0.0, 0.0]))
         assert found.n_runs > 100
         assert (found.settles, found.diverges, len(found), found.status.ok) == (settles, not settles, 0, True)
+
+
+@pytest.mark.parametrize("gain", [1.5, 30.0, 1000.0])
+def test_a_limited_loop_about_an_unstable_plant_is_seen_to_leave_from_far_at_any_gain(gain):
+    """All starts were said to settle at a high gain, where the limit is reached near the rest."""
+    loop = epp.LureSystem.from_tf(([gain], [0.2, 0.8, -1.0]), epp.Saturation(), x0=[0.0, 0.0])
+    found = epp.find_limit_cycles(loop)
+    assert (found.settles, found.diverges, len(found)) == (True, True, 0)
