@@ -1,8 +1,8 @@
 """Faults of built pages: ``python -m tests.studies.pages HTML`` after ``sphinx-build``.
 
 Dead internal links and pictures without a text in their place are read from the files. A browser sees formulas and rows
-of tables that do not render, what is wider than the screen or torn (at 420 and at 1400 pixels), and texts with too
-little contrast (WCAG 2 AA, light and dark).
+of tables that do not render, what is wider than the screen, must be scrolled sideways or is torn (at 420 and at 1400
+pixels), and texts with too little contrast (WCAG 2 AA, light and dark), on every page, those of the interface too.
 """
 
 from __future__ import annotations
@@ -66,6 +66,17 @@ WIDE = """
   }).slice(0, 3).map((node) => `${name(node)} to ${Math.round(node.getBoundingClientRect().right)} px`);
   return whole > width + 1 && !parts.length ? [`the page, ${whole} px`] : parts;
 }
+"""
+
+#: What has to be scrolled sideways inside its box: on a phone a table may, if a shadow says so.
+SIDEWAYS = """
+() => [...document.querySelectorAll('article, article *')].filter((node) => {
+  const style = getComputedStyle(node);
+  const table = node.querySelector('table') && innerWidth < 1000 && style.backgroundImage !== 'none';
+  return ['auto', 'scroll'].includes(style.overflowX) && node.scrollWidth > node.clientWidth + 1
+    && node.checkVisibility() && !table;
+}).map((node) => `${node.scrollWidth} px in ${node.clientWidth}: `
+  + (node.querySelector('mjx-assistive-mml') || node).textContent.trim().slice(0, 50))
 """
 
 #: Texts whose colour is too near to that behind them.
@@ -167,26 +178,26 @@ def seen_faults(browser: Any, address: str) -> Iterator[str]:
         tab.evaluate("() => MathJax.startup.promise")
         yield from (f"broken formula: {text}" for text in tab.evaluate(BROKEN))
     yield from (f"torn table: {text}" for text in tab.evaluate(TORN))
-    for theme in THEMES:
-        tab.evaluate("(theme) => { document.body.dataset.theme = theme; }", theme)
-        yield from (f"little contrast, {theme}: {text}" for text in tab.evaluate(PALE))
     for width in WIDTHS:
         tab.set_viewport_size({"width": width, "height": 900})
+        for theme in THEMES:
+            tab.evaluate("(theme) => { document.body.dataset.theme = theme; }", theme)
+            yield from (f"little contrast, {theme}, {width} px: {text}" for text in tab.evaluate(PALE))
         yield from (f"wider than {width} px: {text}" for text in tab.evaluate(WIDE))
+        yield from (f"scrolled sideways at {width} px: {text}" for text in tab.evaluate(SIDEWAYS))
         yield from (f"torn at {width} px: {text}" for text in tab.evaluate(BROKEN_UP))
     tab.close()
 
 
-def faults(folder: Path, *, with_api: bool = False) -> dict[str, list[str]]:
+def faults(folder: Path) -> dict[str, list[str]]:
     """All faults, each with the pages that have it."""
     found: dict[str, list[str]] = defaultdict(list)
     for page, fault in read_faults(folder):
         found[fault].append(page)
     with running_browser() as browser:
         for path in pages_of(folder):
-            if with_api or "_generated" not in path.parts:
-                for fault in seen_faults(browser, path.resolve().as_uri()):
-                    found[fault].append(str(path.relative_to(folder)))
+            for fault in seen_faults(browser, path.resolve().as_uri()):
+                found[fault].append(str(path.relative_to(folder)))
     return dict(found)
 
 

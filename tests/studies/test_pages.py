@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 
 GOOD = """<!doctype html><html><body data-theme="light" style="background:#fff;color:#222"><article id="top">
 <p>Text with a <a href="other.html#there">link</a> and a <a href="#top">second</a>.</p><img src="a.png" alt="A curve">
-<div style="overflow-x:auto"><div style="width:3000px">wide, in a box that scrolls</div></div>
+<div style="overflow-x:auto;background:linear-gradient(#eee,#fff)"><table style="width:800px"><tr><td>x</table></div>
 %s</article></body></html>"""
 
 
@@ -58,7 +58,11 @@ def test_faults_that_a_browser_sees_are_found(site):
     faults = {
         '<p style="color:#aaa">pale</p>': "little contrast",
         "<p>| a | row that no table has |</p>": "torn table: | a |",
+        '<p style="color:#aaa" id="a">x</p><style>@media (min-width: 900px) {#a {display: none}}</style>': "little",
+        "<p id='night'>pale</p><style>[data-theme=dark] #night {color: #ddd}</style>": "little contrast, dark",
         '<p style="width:600px">wide</p>': "wider than 420 px: p to",
+        '<div style="overflow-x:auto"><p style="width:600px">formula</p></div>': "scrolled sideways at 420 px",
+        '<div style="overflow-x:auto"><table style="width:600px"><tr><td>a</table></div>': "scrolled sideways",
         '<p>one m^3/(s<em>V)"); or ("2</em>Kp")</p>': "torn at",
         f"<p>{'word ' * 5}<code><span class='pre'>a-name-{'of-' * 12}parts</span></code></p>": "torn at 420 px: a-name",
         '<script>window.MathJax = {startup: {promise: 1}}</script><span class="math">x^2</span>': "broken formula: x^2",
