@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from docutils import nodes
+from pygments.lexers.python import PythonConsoleLexer
 from pygments.lexers.shell import BashLexer
-from pygments.token import Name
+from pygments.token import Keyword, Name
 from sphinx.transforms import SphinxTransform
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -106,6 +107,15 @@ class Commands(BashLexer):
     }
 
 
+class Session(PythonConsoleLexer):
+    """Examples in which ``case`` is the name of a case, and not the word that stands in ``match``."""
+
+    def get_tokens_unprocessed(self, text: str) -> Iterator[tuple]:
+        """Tokens with their places."""
+        for place, kind, value in super().get_tokens_unprocessed(text):
+            yield place, Name if kind is Keyword and value == "case" else kind, value
+
+
 _SYMBOL = r"(?:[nµμmckMG]?(?:Hz|rad|lbf|m|s|g|N|V|A|W|B|Ω)|[KMG]iB|deg|dB|ohm|min|h|lb|px|%)[²³]?"
 #: The space between a number and its unit, its sign, or what is counted by it.
 _NO_BREAK = (
@@ -168,6 +178,7 @@ def setup(app) -> None:
     """Register the maker of pictures and tables, what lists of attributes leave out, how code and lines look."""
     for name in ("sh", "bash"):  # commands that the tests run, and others
         app.add_lexer(name, Commands)
+    app.add_lexer("pycon", Session)
     app.add_transform(OneLine)
     app.add_transform(LastLine)
     app.connect("builder-inited", make_pages)

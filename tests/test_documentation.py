@@ -22,6 +22,17 @@ TOML = re.compile(r"^```toml\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 #: A file that a page tells its reader to save.
 FILE = re.compile(r"^```toml\n(# (\w+\.toml)\n.*?)^```$", re.MULTILINE | re.DOTALL)
 
+#: Code in a block, and what stands before it: as much as fits beside the bars of a page at 1400 pixels.
+CODE, WIDEST = re.compile(r"^```(python|sh|toml)\n(.*?)^```$", re.MULTILINE | re.DOTALL), 98
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_no_line_of_code_is_broken_by_the_page(page):
+    for language, block in CODE.findall(page.read_text(encoding="utf-8")):
+        session = language == "python" and block.startswith(">>>")
+        code = [line for line in block.splitlines() if not session or line.startswith((">>>", "..."))]
+        assert not [line for line in code if len(line) > WIDEST]
+
 
 def commands() -> list[tuple[Path, str, str]]:
     """Page, line and shown output of every command in a block; of one that stands on several pages the first."""
