@@ -223,6 +223,13 @@ def test_a_class_says_what_it_is_made_from(name):
 
 
 @pytest.mark.parametrize("name", [name for name, value in _public().items() if inspect.isclass(value)])
+def test_every_field_of_a_class_says_what_it_is(name):
+    read = pytest.importorskip("numpydoc.docscrape").NumpyDocString(inspect.getdoc(_public()[name]) or "")
+    fields = [field for section in ("Parameters", "Attributes") for field in read[section]]
+    assert not [field.name for field in fields if not "".join(field.desc).strip()]
+
+
+@pytest.mark.parametrize("name", [name for name, value in _public().items() if inspect.isclass(value)])
 def test_no_field_shows_the_docstring_of_a_type(name):
     made = _public()[name]
     own = vars(made) if not issubclass(made, Enum) else {}

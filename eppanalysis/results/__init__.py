@@ -84,15 +84,15 @@ class LimitCycle(Result):
     method : str
         "describing function", "harmonic balance", "exact orbit" or "simulation".
     status : Status
+        How its computation ended.
     period : float
         Period [s].
-    mean, peak_to_peak : dict of str to float
-        Of every named signal, in its SI unit.
+    mean, peak_to_peak, units : dict of str to float, dict of str to str
+        Of every named signal, in its SI unit; that unit.
     harmonics : mapping of str to complex array
         Coefficients c[k] of ``sum Re(c[k] exp(j k omega t))`` of every named signal, c[0] the mean.
-    stable : bool or None
-        None when the method cannot tell.
-    stability_criterion : str
+    stable, stability_criterion : bool or None, str
+        Whether it is (None when the method cannot tell), and by what that was judged, in plain words.
     multipliers : complex array or None
         Floquet multipliers, where the method has them.
     residual, error_estimate : float

@@ -303,9 +303,8 @@ class DesignBounds(Listing[BoundCell]):
 
     Attributes
     ----------
-    case : str
-    over, limit : str
-        The parameter that runs, and the one that is bounded.
+    case, over, limit : str
+        The case, the parameter that runs, and the one that is bounded.
     units : dict of str to str
         SI unit of both.
     readable : dict of str to (str, float)
@@ -315,6 +314,7 @@ class DesignBounds(Listing[BoundCell]):
     within : (float, float)
         Range in which bounds were sought [SI].
     cells : tuple of BoundCell
+        One at each value of the parameter that runs.
     margin : float
         How far from each bound it was tested, relative to it.
     allowed : Allowed or None

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import ModelError
-from eppanalysis.models.elements.columns import ByName, Columns, in_columns
+from eppanalysis.models.elements.columns import ByName, in_columns, require_shapes
 
 #: Size of its argument below which the logarithm of a size rests.
 LEAST = 5e-11
@@ -62,12 +62,16 @@ class Mode:
     Parameters
     ----------
     name : str
+        As a run names it.
     from_input, from_memory, from_smooth : array, shapes (n_outputs, n_inputs), (..., n_memory) and (..., n_smooth)
+        Gains from inputs, memory values and smooth functions to the outputs.
     constant : array, shape (n_outputs,)
+        Outputs where all those are zero.
     sticking : bool
         Whether it keeps the first input at `level`. Such a mode exists only where the loop pulls back against the
         element's jump there: where the input's rate falls as the output rises for an upward `jump` (and the reverse).
     level, jump : float
+        Value of the first input while it sticks; direction of the jump of the output there.
     """
 
     name: str
@@ -92,10 +96,13 @@ class Guard:
     Parameters
     ----------
     name : str
+        As a run names its events.
     mode, target, bypass : int
         The event leads to `bypass` where the target is a sticking mode that the loop does not admit.
     on_input, on_rate, on_memory, on_output, impulse, constant : array or float
+        Weights of its value, one for each input, memory value or output, and those of the impulse.
     memory_from_input, memory_from_memory, memory_constant : array, shapes (h, z), (h, h) and (h,)
+        What the memory values become at the event.
     """
 
     name: str
@@ -123,7 +130,9 @@ class Smooth:
         The function f: sine, square, cube, fourth_power, fifth_power, tanh, arctan, gaussian, exponential, logarithm
         (of the absolute value) or reciprocal_abs (``1/(1 + |u|)``).
     on_input : array, shape (n_inputs,)
+        Weights of the inputs in its argument.
     constant, scale : float
+        What is added to its argument, and what its value is multiplied by.
     on_smooth : tuple of float, optional
         Weights of the functions that stand before it in the automaton, in their order.
     """
@@ -144,6 +153,7 @@ class Automaton:
     n_inputs, n_outputs, n_memory : int
         Numbers of its inputs z, outputs w and memory values h.
     modes : sequence of Mode
+        Numbered in this order.
     guards : sequence of Guard
         Of all modes; each names its own by its number.
     start_mode : int
@@ -188,9 +198,9 @@ class Automaton:
     smooth: tuple[Smooth, ...] = ()
 
     def __post_init__(self) -> None:
-        _require_shapes(self.modes, self._mode_shapes)
-        _require_shapes(self.guards, self._guard_shapes)
-        _require_shapes(self.smooth, {"on_input": (self.n_inputs,)})
+        require_shapes(self.modes, self._mode_shapes)
+        require_shapes(self.guards, self._guard_shapes)
+        require_shapes(self.smooth, {"on_input": (self.n_inputs,)})
         if np.shape(self.start_memory) != (self.n_memory,):
             raise ModelError(
                 f"Automaton: start_memory has shape {np.shape(self.start_memory)}; expected {(self.n_memory,)}."
@@ -291,17 +301,6 @@ class Automaton:
         if self.n_memory:
             out[self.guard_columns["mode"][np.any(self.guard_columns["on_rate"] != 0.0, axis=1)]] = True
         return out
-
-
-def _require_shapes(parts: Sequence[Any], shapes: Mapping[str, tuple[int, ...]]) -> None:
-    for name, expected in shapes.items():
-        if isinstance(parts, Columns):
-            every = [("all", parts.columns[name].shape[1:])]
-        else:
-            every = [(getattr(p, "name", getattr(p, "kind", "")), np.shape(getattr(p, name))) for p in parts]
-        for label, found in every:
-            if found != expected:
-                raise ModelError(f"Automaton: {name} of {label!r} has shape {found}; expected {expected}.")
 
 
 class AutomatonBuilder:

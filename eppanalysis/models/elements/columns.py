@@ -13,6 +13,8 @@ from typing import Any, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.errors import ModelError
+
 Row = TypeVar("Row")
 ByName = Mapping[str, NDArray[Any]]
 
@@ -70,3 +72,15 @@ def in_columns(kind: type[Any], rows: Sequence[Any], shapes: Mapping[str, tuple[
         values = np.array([getattr(row, field.name) for row in rows], kept)
         columns[field.name] = values.reshape(len(rows), *shapes.get(field.name, ()))
     return columns
+
+
+def require_shapes(parts: Sequence[Any], shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Refuse parts of an automaton with an array of another shape than theirs."""
+    for name, expected in shapes.items():
+        if isinstance(parts, Columns):
+            every = [("all", parts.columns[name].shape[1:])]
+        else:
+            every = [(getattr(p, "name", getattr(p, "kind", "")), np.shape(getattr(p, name))) for p in parts]
+        for label, found in every:
+            if found != expected:
+                raise ModelError(f"Automaton: {name} of {label!r} has shape {found}; expected {expected}.")
