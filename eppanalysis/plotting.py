@@ -295,10 +295,28 @@ def places_of(ax: Axes | None, n: int, height: float = _PANEL_HEIGHT) -> tuple[F
     return panels_of(n, height) if ax is None else (root_figure(ax), [ax])
 
 
-def label_time(panels: Sequence[Axes], text: str) -> None:
-    """The lowest of the panels carries the label of the time axis, and all share its range."""
+class _InUnit(MaxNLocator):
+    """Round numbers of a unit, on an axis of SI values."""
+
+    def __init__(self, factor: float) -> None:
+        super().__init__(nbins=_MOST_TIMES, steps=[1, 1.5, 2, 3, 5, 6, 10])
+        self.factor = factor
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        """Where the ticks are [SI]."""
+        return np.asarray(super().tick_values(vmin * self.factor, vmax * self.factor)) / self.factor
+
+
+def label_time(panels: Sequence[Axes], text: str, units: Mapping[str, str] | None = None) -> None:
+    """The lowest of the panels carries the label of the time axis, and all share its range; its numbers are in the
+    unit in which people read times beside signals of these units.
+    """
+    factor = readable((units or {}).get("time", "s"))[1]
     for ax in panels:
         ax.locator_params(axis="x", nbins=_MOST_TIMES)  # so many of 0.0005 s stand side by side
+        if factor != 1.0:
+            ax.xaxis.set_major_locator(_InUnit(factor))
+            ax.xaxis.set_major_formatter(lambda time, _: number(factor * time))
         ax.margins(x=0.0)
         ax.tick_params(labelbottom=ax is panels[-1])
     panels[-1].set_xlabel(text)

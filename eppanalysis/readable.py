@@ -3,11 +3,41 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 
 #: What an SI unit is shown as, and the factor to it.
 READABLE = {"rad": ("deg", 180.0 / math.pi), "rad/s": ("deg/s", 180.0 / math.pi), "m": ("mm", 1e3)}
+
+
+class Unit(str):
+    """An SI unit that people read in another one, which their case types: to all that computes, the SI unit's text.
+
+    Examples
+    --------
+    >>> speed = Unit("rad/s", "rpm", 30.0 / math.pi)
+    >>> speed == "rad/s", quantity(math.pi, speed)
+    (True, '30 rpm')
+    """
+
+    __slots__ = ("factor", "shown")
+
+    def __new__(cls, si: str, shown: str, factor: float) -> Unit:
+        """The SI unit `si`, read in `shown`, of which one in SI is `factor`."""
+        unit = super().__new__(cls, si)
+        unit.shown, unit.factor = shown, factor
+        return unit
+
+    shown: str
+    factor: float
+
+    def __getnewargs__(self) -> tuple[str, str, float]:  # type: ignore[override]
+        """What makes it again in another process."""
+        return str(self), self.shown, self.factor
+
+    def __bool__(self) -> bool:
+        """A percentage is a plain number that is read in a unit."""
+        return True
 
 
 def readable(unit: str) -> tuple[str, float]:
@@ -20,6 +50,8 @@ def readable(unit: str) -> tuple[str, float]:
     >>> readable("N*m")
     ('N·m', 1.0)
     """
+    if isinstance(unit, Unit):
+        return in_print(unit.shown), unit.factor
     return READABLE.get(unit, (in_print(unit), 1.0))
 
 
@@ -42,7 +74,7 @@ def written(unit: str) -> str:
     >>> written("m"), written("N*m")
     ('mm', 'N*m')
     """
-    return READABLE.get(unit, (unit, 1.0))[0]
+    return unit.shown if isinstance(unit, Unit) else READABLE.get(unit, (unit, 1.0))[0]
 
 
 #: Significant digits of numbers in sentences, tables and pictures.
@@ -101,6 +133,22 @@ def quantity(value: float, unit: str, digits: int = DIGITS, shown: tuple[str, fl
     """
     unit, factor = shown or readable(unit)
     return f"{number(value * factor, digits)} {unit}".rstrip()
+
+
+def lasting(time: float, units: Mapping[str, str]) -> str:
+    """A time [s] as people read it beside signals of these units.
+
+    Examples
+    --------
+    >>> lasting(90.0, {}), lasting(90.0, {"time": Unit("s", "min", 1.0 / 60.0)})
+    ('90 s', '1.5 min')
+    """
+    return quantity(time, units.get("time", "s"))
+
+
+def time_unit(units: Mapping[str, str]) -> str:
+    """The unit in which people read times beside signals of these units."""
+    return readable(units.get("time", "s"))[0]
 
 
 def words(name: str) -> str:

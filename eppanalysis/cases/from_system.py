@@ -22,6 +22,7 @@ from eppanalysis.models.systems.cuts import Cuts
 from eppanalysis.models.systems.inputs import Constant, InputSignal, Ramp, Recorded, Sine, Step, Steps
 from eppanalysis.models.systems.lure import LureSystem, with_own_states
 from eppanalysis.models.systems.own_states import own_count
+from eppanalysis.readable import written
 from eppanalysis.units import write_si
 
 
@@ -65,7 +66,7 @@ def diagram_tables(diagram: Diagram) -> dict[str, Any]:
         **({"margins_at": cuts} if cuts else {}),
         "blocks": blocks,
         "elements": elements,
-        "signals": {name: {"of": text, "unit": units.get(name, "")} for name, text in diagram.signals.items()},
+        "signals": {name: {"of": text, "unit": written(units.get(name, ""))} for name, text in diagram.signals.items()},
     }
 
 
@@ -185,7 +186,7 @@ def _signals(loop: LureSystem) -> dict[str, Any]:
         if _says_something(s.constant[i]):
             row["constant"] = float(s.constant[i])
         if s.units and s.units[i]:
-            row["unit"] = s.units[i]
+            row["unit"] = written(s.units[i])
         table[name] = row
     return table
 

@@ -25,6 +25,7 @@ from eppanalysis.cases.values.expressions import is_expression_of, same_unit
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.values.shown import ShownCase
 from eppanalysis.cases.values.toml import plain_value, write_toml
+from eppanalysis.cases.values.typed import in_typed_units
 from eppanalysis.errors import CaseError
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
 from eppanalysis.models.diagrams import Diagram
@@ -470,7 +471,7 @@ def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> C
     expected = make_expected(file.expected)
     if expected.signal is not None and expected.signal not in parts.system.signals.names:
         raise raw.refused("expected.signal", f"one of {', '.join(parts.system.signals.names)}")
-    system = parts.system
+    system = replace(parts.system, signals=in_typed_units(parts.system.signals, raw.data, raw.typed("run.t_end")))
     if expected.signal is not None and expected.signal != system.signals.names[0]:
         system = replace(system, signals=system.signals.led_by(expected.signal))
     told = raw.name, file.title, file.kind, raw.source, parts.parameters, parts.input, float(file.run.t_end.value)

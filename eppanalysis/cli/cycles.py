@@ -22,7 +22,7 @@ from eppanalysis.cli.common import (
     write_output,
 )
 from eppanalysis.errors import EppError
-from eppanalysis.readable import DIGITS, count, number, quantity, readable, words
+from eppanalysis.readable import DIGITS, count, lasting, number, quantity, readable, words
 
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
@@ -92,8 +92,8 @@ def _show_cycles(case: Case, search: CycleSearch, triggers: Sequence[Trigger]) -
         kind = "stable  " if cycle.stable else "unstable"
         told = "; ".join(filter(None, (cycle.stability_criterion, cycle.note)))
         typer.echo(
-            f"  {kind}  period {number(cycle.period)} s  frequency {number(cycle.frequency)} Hz  {words(name)} "
-            f"{quantity(cycle.peak_to_peak[name], cycle.units[name])} peak to peak  {told}"
+            f"  {kind}  period {lasting(cycle.period, cycle.units)}  frequency {number(cycle.frequency)} Hz  "
+            f"{words(name)} {quantity(cycle.peak_to_peak[name], cycle.units[name])} peak to peak  {told}"
         )
     for hit in triggers:
         typer.echo(f"trigger: {_trigger_text(case, hit)}")

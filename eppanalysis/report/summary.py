@@ -17,7 +17,7 @@ from eppanalysis.methods.comparison.ladder import Ladder
 from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.search.result import CycleSearch
-from eppanalysis.readable import DIGITS, cut, in_print, quantity, words
+from eppanalysis.readable import DIGITS, cut, in_print, lasting, quantity, words
 from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
 from eppanalysis.shown import html_row, png
 
@@ -129,7 +129,8 @@ def _verdict(run: Trajectory, cycles: CycleSearch | None, largest: LimitCycle | 
     if run.limit_cycle is not None:
         return f"Oscillates: {run.limit_cycle.size_of(signal)}."
     if run.status is Status.UNDECIDED and largest is not None and cycles is not None:
-        return f"{cycles.headline()}. Its own run was on none of them by its end, after {quantity(run.end_time, 's')}."
+        after = lasting(run.end_time, run.units)
+        return f"{cycles.headline()}. Its own run was on none of them by its end, after {after}."
     if run.status is not Status.SETTLED and cycles is not None and (largest or run.status is Status.UNDECIDED):
         return f"{cycles.headline()}. {run}"
     if run.status is not Status.SETTLED:
@@ -157,7 +158,7 @@ def _numbers(
         yield "frequency of the oscillation", f"{largest.frequency:.4g} Hz", how
     elif run.status is Status.SETTLED:
         if run.settled_since > 0.0:
-            yield "at rest from", quantity(run.settled_since, "s"), "event-exact simulation"
+            yield "at rest from", lasting(run.settled_since, run.units), "event-exact simulation"
         if signal in run.settled_at:
             rest = quantity(run.settled_at[signal], run.units.get(signal, ""))
             yield f"{words(signal)} at rest", rest, "event-exact simulation"
@@ -165,7 +166,7 @@ def _numbers(
         late = run.signals[signal][run.t > 0.5 * run.t[-1]]
         moved = quantity(float(np.ptp(late)), run.units.get(signal, ""))
         yield f"{words(signal)}, peak to peak in the second half of the run", moved, "event-exact simulation, undecided"
-        yield "length of the run", quantity(float(run.t[-1]), "s"), "as the case says (run.t_end)"
+        yield "length of the run", lasting(float(run.t[-1]), run.units), "as the case says (run.t_end)"
     if branch is not None and end is not None:
         name = branch.parameter
         yield (
@@ -174,7 +175,7 @@ def _numbers(
             f"exact: {end.kind} of its branch",
         )
     elif branch is None and largest is not None:
-        yield "period of the oscillation", quantity(largest.period, "s"), how
+        yield "period of the oscillation", lasting(largest.period, largest.units), how
     elif branch is not None:
         values = branch.points["value"]
         low, high = (in_print(case.text(branch.parameter, float(v), DIGITS)) for v in (values.min(), values.max()))

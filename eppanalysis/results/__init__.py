@@ -13,7 +13,7 @@ import numpy as np
 from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, shown as written
-from eppanalysis.readable import at_rest, number, percent, quantity, readable, with_unit, words
+from eppanalysis.readable import at_rest, lasting, number, percent, quantity, readable, with_unit, words
 from eppanalysis.results.events import Event as Event
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.results.result import (
@@ -324,14 +324,14 @@ class Trajectory(Result):
 
     def __str__(self) -> str:
         """What the run does in the end, with a number."""
-        since = f", from {number(self.settled_since)} s on" * (self.settled_since > 0.0)
+        since = f", from {lasting(self.settled_since, self.units)} on" * (self.settled_since > 0.0)
         if self.limit_cycle is not None:
             return f"Oscillates: {self.limit_cycle.size}{since}.{' ' * bool(self.note)}{self.note}"
         if self.status is Status.SETTLED:
             first = list(self.settled_at.items())[:1]
             at = "".join(f": {words(n)} at {quantity(at_rest(v), self.units.get(n, ''))}" for n, v in first)
             return f"{_STANDS if self.stands_still else 'Settles at rest'}{at}{since}."
-        end = f"after {number(self.end_time)} s" if self.t.size else "without samples"
+        end = f"after {lasting(self.end_time, self.units)}" if self.t.size else "without samples"
         begin = f"Undecided {end}" if self.status is Status.UNDECIDED else end.capitalize()
         return f"{begin}: {self.message}"
 
@@ -457,6 +457,7 @@ def cycles_frame(cycles: Sequence[LimitCycle]) -> pandas.DataFrame:
     """Limit cycles, one a row [SI]: method, stability, frequency, period, estimated error, and every signal."""
     rows, units = [], {"frequency": "Hz", "period": "s"}
     for cycle in cycles:
+        units["period"] = cycle.units.get("time", "s")
         row: dict[str, Any] = {name: getattr(cycle, name) for name in ("method", "stable", "frequency", "period")}
         row["error_estimate"] = cycle.error_estimate
         for name, span in cycle.peak_to_peak.items():

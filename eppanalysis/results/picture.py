@@ -34,7 +34,7 @@ from eppanalysis.plotting import (
     put_legend,
     show_constant,
 )
-from eppanalysis.readable import number, readable, with_unit, words
+from eppanalysis.readable import lasting, number, readable, time_unit, with_unit, words
 from eppanalysis.results import LimitCycle, Prediction, Status, Trajectory
 
 #: So many signals of a run are all drawn where none are named; of more the two that answer what it does.
@@ -85,9 +85,10 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
         mark_events(ax, times)
         if trajectory.settled_since > 0.0 and trajectory.t.size:
             steady: dict[str, Any] = {"color": SKY, "alpha": 0.18, "linewidth": 0}
-            text = f"{_STEADY.get(trajectory.status, 'steady')} (from {number(trajectory.settled_since)} s on)"
+            since = lasting(trajectory.settled_since, trajectory.units)
+            text = f"{_STEADY.get(trajectory.status, 'steady')} (from {since} on)"
             ax.axvspan(trajectory.settled_since, until, **steady, label=text)
-    label_time(panels, time_of(trajectory))
+    label_time(panels, time_of(trajectory), trajectory.units)
     if given is None:
         legend_below(figure, panels[0])
         if left_out:
@@ -119,8 +120,8 @@ def shown_until(run: Trajectory) -> float:
 
 def time_of(run: Trajectory) -> str:
     """What the time axis of a run is called: how long it goes on where it is not all shown."""
-    goes_on = f", the same up to {number(run.end_time)} s" if shown_until(run) < run.end_time else ""
-    return f"time [s]{goes_on}"
+    goes_on = f", the same up to {lasting(run.end_time, run.units)}" if shown_until(run) < run.end_time else ""
+    return f"{with_unit('time', time_unit(run.units))}{goes_on}"
 
 
 def motion_of(run: Trajectory) -> tuple[Array, Mapping[str, Array]]:
@@ -203,7 +204,7 @@ def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None, gi
         show_constant(ax, values)
         label_up(ax, label)
         mark_events(ax, switches)
-    label_time(panels, "time within the period [s]")
+    label_time(panels, with_unit("time within the period", time_unit(cycle.units)), cycle.units)
     if given is None:
         legend_below(figure, panels[0])
     return figure

@@ -268,10 +268,11 @@ def cycles_table(cycles: Sequence[LimitCycle], signals: Sequence[str] | None = N
     """Signals down (all by default), cycles across: mean and peak-to-peak of each."""
     table = table_of("", *(column for i in range(len(cycles)) for column in (f"cycle {i + 1}", "")))
     stability = {True: "stable", False: "unstable", None: "stability unknown"}
+    late, pace = readable(next((c.units["time"] for c in cycles if "time" in c.units), "s"))
     for label, values in (
         ("", [stability[c.stable] for c in cycles]),
         ("frequency [Hz]", [cell(c.frequency) for c in cycles]),
-        ("period [s]", [cell(c.period) for c in cycles]),
+        (with_unit("period", late), [cell(c.period * pace) for c in cycles]),
         ("estimated error", [percent(c.error_estimate) for c in cycles]),
     ):
         table.add_row(label, *(cell for value in values for cell in (value, "")))
@@ -325,7 +326,8 @@ def rungs_table(ladder: Ladder) -> Table:
     Unstable cycles that the search alone has found are one row where they are many.
     """
     unit, factor = readable(ladder.run.units.get(ladder.signal, ""))
-    heads = "cycle", "method", "period [s]", _span_of(ladder.signal, unit)
+    late, pace = readable(ladder.run.units.get("time", "s"))
+    heads = "cycle", "method", with_unit("period", late), _span_of(ladder.signal, unit)
     table = table_of(*heads, "error of period", "error of size", "time [s]", "")
     table.columns[1].justify = table.columns[-1].justify = "left"
     numbers = sorted({row.exact for row in ladder.rows if row.exact is not None})
@@ -336,13 +338,13 @@ def rungs_table(ladder: Ladder) -> Table:
         for row in (row for row in ladder.rows if row.exact == i):
             frequency, span = row.quantities["frequency"], row.quantities["peak-to-peak"]
             errors = [row.error_of(name) for name in ("period", "peak-to-peak")]
-            period = cell(1.0 / frequency if frequency else None)
+            period = cell(pace / frequency if frequency else None)
             cells = [period, cell(None if span is None else span * factor), *errors, f"{row.seconds:.2g}"]
             table.add_row("-" if i is None else str(i + 1), row.method, *cells, row.note)
         table.add_section()
     if folded:
         many = [of_cycle[i][0] for i in folded]
-        periods = sorted(1.0 / (row.quantities["frequency"] or math.nan) for row in many)
+        periods = sorted(pace / (row.quantities["frequency"] or math.nan) for row in many)
         spans = sorted(factor * (row.quantities["peak-to-peak"] or math.nan) for row in many)
         cells = [f"{cell(values[0])} to {cell(values[-1])}" for values in (periods, spans)]
         table.add_row(

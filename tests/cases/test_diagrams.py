@@ -8,6 +8,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.cases.files import shipped_cases_folder
 from eppanalysis.models.diagrams.blocks import PI, Inertia, Motor
+from eppanalysis.units import parse_quantity
 
 SERVO = [
     "setpoint - encoder -> controller",
@@ -414,11 +415,23 @@ def test_external_inputs_are_signals_in_si_units():
     assert found.units["demand"] == "rad" and found.signals["demand"][-1] == math.radians(2.5)
 
 
-@pytest.mark.parametrize("unit", ["deg", "deg/s", "mm", "%"])
+@pytest.mark.parametrize("unit", ["deg/s", "mm", "%"])
+def test_a_signal_has_the_dimension_of_its_ports(unit):
+    text = (shipped_cases_folder() / "azimuth_servo.toml").read_text(encoding="utf-8")
+    assert 'unit = "deg"' in text
+    with pytest.raises(epp.CaseError, match=r"signals\.\w+\.unit is .*expected"):
+        epp.case_from_text(text.replace('unit = "deg"', f'unit = "{unit}"'), "servo")
+    assert epp.case_from_text(text.replace('unit = "deg"', 'unit = "turns of the antenna"'), "servo")
+
+
+@pytest.mark.parametrize("unit", ["rad", "deg", "arcmin", "turn"])
 def test_a_signal_is_in_si_units_whatever_it_is_shown_in(unit):
     """A step of 2.9 deg came to rest "at 0.05 deg": the values of a signal are those of its ports."""
     text = (shipped_cases_folder() / "azimuth_servo.toml").read_text(encoding="utf-8")
-    assert 'unit = "rad"' in text
-    with pytest.raises(epp.CaseError, match=r"signals\.\w+\.unit is .*expected"):
-        epp.case_from_text(text.replace('unit = "rad"', f'unit = "{unit}"'), "servo")
-    assert epp.case_from_text(text.replace('unit = "rad"', 'unit = "turns of the antenna"'), "servo")
+    case = epp.case_from_text(text.replace('unit = "deg"', f'unit = "{unit}"'), "servo")
+    run, usual = (epp.simulate(c, t_end=0.05) for c in (case, epp.case("azimuth_servo")))
+    assert run.units["load"] == "rad"
+    assert np.array_equal(run.signals["load"], usual.signals["load"])
+    frame = run.in_brief().set_index("signal")
+    in_si = np.ptp(run.signals["load"])
+    assert frame.loc[f"load [{unit}]", "peak to peak"] == pytest.approx(in_si / parse_quantity(f"1 {unit}", "rad"))

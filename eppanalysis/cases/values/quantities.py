@@ -182,7 +182,7 @@ class Quantity(_Field):
         except QuantityError as error:
             raise not_as_expected(error.expected, given) from None
         self._check_range(value, given)
-        friendly = self.friendly or self.unit
+        friendly = typed_unit(given) or self.friendly or self.unit
         return Parameter(value, self.unit, friendly, mark, note, _tolerance(tolerance, value, self.unit, given))
 
     def _check_range(self, value: float, given: Any) -> None:

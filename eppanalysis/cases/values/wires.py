@@ -20,7 +20,7 @@ from eppanalysis.models.diagrams import Block, Diagram
 from eppanalysis.models.diagrams.closing import signals_of_ports
 from eppanalysis.models.diagrams.wiring import Port, port_names, written
 from eppanalysis.models.elements.base import RATIO, Role
-from eppanalysis.units import KINDS, QuantityError, dimensions, is_si, parse_any, unit_of
+from eppanalysis.units import KINDS, QuantityError, dimensions, parse_any
 
 if TYPE_CHECKING:
     from eppanalysis.cases.files import RawCase
@@ -203,10 +203,8 @@ def _given(diagram: Diagram, units: Mapping[str, str], raw: RawCase) -> Iterator
         except QuantityError:
             continue  # a signal may be counted in any word
         external = name in diagram.levels
-        if not external and unit and not is_si(unit):
-            own = unit_of(exponents)
-            expected = f"the SI unit that its values have, {own!r}; tables and pictures show it in one that people read"
-            raise raw.refused(f"signals.{name}.unit", expected if own else "a signal of no unit")
+        if not external and unit and not exponents:  # what has radians would pass for a plain number
+            raise raw.refused(f"signals.{name}.unit", "no unit of a plain number")
         place = f"inputs.{name}" if external else f"signals.{name}.unit"
         for port in [(name, "")] if external else [port for _, port in diagram.named[name]]:
             if unit:

@@ -28,7 +28,7 @@ from eppanalysis.plotting import (
     put_legend,
     root_figure,
 )
-from eppanalysis.readable import number
+from eppanalysis.readable import number, time_unit, with_unit
 from eppanalysis.results import LimitCycle, Prediction
 from eppanalysis.results.picture import draw_run, motion_of, one_period, plot_nyquist, time_of
 
@@ -55,12 +55,13 @@ def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
     given : matplotlib.axes.Axes, optional
         Where to draw the steady motion of the ladder's own signal alone; all of it on a figure of its own by default.
     """
+    late = with_unit("time", time_unit(ladder.run.units))
     draw = _draw_steady if ladder.run.limit_cycle is not None else _draw_begin
     if not ladder.run.settled_at and ladder.run.limit_cycle is None and len(ladder.search or ()):
         draw = _draw_cycles
     if given is not None:
         draw(given, ladder, ladder.signal)
-        given.set_xlabel(time_of(ladder.run) if draw is _draw_begin else "time [s]")
+        label_time([given], time_of(ladder.run) if draw is _draw_begin else late, ladder.run.units)
         put_legend(given)
         given.spines[["top", "right"]].set_visible(False)
         return root_figure(given)
@@ -79,9 +80,9 @@ def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
         label_up(ax, label, 0.75)
     for name, ax in zip(names, close, strict=False):
         draw(ax, ladder, name)
-    label_time(runs, time_of(ladder.run))
+    label_time(runs, time_of(ladder.run), ladder.run.units)
     if close:
-        label_time(close, "time [s]")
+        label_time(close, late, ladder.run.units)
     for ax in panels:
         ax.spines[["top", "right"]].set_visible(False)
     for ax in close[:1]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from eppanalysis.methods.comparison.rungs import largest_harmonic
 from eppanalysis.methods.search.result import CycleSearch
-from eppanalysis.readable import signed_percent, words
+from eppanalysis.readable import lasting, signed_percent, words
 from eppanalysis.results import LimitCycle
 
 
@@ -22,8 +22,9 @@ def cycle_sentences(reached: LimitCycle | None, errors: dict[str, dict[str, floa
     out = []
     oscillations = largest_harmonic(reached, signal) if reached else 1
     if reached and oscillations > 1:
+        period = lasting(reached.period, reached.units)
         out.append(
-            f"The run repeats itself only after {oscillations} oscillations of {signal} ({reached.period:.4g} s); "
+            f"The run repeats itself only after {oscillations} oscillations of {signal} ({period}); "
             "its frequency is compared oscillation by oscillation."
         )
     return [*out, *error_sentences(errors, signal)]

@@ -151,7 +151,7 @@ class Branch(Result):
             for i in range(len(one)):
                 row = {self.parameter if name == "value" else name: v[i].item() for name, v in one.points.items()}
                 rows.append({"branch": k, **row, "special": notes.get(i, "")})
-        units = {self.parameter: self.unit, "period": "s", "frequency": "Hz", **self.units}
+        units = {self.parameter: self.unit, "period": self.units.get("time", "s"), "frequency": "Hz", **self.units}
         return frame_of(rows, units, {self.parameter: self.shown_in})
 
     @property

@@ -110,6 +110,7 @@ def with_element_inputs(system: LureSystem, keep: tuple[str, ...]) -> LureSystem
         np.vstack([old.D_input[kept], system.D_input[rows]]),
         np.concatenate([old.constant[kept], system.constant_input[rows]]),
         (*(units[i] for i in kept), *("" for _ in rows)),
+        old.time,
     )
     return replace(system, signals=signals)
 

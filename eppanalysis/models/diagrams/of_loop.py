@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -95,7 +96,7 @@ def _undelayed(signals: SignalMap, delays: Array) -> tuple[SignalMap, list[list[
         if any(abs(weight) != 1.0 for weight, _ in used):
             raise ModelError(f"signal {name}", [w for w, _ in used], "1 or -1 times an output that has a dead time")
         direct.append([("+" if weight > 0 else "-", j) for weight, j in used])
-    return SignalMap(signals.names, signals.C, D, signals.D_input, signals.constant, signals.units), direct
+    return replace(signals, D=D), direct
 
 
 def _require_drawable(loop: LureSystem) -> None:

@@ -73,6 +73,6 @@ def with_gains(loop: LureSystem, gains: Mapping[int, Array]) -> LureSystem:
         C=z[:, x], D=z[:, outputs], D_input=z[:, v], constant_input=z[:, -1],
         elements=tuple(loop.elements[i] for i in kept), element_names=tuple(loop.element_names[i] for i in kept),
         memory=tuple(loop.memory[i] for i in kept), delays=loop.delays[own],
-        signals=SignalMap(s.names, seen[:, x], seen[:, outputs], seen[:, v], seen[:, -1], s.units),
+        signals=SignalMap(s.names, seen[:, x], seen[:, outputs], seen[:, v], seen[:, -1], s.units, s.time),
         principal=0, cuts=None, margins_at=(), given=None,
     )  # fmt: skip

@@ -13,6 +13,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.own_states import ports
+from eppanalysis.readable import Unit
 
 
 @dataclass(frozen=True)
@@ -25,16 +26,20 @@ class SignalMap:
     D_input: Array
     constant: Array
     units: tuple[str, ...] = ()
+    #: Unit of time, which may be read in another one.
+    time: str = "s"
 
     def led_by(self, name: str) -> SignalMap:
         """The same signals with this one first: sentences and pictures are about the first one."""
         order = sorted(range(len(self.names)), key=lambda i: self.names[i] != name)
         names, units = (tuple(part[i] for i in order) if part else part for part in (self.names, self.units))
-        return SignalMap(names, self.C[order], self.D[order], self.D_input[order], self.constant[order], units)
+        C, D, D_input, constant = (part[order] for part in (self.C, self.D, self.D_input, self.constant))
+        return SignalMap(names, C, D, D_input, constant, units, self.time)
 
     def units_by_name(self) -> dict[str, str]:
-        """SI unit of each signal; empty for one that has none."""
-        return dict(zip(self.names, self.units or ("",) * len(self.names), strict=True))
+        """SI unit of each signal, empty for one that has none, and of time where it is read in another one."""
+        units = dict(zip(self.names, self.units or ("",) * len(self.names), strict=True))
+        return {**({"time": self.time} if isinstance(self.time, Unit) else {}), **units}
 
     def in_units(self, known: Mapping[str, str]) -> SignalMap:
         """The signals with these units, by their names; none for one that is not among them."""

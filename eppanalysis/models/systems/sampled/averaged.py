@@ -10,7 +10,7 @@ is left out of both.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,7 +25,6 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.places import Places, at
 from eppanalysis.models.systems.sampled.rational import Forms, Reads
 from eppanalysis.models.systems.sampled.strobe import is_sampled
-from eppanalysis.models.systems.signals import SignalMap
 
 #: Two samples a turn, up to rounding, as an angle from sample to sample; share of an input that may change.
 _HALF_RATE, _LITTLE = np.pi * (1.0 + 1e-9), 0.01
@@ -173,9 +172,7 @@ def averaged(system: LureSystem) -> LureSystem:
         "element_names": tuple(system.element_names[i] for i in others),
         "memory": tuple(system.memory[i] for i in others),
         "delays": system.delays[p.w],
-        "signals": SignalMap(
-            s.names, np.hstack([s.C[:, p.plant], s.D[:, p.held] @ C_k]), s.D[:, p.w], s.D_input, s.constant, s.units
-        ),
+        "signals": replace(s, C=np.hstack([s.C[:, p.plant], s.D[:, p.held] @ C_k]), D=s.D[:, p.w]),
         "x0": np.concatenate([system.x0[p.plant], np.zeros(k)]),
         "state_names": (*(system.state_names[i] for i in p.plant), *(f"controller_{i}" for i in range(k))),
         "principal": others.index(system.principal) if system.principal in others else 0,
