@@ -62,10 +62,10 @@ class Block(Section):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.computation_delay and not self.sample_time:
-            expected = "none, as there is no sample_time"
+            expected = "a sample_time beside it, as the block has no sample_time, or a delay in its place"
             raise ModelError(type(self).__name__, self.computation_delay, expected, field="computation_delay")
         if self.discretisation != next(iter(DISCRETISATIONS)) and not self.sample_time:
-            expected = "none, as there is no sample_time"
+            expected = "a sample_time beside it, as the block has no sample_time"
             raise ModelError(type(self).__name__, self.discretisation, expected, field="discretisation")
         if self.sample_time and self.delay:
             expected = "zero where it is sampled: a computation_delay, or a dead_time behind it"
