@@ -40,7 +40,7 @@ SEEDS = {
     "blocks.tf2.den": "a coefficient other than zero",
     "blocks.tf3.start": "1 number, one for each state",
     "blocks.mass.mass": "a positive number",
-    "blocks.late.computation_delay": "a sample_time beside it, as the block has no sample_time, or a delay in its place",
+    "blocks.late.computation_delay": "a sample_time beside it, as the block has no sample_time, or a delay",
     "elements.clip.element": "did you mean 'saturation'",
     "elements.limit.upper": "more than lower (1)",
     "elements.steps.levels": "a whole number from 1",
