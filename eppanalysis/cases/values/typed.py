@@ -85,7 +85,7 @@ def _typed(data: Mapping[str, Any]) -> Iterator[str]:
         for text in _texts(data.get(section)):
             try:
                 unit = typed_unit(text)
-                if unit and dimensions(unit):
+                if unit and dimensions(unit) and parse_any(text)[0]:  # "0 rad" says what it is, not how to read it
                     yield unit
             except QuantityError:
                 continue
