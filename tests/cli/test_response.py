@@ -45,10 +45,10 @@ def run(command: str, *args: str) -> tuple[int, str]:
 def test_the_case_s_own_sine_is_taken_where_none_is_named(case: str) -> None:
     code, text = run("response", case)
     assert code == 0
-    assert "amplitude 500 mm and 0.1273 Hz at force: 3 found, 2 stable" in text
+    assert "amplitude 0.5 m and 0.1273 Hz at force: 3 found, 2 stable" in text
     assert "comes to follow the input" in text
-    row = next(line for line in text.splitlines() if "x peak to peak [mm]" in line)
-    assert row.split()[-3:] == ["2538", "3522", "3642"]
+    row = next(line for line in text.splitlines() if "x peak to peak [m]" in line)
+    assert row.split()[-3:] == ["2.538", "3.522", "3.642"]
 
 
 def test_a_range_of_frequencies_gives_folds_a_table_and_a_picture(case: str, tmp_path: Path) -> None:
