@@ -51,7 +51,8 @@ def sector(element):
     if element["kind"] in ("cube", "drag"):
         require(rational(element["scale"]) > 0, "an element outside of all sectors")
         return Fraction(0), None
-    require(element["kind"] in ("odd_pieces", "pieces"), f"the element {element['kind']} is not covered")
+    name = element["kind"].replace("_", " ")
+    require(element["kind"] in ("odd_pieces", "pieces"), f"the element {name} is not covered")
     halves = [element] if element["kind"] == "odd_pieces" else [element["positive"], element["negative"]]
     least, most = zip(*map(ratios, halves), strict=True)
     return None if None in least else min(least), None if None in most else max(most)

@@ -58,7 +58,7 @@ class Gain:
         elif kind == "hysteresis_relay_dead_zone":
             self.jumps = [(v["on"], v["on"], v["level"], 1), (v["on"], v["off"], v["level"], -1)]
         else:
-            require(kind in ("cube", "drag"), f"the element {kind} is not covered")
+            require(kind in ("cube", "drag"), f"the element {kind.replace('_', ' ')} is not covered")
             self.powers = [(3 * v["scale"] / 4, 2) if kind == "cube" else (8 * v["scale"] / (3 * arb.pi()), 1)]
         seen = [self.follow[0] / 2] if self.follow else [x[0] for x in self.bends + self.jumps]
         require(all(x >= 0 for x in seen) and all(0 <= x[1] <= x[0] for x in self.jumps), "an element that is none")

@@ -10,7 +10,7 @@ import numpy as np
 from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.methods.elements.rules import Finding, Flaw
-from eppanalysis.readable import number
+from eppanalysis.readable import number, words
 from eppanalysis.results import Result, Status
 from eppanalysis.shown import frame_of
 
@@ -105,7 +105,7 @@ class ElementCheck(Result):
 
     def __str__(self) -> str:
         """Whether it is deterministic and can chatter, and over what it gives off energy, in one sentence."""
-        parts = [f"The rules of {self.name} are {self._rules()}"]
+        parts = [f"The rules of {words(self.name)} are {self._rules()}"]
         if self.amplitudes.size:
             where = (
                 self._where("a displacement", self.gives_off_over_way),

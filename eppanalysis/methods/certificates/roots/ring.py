@@ -115,7 +115,7 @@ def as_steps(element: dict[str, Any]) -> dict[str, Any]:
         steps = [[gate[0], rise, -1], [gate[1], rise, 1]]
         return made | {"line": ["0", str(v["low"])], "steps": steps, "gate": gate}
     if kind not in ("odd_pieces", "pieces"):
-        raise NotCovered(f"a {kind} has no certificate in a ring or with a bias.")
+        raise NotCovered(f"a {kind.replace('_', ' ')} has no certificate in a ring or with a bias.")
     return made | _of_pieces(
         *((element, element) if kind == "odd_pieces" else (element["positive"], element["negative"]))
     )
