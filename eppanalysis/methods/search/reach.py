@@ -42,8 +42,8 @@ def oscillations_at_reach(system: LureSystem) -> tuple[ComplexArray, Array]:
     rows = [s.start for s in system.input_slices]
     omega = _middle_frequencies(system)
     wanted = np.array([_reach(system, i, omega[len(omega) // 2]) for i in range(len(rows))])
-    # Where none tells, the loop has no size of its own (an integrator that is reset): any does for all.
-    wanted = wanted if wanted.any() else np.ones(len(rows))
+    # Where neither a threshold nor its start tells, the loop has no size (an integrator that is reset): any does.
+    wanted = wanted if wanted.any() or np.any(system.x0) else np.ones(len(rows))
     C = system.C[rows][wanted > 0] / wanted[wanted > 0, None]
     with np.errstate(all="ignore"):
         states = np.concatenate(list(system.state_response(omega)), axis=1)
