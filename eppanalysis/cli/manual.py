@@ -21,7 +21,7 @@ Manuals = Annotated[
     typer.Option(
         "--manual",
         metavar="FILE",
-        help="Write the table for a manual, five columns in plain words: .md, .tex, .html, .docx or .xlsx; repeatable.",
+        help="Write the table for a manual, in plain words: .md, .tex, .html, .docx or .xlsx; repeatable.",
         show_default=False,
     ),
 ]

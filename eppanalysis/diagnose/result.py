@@ -110,7 +110,8 @@ class Diagnosis(Listing[Explanation]):
     explanations : tuple of Explanation
         Of all candidates, likeliest first.
     verdict : {"named", "cannot be told", "unexplained"}
-        "named" where one candidate has at least the probability `threshold`, "unexplained" where none fits the record.
+        "named" where one candidate has at least the probability `threshold`, "unexplained" where none fits the record,
+        "cannot be told" where several together have it.
     threshold : float
         Probability from which on a candidate is named.
     oscillation : Oscillation

@@ -79,10 +79,10 @@ def design_guide(
         is a variant. By default the case as it is.
     tolerances : mapping of str to quantity or percentage, optional
         Adds the columns for the worst case and for 95 and 99 % of all machines. Those that the case carries are used
-        where none are given; none are added where there are none.
+        where none are given; where it carries none, no columns are added.
     margins : mapping of str to float, optional
-        Factor by which the limited parameter must stay on the safe side of its bound; over "bands.range" also the one
-        by which that gain may still grow worse.
+        Factor by which the limited parameter must stay on the safe side of its bound; over "bands.range" also the
+        factor by which the gain may still rise (the range shrink).
     within : (quantity, quantity), optional
         Range in which the bound is sought; a twentieth to twice the case's own value by default.
     allow : str, optional
@@ -105,7 +105,7 @@ def design_guide(
     prove : bool
         Prove what can be proved on both sides of every bound, as :func:`design_bounds` does; needs the extra "proof".
     progress : callable, optional
-        Told the number of rows done, of all rows, and nothing in words.
+        Called with the number of rows done, the number of all rows, and an empty text.
 
     Returns
     -------

@@ -149,7 +149,7 @@ class Guide(Result):
     not_covered : str
         What the bounds of a sampled loop do not cover, in a sentence; empty for other loops.
     allowed : Allowed or None
-        The largest stable cycle that is allowed; None where no cycle is.
+        The largest stable cycle that is allowed; None where no cycle is allowed.
     """
 
     case: Case

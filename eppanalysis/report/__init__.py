@@ -48,9 +48,10 @@ def report(
 ) -> Path:
     """Write a report of a case, or of several: everything that the methods say of it, with pictures and provenance.
 
-    The sections of a case: its values with their marks, prediction with margins and Nyquist plot, the ladder, all
-    exact limit cycles, disturbances, the branch over a parameter, a small design map, of an elbow the bound on its
-    backlash with the guideline, and where everything comes from.
+    A first page (verdict, picture, numbers, what to do), then the sections of a case: prediction with margins and
+    Nyquist plot, the ladder, all exact limit cycles, disturbances, the branch over a parameter, a small design map, of
+    an elbow the bound on its backlash with the guideline, and last its values with their marks and where everything
+    comes from.
 
     Parameters
     ----------

@@ -92,8 +92,8 @@ def first_page(
     branch : Branch, optional
         Of the cycle over a parameter.
     proof : Certificate, CertifiedOrbit or EppError, optional
-        What was tried to be proved, or why that is refused: where it succeeds, its sentence is a theorem, and the page
-        says that no other is.
+        The proof that was attempted, or the error that refused it. Where the proof succeeds, its sentence is a theorem,
+        and the page says that no other is.
 
     Returns
     -------
@@ -288,7 +288,7 @@ def _known(
         told = "Nothing: no proof was asked for, or none covers this loop; eppanalysis certify says which."
         yield "Proved", f"{told}{held}"
     elif isinstance(proof, EppError):
-        yield "Proved", f"Nothing: no sentence here is a theorem. {str(proof)[:1].upper()}{str(proof)[1:]}{held}"
+        yield "Proved", f"Nothing: no sentence here is a theorem. The reason: {proof}{held}"
     elif proof.proved:
         theorem = str(proof).removeprefix("Proved: ")
         told = f"{theorem[:1].upper()}{theorem[1:]} This sentence is a theorem, all others here are computed."

@@ -268,7 +268,7 @@ class Trajectory(Result):
     settled_at : dict of str to float
         Where the signals rest, when they do.
     settled_since : float
-        Since when it rests (each signal within a thousandth of its range of there) or is on the cycle [s], or nan.
+        Since when it rests (signals within a thousandth of their range from there) or is on the cycle [s], or nan.
     n_events : int
         Switches in all, those included that `events` no longer holds.
     note : str
@@ -349,7 +349,7 @@ class Trajectory(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction(Listing[LimitCycle]):
-    """All limit cycles that first-order harmonic balance with bias has; behaves as a sequence of LimitCycle.
+    """Limit cycles that first-order harmonic balance with bias finds; behaves as a sequence of LimitCycle.
 
     Attributes
     ----------

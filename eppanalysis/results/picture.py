@@ -84,7 +84,7 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
         label_up(ax, label)
         mark_events(ax, times)
         if trajectory.settled_since > 0.0 and trajectory.t.size:
-            steady: dict[str, Any] = {"color": SKY, "alpha": 0.18, "linewidth": 0}
+            steady: dict[str, Any] = {"color": SKY, "alpha": 0.3, "linewidth": 0}
             since = lasting(trajectory.settled_since, trajectory.units)
             text = f"{_STEADY.get(trajectory.status, 'steady')} (from {since} on)"
             ax.axvspan(trajectory.settled_since, until, **steady, label=text)

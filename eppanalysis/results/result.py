@@ -19,7 +19,11 @@ Part = TypeVar("Part")
 
 
 class Status(Enum):
-    """How a method ended; the value is a sentence for people, with the remedy where there is one."""
+    """How a method ended, as a sentence for people.
+
+    It is worded for a run (settled to event limit), a search (incomplete) or an iteration (not converged); where
+    another method has the status, its own message says what it means there.
+    """
 
     CONVERGED = "The method converged."
     SETTLED = "The motion settled at rest."

@@ -90,7 +90,7 @@ class Tolerances:
     names : sequence of str, optional
         Parameters; by default all that have a tolerance.
     distribution : {"uniform", "normal"}
-        Within value +- tolerance: even, or normal with a third of the tolerance as standard deviation, cut at its ends.
+        Within value ± tolerance: even, or normal with a third of the tolerance as standard deviation, cut at its ends.
     """
 
     n: int

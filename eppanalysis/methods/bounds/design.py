@@ -101,12 +101,13 @@ def design_bounds(
         Range of `limit` in which its bound is sought; 0.05 to 2 times the case's own value by default.
     allow : str, optional
         A limit cycle that is allowed: a signal and its size peak to peak, "theta 0.3 deg", or "theta 0.1 deg rms"
-        (about the mean; plain numbers are SI). The bound is then where the largest stable cycle becomes larger.
+        (about the mean; plain numbers are SI); with a band, "theta 0.3 deg within 1 Hz..8 Hz", cycles of such a
+        frequency alone are bounded. The bound is then where the largest stable cycle becomes larger.
     own_run : bool
         Where the search is asked, ask the case's own run alone, from its own start and with its own input: which is the
         last value from which that comes to rest?
     exact : bool
-        Correct every bound to the exact fold; a sampled loop has nothing else.
+        Correct every bound to the exact fold; bounds of a sampled loop come from the search and need none.
     verify : bool
         Test every corrected bound on both sides.
     margin : float
@@ -125,7 +126,7 @@ def design_bounds(
     sweep : HarmonicSweep, optional
         An earlier sweep of the same case, whose compiled programs and processes are used again; a new one by default.
     progress : callable, optional
-        Told the number of cells done, of all cells, and nothing in words.
+        Called with the number of cells done, the number of all cells, and an empty text.
 
     Returns
     -------

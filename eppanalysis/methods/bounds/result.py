@@ -318,7 +318,7 @@ class DesignBounds(Listing[BoundCell]):
     margin : float
         How far from each bound it was tested, relative to it.
     allowed : Allowed or None
-        The largest stable cycle that is allowed; None where no cycle is.
+        The largest stable cycle that is allowed; None where no cycle is allowed.
     not_covered : str
         What the bounds of a sampled loop do not cover, in a sentence; empty for other loops.
     operating_point : OperatingPoint or None

@@ -48,11 +48,11 @@ class FrozenLoop(Result):
     element : str
         Where it is cut.
     omega, response : array, shape (n,)
-        [rad/s], and the response of the rest with negative feedback.
+        Frequencies [rad/s], and the response of the rest with negative feedback at them.
     amplitude, locus : array, shape (k,)
         Amplitudes at the element's input, and -1/N there.
     point : complex or None
-        -1/N at the amplitude of the motion.
+        -1/N at the amplitude of the motion; None at rest.
     """
 
     element: str

@@ -54,7 +54,7 @@ _STILL = 1e-9
 def predict_limit_cycles(
     system: LureSystem | CaseLike | MeasuredLoop, operating_point: PointLike | None = None
 ) -> Prediction:
-    """All limit cycles of first-order harmonic balance with bias: stable and unstable, symmetric and biased.
+    """Limit cycles of first-order harmonic balance with bias: stable and unstable, symmetric and biased.
 
     Parameters
     ----------

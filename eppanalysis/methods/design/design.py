@@ -132,8 +132,8 @@ def design(
         it is 3 dB below rest), "crossover", "phase_margin", "gain_margin", "disk_margin", "delay_margin",
         "tracking_error" (behind a ramp, over its rate).
     subject_to : mapping of str to quantity, optional
-        Measures of the linearised loop that are kept at least, as in ``{"phase_margin": "45 deg"}``; a tracking error
-        at most.
+        Least values of measures of the linearised loop, as in ``{"phase_margin": "45 deg"}``; of a tracking error the
+        greatest.
     at : str, optional
         Where the loop is cut for them; by default where :func:`eppanalysis.margins` cuts it.
     allow : str, optional

@@ -118,7 +118,7 @@ class Design(Result):
     bounded : str
         The tuned parameter that cycles bound at each place of the others; by default the objective.
     kept : tuple of Kept
-        Measures of the linearised loop that are kept at or above a value; a tracking error at or below one.
+        Measures of the linearised loop kept at or above their values; a tracking error at or below its value.
     tolerances : dict of str to float
         Relative half-widths within which the optima hold.
     front_over : str
@@ -130,7 +130,7 @@ class Design(Result):
     margin : float
         How far inside the active constraint the design is tested, as a share of the bounded parameter's value there.
     allowed : Allowed or None
-        The largest stable cycle that is allowed; None where no cycle is.
+        The largest stable cycle that is allowed; None where no cycle is allowed.
     readable : dict of str to (str, float)
         The unit that people use for each parameter, and the factor from SI to it.
     units : dict of str to str

@@ -119,7 +119,7 @@ def forced_response(
     ... )
     >>> found = epp.forced_response(loop, amplitude=0.5, frequency=0.8 / (2 * np.pi))
     >>> [(round(r.cycle.peak_to_peak["mass"] / 2, 3), r.stable) for r in found]
-    [(1.269, True), (1.76, False), (1.821, True)]
+    [(1.269, True), (1.761, False), (1.821, True)]
     """
     check_counts("forced_response", {"most_periods": (most_periods, 1)})
     drive = drive_of(system, input, amplitude, frequency, operating_point, "forced_response")

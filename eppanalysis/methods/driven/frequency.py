@@ -89,8 +89,8 @@ def frequency_response(
     ...         "spring": epp.Saturation(lower=-1.0, upper=1.0),
     ...         "mass": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 0.2, 0.0]),
     ...     },
-    ...     connect=["force - mass -> spring", "spring -> mass"],
-    ...     inputs=["force"],
+    ...     connect=["end - mass -> spring", "spring -> mass"],
+    ...     inputs=["end"],
     ... )
     >>> found = epp.frequency_response(
     ...     loop, output="mass", amplitude=0.5, frequencies=(0.11, 0.16)

@@ -67,7 +67,7 @@ def olop(
     Notes
     -----
     Of a rate-limited servo it is the rate of its output that is held against the limit, its lag included; of an ideal
-    limiter that is the rate of its input, as in the papers. Frequencies above the onset do not count. The boundary
+    limiter that is the rate of its input, as in Duda's papers. Frequencies above the onset do not count. The boundary
     reaches from -180 to -60 degrees: outside it nothing is said. It is drawn from experience and proves nothing.
 
     Examples

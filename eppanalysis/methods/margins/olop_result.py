@@ -37,7 +37,7 @@ class OnsetPoint(Result):
     omega : float
         Onset frequency [rad/s]; nan where the limit is not reached.
     phase, gain : float
-        Of the open loop there [rad], as a factor.
+        Phase [rad] and gain (a factor) of the open loop there.
     boundary : float
         Gain on the boundary at that phase; nan outside it.
     message : str

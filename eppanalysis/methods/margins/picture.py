@@ -66,7 +66,7 @@ def plot_onset_point(point: OnsetPoint, ax: Axes | None = None) -> Figure:
         turned += 360.0 * np.round((np.rad2deg(point.phase) - here) / 360.0)
     ax.plot(turned, 20.0 * np.log10(np.abs(L)), color=BLUE, linewidth=1.6, label="open loop")
     ax.plot(phase, decibels, "--", color=VERMILLION, linewidth=1.6, label="boundary")
-    ax.fill_between(phase, decibels, 60.0, color=VERMILLION, alpha=0.12, linewidth=0, label="prone to jump")
+    ax.fill_between(phase, decibels, 60.0, color=VERMILLION, alpha=0.25, linewidth=0, label="prone to jump")
     if np.isfinite(point.omega):
         there = [np.rad2deg(point.phase)], [20.0 * np.log10(point.gain)]
         ax.plot(*there, "o", color=GREEN, markersize=8, label=f"onset at {point.omega:.4g} rad/s", zorder=5)

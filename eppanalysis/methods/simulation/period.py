@@ -157,7 +157,7 @@ def tendency(hybrid: HybridSystem, signals: Mapping[str, Array]) -> str:
     swings: dict[str, Array] = {}
     for name, v in (pair for pair, goes_on in zip(signals.items(), apart, strict=True) if not goes_on):
         thirds = np.array_split(v, 3)
-        far = [np.abs(part - v[0]).max(initial=0.0) for part in thirds]
+        far = [np.abs(part - v[:1]).max(initial=0.0) for part in thirds]
         if far[1] > _FURTHER * far[0] and far[2] > _FURTHER * far[1]:
             return f"{_GOING[:-1]}, and {words(name)} went further and further: to a larger motion, or without end."
         if v.size >= 3 and np.ptp(thirds[0]) > _STANDS * np.abs(v).max():

@@ -95,8 +95,8 @@ def simulate(
         A run with more stops there and says why (its switches accumulate, or are many). Samples of controllers do not
         count, nor what repeats itself once a run has closed on a cycle.
     max_steps : int
-        And so with one of more steps (sixteen count as one where they are proven free of events): a loop with motions
-        far faster than its run is long.
+        A run with more steps stops there too, as one of a loop with motions far faster than the run is long (sixteen
+        steps that are proven free of events count as one).
     step : float, optional
         Longest internal step [s]; the results do not depend on it but for rounding.
 

@@ -98,11 +98,12 @@ class Guard:
     name : str
         As a run names its events.
     mode, target, bypass : int
-        The event leads to `bypass` where the target is a sticking mode that the loop does not admit.
+        Numbers of the mode in which it fires and of that it leads to, which is `bypass` (-1: none) where the target
+        is a sticking mode that the loop does not admit.
     on_input, on_rate, on_memory, on_output, impulse, constant : array or float
         Weights of its value, one for each input, memory value or output, and those of the impulse.
-    memory_from_input, memory_from_memory, memory_constant : array, shapes (h, z), (h, h) and (h,)
-        What the memory values become at the event.
+    memory_from_input, memory_from_memory, memory_constant : array
+        What the n memory values become at the event; shapes (n, inputs), (n, n) and (n,).
     """
 
     name: str

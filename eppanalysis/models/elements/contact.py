@@ -152,7 +152,7 @@ class NordinShaft(Nonlinearity, kind="nordin_shaft"):
 
     Inputs are the twist delta [rad], its rate [rad/s] and the contact angle theta_b [rad] (within ``gap/2`` of zero);
     outputs are the torque [N*m] and the rate of the contact angle [rad/s], which the linear part integrates. After
-    Nordin, Galic and Gutman, "New models for backlash and gear play", Int. J. Adapt. Control Signal Process. 11, 1997.
+    Nordin, Galić and Gutman, "New models for backlash and gear play", Int. J. Adapt. Control Signal Process. 11, 1997.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ class Friction(Nonlinearity, kind="friction"):
     coulomb : float
         Force while slipping [N or N*m], at least zero; ignored when `stribeck` > 0.
     static : float, optional
-        Greatest force at rest, at least `coulomb`, which is its default; must be given when `stribeck` > 0.
+        Greatest force at rest: at least `coulomb`, its default; given and positive when `stribeck` > 0.
     stribeck : float, optional
         How fast the force falls with speed [s/m or s/rad], at least zero.
 

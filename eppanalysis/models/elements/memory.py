@@ -151,7 +151,7 @@ class Play(Nonlinearity, kind="play"):
         return Named.of(self, "play", read, "gap")
 
     def under_dither(self, amplitude: float) -> Nonlinearity:
-        """A play whose gap is narrower by the dither's width; where nothing is left of it, its input."""
+        """A play whose gap is narrower by the dither's width; what lets its input through where none is left."""
         left = self.gap - 2.0 * amplitude
         return Play(gap=left) if left > 1e-12 * self.gap else UNITY
 

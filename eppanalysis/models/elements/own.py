@@ -83,7 +83,7 @@ class AutomatonElement(Nonlinearity):
 
     @property
     def reads_rate(self) -> bool:
-        """Whether the second of two inputs is the rate of the first: so without linear states of its own."""
+        """Whether the second of two inputs is the rate of the first, as without linear states of its own."""
         return self.n_inputs == 2 and self.own_states is None
 
     def automaton(self) -> Automaton:

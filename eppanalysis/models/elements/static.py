@@ -301,7 +301,7 @@ class Preload(PiecewiseLinear, kind="preload"):
 
 @dataclass(frozen=True)
 class Coulomb(PiecewiseLinear, kind="coulomb"):
-    """``y = level*sgn(x)``: a force against motion that does not stick (:class:`Friction` does).
+    """``y = level*sgn(x)``: a force against motion that does not stick, as dry friction at rest does.
 
     Parameters
     ----------

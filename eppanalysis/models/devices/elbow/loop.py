@@ -85,14 +85,14 @@ def elbow(parameters: ElbowParameters, *, delay_model: Literal["pade", "exact"] 
     parameters : ElbowParameters
         In SI units.
     delay_model : {"pade", "exact"}
-        The controller's dead time as a Pade approximation of order 2 with two states (time domain), or as the system's
+        The controller's dead time as a Padé approximation of order 2 with two states (time domain), or as the system's
         own dead time ``exp(-s T_d)`` without states (frequency domain).
 
     Returns
     -------
     LureSystem
         External input "harness_position" [m], whose value at the operating point is ``v0``. States: theta, theta_dot,
-        drive_angle, drive_speed, motor_torque; then, where they are used, two of the Pade approximation, the sensor
+        drive_angle, drive_speed, motor_torque; then, where they are used, two of the Padé approximation, the sensor
         filter's and a clock. Elements: cable, [antagonist,] [quantiser,] bands, lock_pin, [drive_friction,] [gravity].
 
     Raises
@@ -106,7 +106,7 @@ def elbow(parameters: ElbowParameters, *, delay_model: Literal["pade", "exact"] 
     pulls the forearm with moment -R F_h2, its stretch is ``2 pretension/K - s``, and the controller acts on
     ``F_f1 - F_f2 + centre``, so that the elbow rests where both tensions are equal.
 
-    With a backlash of no torque (antagonist) the run starts in the middle of the gap.
+    Where no torque acts across the backlash (antagonist), the run starts in the middle of the gap.
 
     Examples
     --------
@@ -244,7 +244,7 @@ def _mechanics(m: _Matrices, p: ElbowParameters) -> None:
 def _drive(m: _Matrices, p: ElbowParameters, pade: bool) -> None:
     """Motor and drive behind the dead time.
 
-    The Pade approximation (1 - sT/2 + (sT)^2/12)/(1 + sT/2 + (sT)^2/12) is 1 - sT/(...): with q the filtered voltage,
+    The Padé approximation (1 - sT/2 + (sT)^2/12)/(1 + sT/2 + (sT)^2/12) is 1 - sT/(...): with q the filtered voltage,
     q' = r/T, r' = 12/T (V - q - r/2), V_d = V - r.
     """
     d, T = p.drive, p.controller.delay

@@ -248,11 +248,13 @@ class StateSpaceBlock(Block, kind="state_space"):
     """Matrices, with ports of any names; from one sample to the next where it has a sample time."""
 
     A: Sequence[Sequence[float]] = numbers("State matrix, a list of rows", form=Form.MATRIX)
-    B: Sequence[Sequence[float]] = numbers("From the inputs to the rate of the state", form=Form.MATRIX)
+    B: Sequence[Sequence[float]] = numbers(
+        "From the inputs to the rate of the state, or to the next state", form=Form.MATRIX
+    )
     C: Sequence[Sequence[float]] = numbers("From the state to the outputs", form=Form.MATRIX)
     D: Sequence[Sequence[float]] | None = numbers("From the inputs straight to the outputs", None, Form.MATRIX)
-    input_names: Sequence[str] | None = names("Names of the inputs")
-    output_names: Sequence[str] | None = names("Names of the outputs")
+    input_names: Sequence[str] | None = names("Names of the inputs; by default in, or in1, in2, ...")
+    output_names: Sequence[str] | None = names("Names of the outputs; by default out, or out1, out2, ...")
     state_names: Sequence[str] | None = names("Names of the states; by default the block's name and numbers")
 
     def __post_init__(self) -> None:
@@ -332,7 +334,9 @@ class PID(Block, kind="pid"):
     ki: float | None = quantity(None, "Integral gain")
     td: float | None = quantity(None, "Derivative time", "s", at_least=0)
     kd: float | None = quantity(None, "Derivative gain")
-    tf: float | None = quantity(None, "Time constant of the derivative's filter", "s", above=0)
+    tf: float | None = quantity(
+        None, "Time constant of the derivative's filter, needed with a derivative", "s", above=0
+    )
 
     def continuous(self) -> StateSpace:
         """States: the integral part, and what the derivative is filtered from."""

@@ -174,7 +174,7 @@ class SampledLaw(Nonlinearity):
         return self.law.input_unit
 
     def output(self, x: Any, memory: Any = None) -> tuple[float, tuple[float, float]]:
-        """Held output for ``x = (force, clock)``; memory is (held output, clock at the next reading)."""
+        """Held output for ``x = (input, clock)``; memory is (held output, clock at the next reading)."""
         force, clock = float(x[0]), float(x[1])
         held, due = memory if memory is not None else (0.0, 0.0)
         if clock >= due:
@@ -183,7 +183,7 @@ class SampledLaw(Nonlinearity):
         return held, (held, due)
 
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
-        """That of the law times the hold ``(1 - exp(-j omega h))/(j omega h)``.
+        """That of the law times the hold ``(1 - exp(-j omega h))/(j omega h)``, h the period.
 
         Exact in the mean over the phase between the sampling and the sine: the held output is the law's output delayed
         by a time that is spread evenly over one sample period.
@@ -216,7 +216,7 @@ class SampledLaw(Nonlinearity):
         return self.law.thresholds(bias)
 
     def slope_bounds(self) -> tuple[float, float]:
-        """Those of the law's samples are not bounded: between two of them the input may have come back."""
+        """Not bounded: between two samples the input may have come back."""
         return -np.inf, np.inf
 
     linear_gain_is = "the steepest slope of its law, without the lag of its sampling"

@@ -55,7 +55,7 @@ class ControllerMemory(NamedTuple):
 class SampledController(Nonlinearity):
     """A linear controller in discrete time in a loop of continuous time: sampler, state space, hold.
 
-    At the samples ``t[k] = offset + k sample_time`` it reads its inputs u, and ::
+    At the samples ``t[k] = offset + k sample_time`` it reads its inputs u and computes ::
 
         y[k] = C x[k] + D u[k]
         x[k+1] = A x[k] + B u[k]

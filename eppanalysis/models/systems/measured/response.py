@@ -60,7 +60,7 @@ class MeasuredResponse(Shown):
     ------
     ModelError
         If lengths differ, frequencies are not positive and ascending, a value is zero or not finite, there are fewer
-        than eight, a deviation is not positive or 0.3 and more, or the phase turns by more than 2.5 rad between two
+        than eight, a deviation is not positive or is 0.3 or more, or the phase turns by more than 2.5 rad between two
         neighbours and neither a peak nor a dip of the magnitude says which way. For half a turn only a peak decides.
 
     Examples

@@ -2,7 +2,7 @@
 
 What a controller makes of a sine is, in the mean over where the samples fall on it, its response at that frequency
 times hold and delay. The loop that is closed by such responses is linear and known exactly at every frequency; for
-means, poles and coordinates it has a rational form besides (bilinear transform of the controller, Pade approximation
+means, poles and coordinates it has a rational form besides (bilinear transform of the controller, Padé approximation
 of hold and delay as one dead time), exact towards low frequencies. A controller that reads straight what another one
 holds finds it at the ages that their clocks give (see `ages`). What the samples fold back from beyond half their rate
 is left out of both.

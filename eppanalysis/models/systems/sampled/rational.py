@@ -51,7 +51,7 @@ class Form:
         back = np.linalg.inv(turn)
         A_c, B_c = 2.0 / T * back @ (A - np.eye(n)), 2.0 / T * back @ B
         now = np.hstack([2.0 * C @ back, D - C @ back @ B])
-        # A dead time t in Pade's form of one zero and two poles, (1 - ts/3)/(1 + 2ts/3 + (ts)^2/6), through which
+        # A dead time t in Padé's form of one zero and two poles, (1 - ts/3)/(1 + 2ts/3 + (ts)^2/6), through which
         # nothing goes straight; what is read at once needs none.
         waiting, chosen = np.flatnonzero(late), np.eye(len(D))[outputs]
         t, k = late[waiting], len(waiting)

@@ -225,7 +225,7 @@ def test_discrete_time_is_the_response_on_the_unit_circle() -> None:
     ("name", "why"),
     [
         ("belt_leine", "friction"),
-        ("level_valve", "jump_and_follow"),
+        ("level_valve", "jump and follow"),
         ("two_mass_damped_shaft", "one element"),
         ("fig8a_original", "one element"),
     ],
