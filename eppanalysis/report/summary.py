@@ -214,6 +214,8 @@ def _advice(
         rests, opened = run.status is Status.SETTLED, cycles is not None and cycles.left_open
         if opened or not rests:
             own = "Nothing from its own start; what others lead to is left open. " if rests else ""
+            if cycles is not None and not opened:
+                own = "No start of the search oscillates; its own run is not at rest by its end, and may creep on. "
             search = ", or ask eppanalysis cycles" if cycles is None else ""
             longer = f'--set run.t_end="{quantity(_LONGER * case.t_end, "s")}"'
             return f"{own}Simulate for longer, {longer}{search}.{keep}"
