@@ -142,7 +142,7 @@ def first_order_blind() -> Figure:
     size.plot(own, run.limit_cycle.peak_to_peak["x"], "x", color="black", markersize=7, label="simulated, as below")
     size.axvspan(own * values.min(), FIRST_ORDER_FOLD, color=VERMILLION, alpha=0.15, linewidth=0)
     middle = 0.5 * (own * values.min() + FIRST_ORDER_FOLD)
-    size.text(middle, 4.2, "called safe,\noscillates", ha="center", fontsize=SMALL)
+    size.text(middle, 4.0, "called\nsafe,\noscillates", ha="center", fontsize=SMALL)
     size.set(xlabel="gain", ylabel="motor, peak to peak\n[half gaps]", xlim=(2.8, LARGEST_GAIN), ylim=(1.8, 4.8))
     put_legend(size, ncols=2, **_BELOW)
     size.set_title(f"First order: no limit cycle below gain {FIRST_ORDER_FOLD:.3f}", fontsize=10, loc="left")
