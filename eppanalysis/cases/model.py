@@ -471,9 +471,10 @@ def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> C
     expected = make_expected(file.expected)
     if expected.signal is not None and expected.signal not in parts.system.signals.names:
         raise raw.refused("expected.signal", f"one of {', '.join(parts.system.signals.names)}")
-    system = replace(parts.system, signals=in_typed_units(parts.system.signals, raw.data, raw.typed("run.t_end")))
-    if expected.signal is not None and expected.signal != system.signals.names[0]:
-        system = replace(system, signals=system.signals.led_by(expected.signal))
+    signals = in_typed_units(parts.system.signals, raw.data, raw.typed("run.t_end"))
+    if expected.signal is not None and expected.signal != signals.names[0]:
+        signals = signals.led_by(expected.signal)
+    system = replace(parts.system, signals=signals)
     told = raw.name, file.title, file.kind, raw.source, parts.parameters, parts.input, float(file.run.t_end.value)
     return Case(*told, expected, raw, system, parts.elbow)
 

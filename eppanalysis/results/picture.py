@@ -55,7 +55,7 @@ _STEADY = {Status.SETTLED: "at rest", Status.LIMIT_CYCLE: "on the limit cycle"}
 def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None, given: Axes | None = None) -> Figure:
     """Signals against time, one panel each; grey marks at the foot are events, shaded is where the run is steady.
 
-    Of a long steady motion a part is shown. Angles are in degrees, lengths in millimetres.
+    Of a long steady motion a part is shown. Units are those that the case types.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def _extremes(t: Array, values: Array) -> tuple[Array, Array]:
 def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None, given: Axes | None = None) -> Figure:
     """One period of a limit cycle, one panel a signal, with its mean (dashed) and its switches (grey marks).
 
-    One that may not exist, or was not reached, is grey and dotted. Angles are in degrees, lengths in millimetres.
+    One that may not exist, or was not reached, is grey and dotted. Units are those that the case types.
 
     Parameters
     ----------

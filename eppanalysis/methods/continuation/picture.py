@@ -44,7 +44,7 @@ def plot_branch(
 
     Folds are filled diamonds, period doublings triangles, other special points open squares that are named where all
     are alike, simulated runs crosses on top. Parts of the range asked for that no branch covers are hatched, with the
-    reason in the legend. Angles are in degrees, lengths in millimetres.
+    reason in the legend. Units are those that the case types.
 
     Parameters
     ----------

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.signals import SignalMap
 
 #: Condition number from which an algebraic loop has no unique solution.
 _SINGULAR = 1e13
@@ -73,6 +72,6 @@ def with_gains(loop: LureSystem, gains: Mapping[int, Array]) -> LureSystem:
         C=z[:, x], D=z[:, outputs], D_input=z[:, v], constant_input=z[:, -1],
         elements=tuple(loop.elements[i] for i in kept), element_names=tuple(loop.element_names[i] for i in kept),
         memory=tuple(loop.memory[i] for i in kept), delays=loop.delays[own],
-        signals=SignalMap(s.names, seen[:, x], seen[:, outputs], seen[:, v], seen[:, -1], s.units, s.time),
+        signals=replace(s, C=seen[:, x], D=seen[:, outputs], D_input=seen[:, v], constant=seen[:, -1]),
         principal=0, cuts=None, margins_at=(), given=None,
     )  # fmt: skip

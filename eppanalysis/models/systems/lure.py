@@ -442,7 +442,7 @@ def with_own_states(system: LureSystem) -> LureSystem:
         D=z[:, outputs],
         D_input=z[:, inputs],
         constant_input=z[:, one],
-        signals=SignalMap(s.names, seen[:, states], seen[:, outputs], seen[:, inputs], seen[:, one], s.units, s.time),
+        signals=replace(s, C=seen[:, states], D=seen[:, outputs], D_input=seen[:, inputs], constant=seen[:, one]),
         x0=np.concatenate([system.x0, x0]),
         delays=np.concatenate(delays),
         state_names=(*system.state_names, *names),

@@ -34,7 +34,7 @@ class SignalMap:
         order = sorted(range(len(self.names)), key=lambda i: self.names[i] != name)
         names, units = (tuple(part[i] for i in order) if part else part for part in (self.names, self.units))
         C, D, D_input, constant = (part[order] for part in (self.C, self.D, self.D_input, self.constant))
-        return SignalMap(names, C, D, D_input, constant, units, self.time)
+        return replace(self, names=names, C=C, D=D, D_input=D_input, constant=constant, units=units)
 
     def units_by_name(self) -> dict[str, str]:
         """SI unit of each signal, empty for one that has none, and of time where it is read in another one."""
