@@ -150,7 +150,6 @@ def polynomial(function: Callable[[float], Array | None], low: float, high: floa
         is_open[places[~rough]] = False
         if not rough.any():
             places = np.flatnonzero(~is_open)
-            # By rows, however many entries vary: numba compiles a kernel anew for arrays that are laid out otherwise.
             kept = np.ascontiguousarray(coefficients[: degree + 1, places])
             return Polynomial(middle, half, rows[0], places, kept, left[places])
     return None

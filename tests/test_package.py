@@ -16,7 +16,7 @@ import pytest
 import eppanalysis
 
 ROOT = Path(eppanalysis.__file__).parent
-HEAVY = ("casadi", "control", "matplotlib", "numba", "pandas", "pint", "pydantic", "rich", "scipy", "typer", "xarray")
+HEAVY = ("casadi", "control", "matplotlib", "pandas", "pint", "pydantic", "rich", "scipy", "typer", "xarray")
 
 
 def run_python(code: str) -> str:

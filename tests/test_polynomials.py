@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numba import typeof, types
 
 from eppanalysis.polynomials import polynomial, polynomial_at
 
@@ -83,9 +82,3 @@ def test_what_is_infinite_at_some_places_has_no_polynomial_and_what_is_at_all_ha
     assert polynomial_at(lambda v: np.array([v if round(1e9 * v) % 3 else np.inf]), 2.0, 2.0) is None
     found = polynomial_at(lambda v: np.array([np.inf, v * v]), 2.0, 2.0)
     np.testing.assert_allclose(found.slope(2.0), [0.0, 4.0], rtol=1e-13)
-
-
-@pytest.mark.parametrize("varying", [1, 2, 5])
-def test_kernels_are_compiled_once_however_many_entries_vary(varying):
-    found = polynomial(lambda x: np.append(np.cos(x + np.arange(varying)), 3.0), 0.9, 1.1)
-    assert len(found.places) == varying and typeof(found.coefficients) == types.Array(types.float64, 2, "C")

@@ -298,12 +298,6 @@ def outcome(call: Call, seconds: float = 2.0) -> str:
     """How a call ends: "refused", "answers", "at work", or the traceback's last line."""
 
     def ring(_: int, frame: FrameType | None) -> None:
-        # Broken off while it compiles, LLVM disposes of the same module twice and takes the process with it.
-        while frame is not None:
-            if frame.f_globals.get("__name__", "").startswith(("numba", "llvmlite")):
-                signal.setitimer(signal.ITIMER_REAL, 0.1)
-                return
-            frame = frame.f_back
         raise TooLong
 
     before = signal.signal(signal.SIGALRM, ring)

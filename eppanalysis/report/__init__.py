@@ -94,9 +94,8 @@ def report(
     if not chosen:
         raise EppError(f"{target}: is a report of no case; expected one case or more.")
 
-    from eppanalysis.report.notebook import compile_kernels, execute, make_notebook
+    from eppanalysis.report.notebook import execute, make_notebook
     from eppanalysis.report.page import write
 
-    compile_kernels()
     write(execute(make_notebook(chosen, full=full), str(target), progress), target)
     return target

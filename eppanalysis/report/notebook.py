@@ -17,13 +17,7 @@ from typing import TYPE_CHECKING, Any
 from eppanalysis.cases import Case, case as shipped, shipped_cases
 from eppanalysis.cases.files import PLAIN_NAME
 from eppanalysis.errors import EppError
-from eppanalysis.methods.comparison.rungs import load_kernels
-from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
-from eppanalysis.methods.simulation.workspaces import is_compiled
-from eppanalysis.models.elements.static import Relay
-from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import Recorded
-from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.progress import Progress
 from eppanalysis.report.sections import LADDER, OVERVIEW, SECTIONS, SETUP
 
@@ -86,18 +80,6 @@ def execute(notebook: NotebookNode, what: str, progress: Progress | None = None)
             return _in_thread(_execute_in(client, manager, folder))
         except (CellControlSignal, DeadKernelError, TimeoutError, RuntimeError) as error:
             raise EppError(_sentence(error, notebook, headings, what)) from error
-
-
-def compile_kernels() -> None:
-    """Compile what a machine has not compiled yet, here, where it can be said, and not unseen within a notebook."""
-    from eppanalysis.kernels.cells import run_cells
-    from eppanalysis.kernels.engine.run import run
-
-    if is_compiled(run) and is_compiled(run_cells):
-        return
-    load_kernels()
-    loop = LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), Relay())
-    simulate_batch(HybridStack.of([HybridSystem.from_lure(loop)], loop.signals.names), 1.0)
 
 
 async def _execute_in(client: Any, manager: Any, folder: str) -> NotebookNode:

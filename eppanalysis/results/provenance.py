@@ -9,7 +9,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-_PACKAGES = ("eppanalysis", "numpy", "scipy", "numba")
+_PACKAGES = ("eppanalysis", "numpy", "scipy")
 
 
 @cache

@@ -72,7 +72,7 @@ def sweep(
         sizes by 512 samples of a period, exact orbits exact extrema and the rms of their 256 samples, predictions those
         of a sinusoid.
     scheduler : str
-        "threads" (the kernels release the interpreter's lock), "processes", a queueing system whose jobs are the
+        "threads" (the engine releases the interpreter's lock), "processes", a queueing system whose jobs are the
         workers ("slurm", "pbs", "lsf", "sge", "oar", "moab", "htcondor"; needs dask-jobqueue), or the address of an
         existing ``dask.distributed`` scheduler such as ``tcp://host:8786``.
     workers : int, optional

@@ -1,4 +1,4 @@
-"""Systems of the cells of a sweep, stacked for the batch kernel.
+"""Systems of the cells of a sweep, stacked for the engine.
 
 On a grid nearly every number of a model depends on one axis alone. Then systems are made along the axes only and the
 cells are put together from them, number by number; corners and some inner cells, made in full, confirm it. Cells whose

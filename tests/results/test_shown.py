@@ -44,7 +44,7 @@ from tests.wrong_arguments import doors
 def result_classes() -> set[type]:
     """All classes of results and of measured responses in the package, but for those that others are built on."""
     for module in pkgutil.walk_packages(epp.__path__, "eppanalysis."):
-        if not re.search(r"__main__|\.kernels\.|\.explorer|\.report", module.name):
+        if not re.search(r"__main__|\.engine\.|\.explorer|\.report", module.name):
             importlib.import_module(module.name)
 
     def below(kind: type) -> set[type]:

@@ -25,7 +25,7 @@ from eppanalysis.methods.comparison.rungs import (
     climb,
     distance,
     largest_harmonic,
-    load_kernels,
+    load_methods,
 )
 from eppanalysis.methods.comparison.sentences import cycle_sentences, error_sentences, missed_sentences
 from eppanalysis.methods.describing.predict import predict_limit_cycles
@@ -299,7 +299,7 @@ def ladder(case: _ExpectingCase | LureSystem) -> Ladder:
     case = require_case(case, "ladder")
     system, at = case.to_system(), case.operating_point
     signal = case.expected.signal or system.signals.names[0]
-    load_kernels()
+    load_methods()
     clock = Clock()
     prediction, why_not = _predict(system, at)
     predict_seconds = clock.lap()

@@ -93,8 +93,8 @@ class Clock:
 
 
 @cache
-def load_kernels() -> None:
-    """Load the compiled kernels (compile them, on a machine's first use), so that times are those of the methods."""
+def load_methods() -> None:
+    """Import what methods import when they are first called, so that times are those of the methods."""
     loop = LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), Relay())
     simulate(loop, t_end=1.0)
     exact_orbit(loop, predict_limit_cycles(loop)[0])

@@ -47,7 +47,7 @@ def signal_sizes(system: LureSystem, orbit: Orbit) -> Array:
 
 
 def _ranges(orbit: Orbit, Y: Array, Ys: Array) -> tuple[Array, Array]:
-    from eppanalysis.kernels.orbits.signals import extents
+    from eppanalysis.engine.orbits import extents
 
     arcs, low, high = orbit.arcs, np.empty(Y.shape[1]), np.empty(Y.shape[1])
     extents(arcs.acting, arcs.F, arcs.S, arcs.smooth, Y, Ys, orbit.starts, orbit.tau, low, high)

@@ -191,7 +191,7 @@ class _Found(NamedTuple):
 @np.errstate(over="ignore", invalid="ignore")  # an iterate that has gone astray has an infinite residual
 def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _Found | None:
     """Newton from u to the orbit in a plane across `row`, at a distance from a point."""
-    from eppanalysis.kernels.orbits.corrector import ARRIVED, LOST, WANTS_STEP, Curve, Plane, correct
+    from eppanalysis.engine.orbits import ARRIVED, LOST, WANTS_STEP, Curve, Plane, correct
 
     family, old, like = point.family, point.orbit, point.orbit.arcs
     plane = Plane(row, point.unknowns, ds, slope, _MOST_LARGER * old.scale.max(), _MOST_LONGER * old.period)

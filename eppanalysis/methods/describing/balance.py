@@ -144,7 +144,7 @@ class Balance:
 
         With `known` only those that it lists are asked; means and gains of the others stand still, and are given there.
         """
-        from eppanalysis.kernels.balances import shift
+        from eppanalysis.engine.balances import shift
 
         m, n, nw = self.m, len(X), self.owner.size
         a, b, omega, Z = np.empty((m, 4, n)), np.empty((m, 4, n)), np.empty((4, n)), np.empty((n, m), complex)
@@ -201,7 +201,7 @@ class Balance:
 
         Without the slope of the linear response, of length zero, what belongs to omega is left out.
         """
-        from eppanalysis.kernels.balances import assemble
+        from eppanalysis.engine.balances import assemble
 
         n, m = len(X), self.m
         J, R = np.empty((n, 3 * m, 3 * m + 1)), np.empty((n, 3 * m))
@@ -211,7 +211,7 @@ class Balance:
 
     @cached_property
     def _of_means(self) -> tuple[Array, Array, Array]:
-        """The static balance as kernels take it, laid out alike: numba compiles a kernel anew for each layout."""
+        """The static balance as the engine takes it."""
         parts = self.on_bias, self.on_mean, self.prescribed
         on_bias, on_mean, prescribed = (np.ascontiguousarray(part, float) for part in parts)
         return on_bias, on_mean, prescribed
@@ -228,22 +228,24 @@ class Balance:
         jacobian: Array,
         found: BoolArray,
     ) -> bool:
-        """Newton's method in one kernel, see :func:`eppanalysis.kernels.newton.newton`.
+        """Newton's method in the engine, see :func:`eppanalysis.engine.balances.newton_balance`.
 
         False, with nothing done, where an element or the linear part has no closed form.
         """
         if self.closed_forms is None:
             return False
-        from eppanalysis.kernels.newton import newton
+        from eppanalysis.engine.balances import newton_balance
 
         # Of numbers of one type, or it would be compiled anew.
         numbers, of_balance = (_STEP, *map(float, limits)), (self.places, self.pivot, self._of_means)
-        newton(X, normal, iterations, numbers, parts, *of_balance, *self.closed_forms, L, around, jacobian, found)
+        newton_balance(
+            X, normal, iterations, numbers, parts, *of_balance, *self.closed_forms, L, around, jacobian, found
+        )
         return True
 
     @cached_property
     def closed_forms(self) -> tuple[tuple[Any, ...], tuple[Array, ...]] | None:
-        """Elements and linear part as the kernel of Newton's method takes them; None where it has no closed form."""
+        """Elements and linear part as the engine takes them; None where it has no closed form."""
         s, forms = self.system, [e.closed_form for e in self.system.elements]
         known = [form for form in forms if form is not None]
         if type(s) is not LureSystem or s.time_step or np.any(s.delays) or len(known) < len(forms):
@@ -388,7 +390,7 @@ def moved(balance: Balance, X: Array, step: Array, longest: float) -> tuple[Arra
     (largest, sound) : array (nb,), bool array (nb,)
         Lengths of the whole steps, and whether points are finite and have not run away.
     """
-    from eppanalysis.kernels.balances import move
+    from eppanalysis.engine.balances import move
 
     largest, sound = np.empty(len(X)), np.empty(len(X), bool)
     move(X, balance.places, step, longest, largest, sound)
@@ -411,7 +413,7 @@ def solved_in_part(
     (solution, regular) : array (nb, c), bool array (nb,)
         Singular systems give a huge solution, which the caller limits; those that are not finite zeros and False.
     """
-    from eppanalysis.kernels.balances import solve
+    from eppanalysis.engine.balances import solve
 
     out, ok = np.empty((len(R), J.shape[2])), np.empty(len(R), bool)
     solve(J, R, rows, columns, border, edge, out, ok)

@@ -391,7 +391,7 @@ def start_points(balance: Balance, grid: Array, L: ComplexArray, bias: Array, le
     They begin at a level, over the amplitudes that go with the loop. With an infinite one, elements that read what the
     pivot reads have its amplitude and phase, as they have where all is balanced.
     """
-    from eppanalysis.kernels.balances import drive
+    from eppanalysis.engine.balances import drive
 
     m, p, o, n = balance.m, balance.pivot, balance.others, len(grid)
     a: Array = np.tile((level if np.isfinite(level) else 1.0) * usual_amplitudes(balance), (n, 1))
@@ -439,7 +439,7 @@ def _solve_block(
     limits, workspace = (1.0, np.inf, np.inf, 1e-7, 0.0), np.empty((1, 3 * m, 3 * m + 1))
     if balance.newton_compiled(X, X, _INNER_STEPS, limits, (block, rows, columns), L, loop, workspace, done):
         return
-    # The same steps for elements that no kernel knows.
+    # The same steps for elements that the engine does not know.
     alive, still = done & np.all(np.isfinite(X), -1), np.empty((0, *L.shape[1:]), complex)
     done[:] = False
     means, gains = np.empty((len(X), balance.owner.size)), np.empty((len(X), balance.owner.size), complex)

@@ -22,7 +22,7 @@ from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 _NO_SAMPLES = np.zeros(0)
-#: Most events of a run that is kept, and the code of the kernel for one that reached its end.
+#: Most events of a run that is kept, and the engine's code for one that reached its end.
 _MOST_EVENTS, _ENDED = 4000, 0
 _MOST_ITERATIONS = 30
 #: Residual below which the sequence of events is taken for the true one, and Newton goes on with it to rounding.

@@ -27,7 +27,7 @@ from eppanalysis.methods.harmonic.series import TURN, orders
 from eppanalysis.models.elements.automaton import LEAST, Smooth
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.answers import Pieces
+    from eppanalysis.engine.harmonics import Pieces
 
 _PANEL_NODES = 16
 
@@ -40,7 +40,7 @@ def respond(element: PeriodicElement, Z: ComplexArray, omega: float) -> Answer:
     Unsettled
         If the element does not answer with the period of its input.
     """
-    from eppanalysis.kernels.answers import answer
+    from eppanalysis.engine.harmonics import answer
 
     regime, pieces, sums = answer(*element.asked(Z, omega))
     return Answer(element, Z, omega, element.regime_of(*regime), pieces, sums)
@@ -60,7 +60,7 @@ class Answer:
     omega: float
     regime: Regime
     pieces: Pieces
-    sums: tuple[ComplexArray, ComplexArray, ComplexArray]  # see `eppanalysis.kernels.answers.answer`
+    sums: tuple[ComplexArray, ComplexArray, ComplexArray]  # see `eppanalysis.engine.harmonics.answer`
 
     @property
     def n(self) -> int:
@@ -83,7 +83,7 @@ class Answer:
         ModelError
             If a smooth function acts on a rate.
         """
-        from eppanalysis.kernels.answers import slopes
+        from eppanalysis.engine.harmonics import slopes
 
         _, S, R = self.sums
         if self._smooth is not None:

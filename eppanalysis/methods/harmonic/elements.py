@@ -21,7 +21,7 @@ from eppanalysis.models.elements.automaton import Automaton, Guard
 from eppanalysis.models.elements.base import Nonlinearity, automaton_of, is_hashable
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.periodic import Table
+    from eppanalysis.engine.harmonics import Table
 
 
 class Unsettled(Exception):
@@ -180,7 +180,7 @@ class PeriodicElement:
 
     def _table(self) -> Table:
         """The mode guards as the compiled run takes them, the outputs of their modes inserted."""
-        from eppanalysis.kernels.periodic import Table
+        from eppanalysis.engine.harmonics import Table
 
         a = self.automaton
         of = {name: column[self.guards] for name, column in a.guard_columns.items()}
@@ -243,25 +243,25 @@ class PeriodicElement:
         Unsettled
             If the automaton does not repeat itself within six periods.
         """
-        from eppanalysis.kernels.periodic import settle
+        from eppanalysis.engine.harmonics import settle
 
         return self.regime_of(*settle(*self.asked(Z, omega)))
 
     def asked(self, Z: ComplexArray, omega: float) -> tuple[Any, ...]:
-        """What kernels are given to find the regime under the free inputs Z."""
+        """What the engine is given to find the regime under the free inputs Z."""
         return self.table, Z[0], omega, self.start_mode, self.clocked, self.rest(Z, omega)
 
     def regime_of(
         self, count: int, mode: int, start: float, memory: Array, phases: Array, fired: IntArray, holds: Array
     ) -> Regime:
-        """The regime that :func:`eppanalysis.kernels.periodic.settle` returns.
+        """The regime that :func:`eppanalysis.engine.harmonics.settle` returns.
 
         Raises
         ------
         Unsettled
             If there is none.
         """
-        from eppanalysis.kernels.periodic import ENDLESS
+        from eppanalysis.engine.harmonics import ENDLESS
 
         if count < 0:
             why = "switches without end" if count == ENDLESS else "does not answer with the period of its input"

@@ -28,7 +28,7 @@ from eppanalysis.readable import words
 from eppanalysis.results import LimitCycle
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.answers import Automata
+    from eppanalysis.engine.harmonics import Automata
 
 #: Share of its terms below which a sum of them is rounding; a loop that was turned, and back, has lost some digits.
 _TURNED = 1e-9
@@ -72,7 +72,7 @@ class Loop:
 
     @cached_property
     def means(self) -> tuple[Array, Array, Array]:
-        """The static balance in one memory layout, so that kernels are compiled once."""
+        """The static balance as the engine takes it."""
         on_bias, on_mean, prescribed = (
             np.array(m, float, order="C") for m in (self.on_bias, self.on_mean, self.prescribed)
         )
@@ -80,16 +80,16 @@ class Loop:
 
     @cached_property
     def automata(self) -> Automata | None:
-        """All elements as one kernel takes them; None where some are smooth."""
-        from eppanalysis.kernels.answers import Automata
-        from eppanalysis.kernels.simd.tuples import frames_of
+        """All elements as the engine takes them; None where some are smooth."""
+        from eppanalysis.engine.harmonics import Automata
 
         if not self.elements or any(e.smooth for e in self.elements):
             return None
-        tables, modes = [e.table for e in self.elements], np.array([e.start_mode for e in self.elements], np.int64)
+        modes = np.array([e.start_mode for e in self.elements], np.int64)
         sizes = [(e.automaton.n_outputs, e.automaton.n_memory) for e in self.elements]
         first = np.vstack([np.zeros((1, 2), np.int64), np.cumsum(sizes, axis=0)])
-        return Automata(tables[0], frames_of(tables), modes, np.array([e.clocked for e in self.elements]), first)
+        clocked = np.array([e.clocked for e in self.elements])
+        return Automata(tuple(e.table for e in self.elements), modes, clocked, first)
 
     @cached_property
     def behind_jumps(self) -> list[bool]:
@@ -154,9 +154,9 @@ class Loop:
     ) -> tuple[Array, Array, ComplexArray, IntArray] | None:
         """Jacobian and residual of so many equations, outputs and numbers of switches; None for what asks for more.
 
-        The arguments are those of :func:`eppanalysis.kernels.answers.equations`.
+        The arguments are those of :func:`eppanalysis.engine.harmonics.equations`.
         """
-        from eppanalysis.kernels.answers import equations
+        from eppanalysis.engine.harmonics import equations
 
         if self.automata is None:
             return None
@@ -241,7 +241,7 @@ class Equations:
 
     def _in_parts(self, X: Array, L: ComplexArray, dL: ComplexArray) -> Place:
         """Element by element."""
-        from eppanalysis.kernels.answers import jacobian
+        from eppanalysis.engine.harmonics import jacobian
 
         loop, (Z, omega) = self.loop, self.unpack(X)
         found = loop.responses(Z, omega)

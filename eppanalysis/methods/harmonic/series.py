@@ -50,7 +50,7 @@ def extrema(c: ComplexArray) -> list[tuple[Array, Array]]:
 
 def workspaces(c: ComplexArray) -> tuple[Array, Array, IntArray]:
     """Phases and values of the extrema of series (m, n + 1), in rows that are filled up to a count, and the counts."""
-    from eppanalysis.kernels.periodic import find_extrema
+    from eppanalysis.engine.harmonics import find_extrema
 
     m, n = c.shape[0], c.shape[1] - 1
     phase, value = np.zeros((m, 8 * n + 32)), np.zeros((m, 8 * n + 32))

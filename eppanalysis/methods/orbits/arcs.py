@@ -20,8 +20,7 @@ from eppanalysis.methods.simulation.workspaces import of_thread
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.orbits.flow import Channels
-    from eppanalysis.kernels.orbits.newton import Chain
+    from eppanalysis.engine.orbits import Chain, Channels
 
 #: Mark of an event that is caused by the one after it at the same instant.
 LETS_GO = 3
@@ -76,7 +75,7 @@ class EventSequence:
 
 @dataclass(frozen=True, eq=False)
 class Arcs:
-    """The arcs of an event sequence in one system; arrays as in :func:`eppanalysis.kernels.orbits.arcs.build_arcs`."""
+    """The arcs of an event sequence in one system; arrays as in :func:`eppanalysis.engine.orbits.build_arcs`."""
 
     event_sequence: EventSequence
     F: Array
@@ -111,13 +110,13 @@ class Arcs:
 
     @cached_property
     def acting(self) -> Channels | None:
-        """The smooth channels, for kernels; None where none acts on any arc."""
+        """The smooth channels, for the engine; None where none acts on any arc."""
         return self.channels if self.smooth.any() else None
 
     @cached_property
     def chain(self) -> Chain:
-        """The arcs for kernels."""
-        from eppanalysis.kernels.orbits.newton import Chain
+        """The arcs for the engine."""
+        from eppanalysis.engine.orbits import Chain
 
         arrays = self.F, self.S, self.g, self.gs, self.J, self.smooth, self.event_sequence.at_once, self.free
         return Chain(*arrays, self.shift, np.nan if self.duration is None else self.duration)
@@ -139,8 +138,7 @@ class Arcs:
         ModelError
             If the system has no such arcs, or a delayed output that is not piecewise constant.
         """
-        from eppanalysis.kernels.orbits.arcs import READY, SINGULAR, build_arcs
-        from eppanalysis.kernels.orbits.flow import Channels
+        from eppanalysis.engine.orbits import READY, SINGULAR, Channels, build_arcs
 
         model = hybrid.model
         _refuse_another_structure(hybrid, event_sequence, like)

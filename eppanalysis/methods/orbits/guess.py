@@ -19,7 +19,7 @@ from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.engine.tables import Model
+    from eppanalysis.engine.tables import Model
 
 #: An orbit with more arcs is not closed: the time that Newton's method takes goes with the cube of their number, and
 #: switches that pile up without end look like one.

@@ -128,7 +128,7 @@ def _goes_along(guess: Guess, orbit: Orbit) -> bool:
 
 def _close_delayed(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
     """The exact orbit where what is delayed moves, begun at its longest arc."""
-    from eppanalysis.kernels.orbits.sizes import sizes_of_residuals
+    from eppanalysis.engine.orbits import sizes_of_residuals
 
     first = int(np.argmax(guess.tau))
     it, tau = guess.event_sequence.rotated(first), np.roll(guess.tau, -first)

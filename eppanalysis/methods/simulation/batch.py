@@ -1,7 +1,7 @@
 """Thousands of loops of one structure at once: verdict and cycle of each, on all cores by threads.
 
-The kernels release the interpreter's lock and write each cell's result to its own place, so results are the same to the
-last bit whatever the number of threads.
+The engine releases the interpreter's lock and writes each cell's result to its own place, so results are the same to
+the last bit whatever the number of threads.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.kept import EARLY, VERDICTS
-from eppanalysis.methods.simulation.workspaces import announce_compilation
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.sampled.strobe import refuse_samples
 from eppanalysis.readable import count, listed, words
@@ -188,9 +187,8 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
         raise EppError(f"simulate_batch: t_end is {t_end}; expected a positive number of seconds.")
     if threads < 1:
         raise EppError(f"simulate_batch: threads is {threads}; expected 1 or more.")
-    from eppanalysis.kernels.cells import Outcome, run_cells
+    from eppanalysis.engine.runs import Outcome
 
-    announce_compilation(run_cells)
     n, n_y = stack.n_cells, len(stack.signal_names)
     mean, low, high, rms = np.full((4, n, n_y), np.nan)
     out = Outcome(
@@ -214,12 +212,12 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
 
 def _run_all(stack: HybridStack, t_end: float, threads: int, max_events: int, out: Any) -> None:
     """Run all cells on threads, each of which takes some at a time; an interrupt stops them."""
-    from eppanalysis.kernels.cells import SAMPLES, run_cells
-    from eppanalysis.kernels.engine.workspace import make_event_buffer, make_progress, make_samples, make_workspaces
+    from eppanalysis.engine.runs import SAMPLES, run_cells
+    from eppanalysis.engine.workspace import make_event_buffer, make_progress, make_samples, make_workspaces
 
     n, n_y, base = stack.n_cells, len(stack.signal_names), 2.0 * stack.time_scale
     one = type(stack.model)(*(a[0] for a in stack.model))
-    spare: list[tuple[Any, ...]] = []
+    spare: list[tuple[Any, Any, Any, Any, Any, Any, Any]] = []
 
     def work(first: int) -> None:
         try:

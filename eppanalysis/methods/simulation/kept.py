@@ -12,7 +12,7 @@ from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.readable import number
 from eppanalysis.results import Status
 
-#: By the codes of `kernels/engine/workspace.py` for runs that ended before their time, and of `kernels/verdict.py`.
+#: By the codes of `engine/workspace.py` for runs that ended before their time, and of `engine/runs.py`.
 EARLY = {
     1: Status.EVENT_LIMIT,
     2: Status.DIVERGED,
@@ -30,7 +30,7 @@ VERDICTS = (Status.UNDECIDED, Status.SETTLED, Status.LIMIT_CYCLE, Status.DIVERGE
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What one call of the kernel left: signals, event buffer, least and greatest values of the states, end."""
+    """What one run left: signals, event buffer, least and greatest values of the states, end."""
 
     code: int
     samples: Array

@@ -267,7 +267,7 @@ class _Pieces:
 
     def analyse(self, names: Sequence[str], values: Array) -> PeriodShape:
         """Mean, peak-to-peak, harmonics and waveform of signals at `times`, shape (s, pieces, nodes)."""
-        from eppanalysis.kernels.extrema import spans
+        from eppanalysis.engine.runs import spans
 
         begin, period = float(self.start[0]), float(self.size.sum())
         n, points, each = self.rule

@@ -113,7 +113,7 @@ def left_by_rounding(
     period : float
         [s]
     """
-    from eppanalysis.kernels.verdict import rounding_of_motion
+    from eppanalysis.engine.runs import rounding_of_motion
 
     of = _sizes_of(hybrid)
     own, changes = of.still

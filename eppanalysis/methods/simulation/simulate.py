@@ -25,7 +25,7 @@ from eppanalysis.methods.simulation.rounding import (
 from eppanalysis.methods.simulation.samples import judge_samples, locked_or_not, rests_since
 from eppanalysis.methods.simulation.states import unread_apart
 from eppanalysis.methods.simulation.times import base_step, sample_times
-from eppanalysis.methods.simulation.workspaces import announce_compilation, of_thread
+from eppanalysis.methods.simulation.workspaces import of_thread
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
 from eppanalysis.models.systems.inputs import InputSignal, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
@@ -38,14 +38,14 @@ from eppanalysis.results.events import Events
 from eppanalysis.results.provenance import Provenance
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.engine.workspace import Samples, Workspace
+    from eppanalysis.engine.workspace import Samples, Workspace
 
 #: A run of so many steps of the grid has settled which modes its elements are in, and nothing else.
 _INSTANT = 1e-12
 _KEPT_EVENTS, _KEPT_SAMPLES = 20_000, 200_000
 #: How long a loop is simulated where nothing is said of it [s].
 _USUAL_END = 10.0
-#: What a run has counted, as the kernel names it and as its statistics do.
+#: What a run has counted, as the engine names it and as its statistics do.
 _COUNTED = {
     "t": "time_reached",
     "count": "events",
@@ -197,7 +197,6 @@ def _asked(
     system = system_of(loop, "simulate")
     # A loop, or the diagram of one, has neither input signals nor an end of its own.
     given = getattr(loop, "input", None) if input is None else input
-    # A whole number would compile the kernels anew.
     return system, given, float(getattr(loop, "t_end", _USUAL_END) if t_end is None else t_end)
 
 
@@ -214,7 +213,7 @@ def _of_smooth(hybrid: HybridSystem) -> tuple[bool, float]:
 @cache
 def _without_samples(n_y: int) -> Samples:
     """Workspace for signals at no times, which nothing is written to."""
-    from eppanalysis.kernels.engine.workspace import make_samples
+    from eppanalysis.engine.workspace import make_samples
 
     return make_samples(np.zeros(0), n_y)
 
@@ -248,8 +247,8 @@ def run_hybrid(
     Spent
         If the search that it belongs to may compute no more.
     """
-    from eppanalysis.kernels.engine.run import lines_before, run
-    from eppanalysis.kernels.engine.workspace import (
+    from eppanalysis.engine.runs import lines_before, run
+    from eppanalysis.engine.workspace import (
         HISTORY,
         PAUSED,
         SINGULAR,
@@ -258,7 +257,6 @@ def run_hybrid(
         make_samples,
     )
 
-    announce_compilation(run)
     spend(_SET_UP)
     (compiled, work, workspace), buffer = (
         of_thread.workspaces(hybrid, base),
@@ -304,7 +302,7 @@ def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
 
     A run that repeats itself while rounding hides what its elements do has these, too, and is undecided.
     """
-    from eppanalysis.kernels.verdict import verdict_of_run
+    from eppanalysis.engine.runs import verdict_of_run
 
     if run.code in EARLY:
         status, found = EARLY[run.code], np.zeros(4)

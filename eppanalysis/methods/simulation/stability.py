@@ -28,7 +28,7 @@ def return_map(A: Array, n_free: int) -> Array:
     Parameters
     ----------
     A : array, shape (n_free + p, n_free + p)
-        See :func:`eppanalysis.kernels.orbits.sweep.sweep`.
+        See :func:`eppanalysis.engine.orbits.sweep`.
     n_free : int
         Places of the start that must repeat.
 

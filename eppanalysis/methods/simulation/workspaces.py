@@ -1,18 +1,15 @@
-"""The engine's workspaces, which a thread keeps from run to run, and whether the engine is compiled."""
+"""The engine's workspaces, which a thread keeps from run to run."""
 
 from __future__ import annotations
 
-import sys
 import threading
-from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.engine.tables import Model
-    from eppanalysis.kernels.engine.workspace import EventBuffer
+    from eppanalysis.engine.tables import Model
+    from eppanalysis.engine.workspace import EventBuffer
 
 
 #: Workspaces that a thread keeps.
@@ -43,7 +40,7 @@ class _Own(threading.local):
 
     def workspaces(self, hybrid: HybridSystem, base: float) -> tuple[Any, Any, Any]:
         """Workspaces for a model, emptied where they hold mode combinations of another model or for another step."""
-        from eppanalysis.kernels.engine.workspace import make_workspaces
+        from eppanalysis.engine.workspace import make_workspaces
 
         model = hybrid.model
         if self.last is not None and self.last.model is model and self.last.base == base:
@@ -61,7 +58,7 @@ class _Own(threading.local):
 
     def buffer(self, hybrid: HybridSystem, keep: int) -> EventBuffer:
         """A buffer for so many events, the beginning of the longest one so far."""
-        from eppanalysis.kernels.engine.workspace import EventBuffer, make_event_buffer
+        from eppanalysis.engine.workspace import EventBuffer, make_event_buffer
 
         sizes = hybrid.x0.size, hybrid.H0.size, hybrid.modes0.size
         memory = self.events
@@ -81,26 +78,3 @@ def _structure(model: Model) -> tuple[Any, ...]:
 
 
 of_thread = _Own()
-
-
-def announce_compilation(kernel: Any) -> None:
-    """Say on standard error what is happening before a kernel is compiled for the first time on a machine."""
-    if not is_compiled(kernel):
-        _say_that_it_compiles()
-
-
-@cache
-def _say_that_it_compiles() -> None:
-    """Once a process, however many kernels are compiled."""
-    sys.stderr.write("Compiling the engine for this machine; once, for some 20 seconds ...\n")
-    sys.stderr.flush()
-
-
-def is_compiled(kernel: Any) -> bool:
-    """Whether a kernel has been compiled, in this process or in an earlier one."""
-    if getattr(kernel, "overloads", True):
-        return True
-    if kernel.stats.cache_path is None:
-        return False
-    folder = Path(kernel.stats.cache_path)
-    return any(folder.glob(f"{Path(kernel.py_func.__code__.co_filename).stem}.{kernel.py_func.__name__}-*.nbi"))

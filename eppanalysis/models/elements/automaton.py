@@ -27,7 +27,7 @@ from eppanalysis.models.elements.columns import ByName, in_columns, require_shap
 
 #: Size of its argument below which the logarithm of a size rests.
 LEAST = 5e-11
-#: Smooth functions an element may use, of numbers or arrays, in the order of the codes that the kernels know.
+#: Smooth functions an element may use, of numbers or arrays, in the order of the codes that the engine knows.
 SMOOTH_FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "sine": np.sin,
     "cube": lambda u: u**3,

@@ -136,7 +136,7 @@ class RateLimit(NamedTuple):
 
 
 class ClosedForm(NamedTuple):
-    """What kernels compute mean and gain of an element from: its map in pieces, or the numbers of a lock pin.
+    """What the engine computes mean and gain of an element from: its map in pieces, or the numbers of a lock pin.
 
     A relay with hysteresis has, where the input passes both of its thresholds, mean and real part of the gain of a map
     that makes half of its jump at either; its imaginary part is minus the area of its loop over ``pi a**2``.
@@ -150,11 +150,12 @@ class ClosedForm(NamedTuple):
 
     def described(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array]:
         """Mean and gain of the map, of any one shape, and the derivatives of the mean by bias and amplitude."""
-        from eppanalysis.kernels.describing.piecewise import biased_sinusoid
+        from eppanalysis.engine.describing import describe_map
 
         shape, a, b = np.shape(amplitude), amplitude.flatten(), bias.flatten()
         mean, gain, by = np.empty(a.size), np.empty(a.size), np.empty((2, a.size))
-        biased_sinusoid(*self.pieces, a, b, mean, gain, by)
+        breakpoints, slopes, intercepts, jumps = self.pieces
+        describe_map(breakpoints, slopes, intercepts, jumps, a, b, mean, gain, by)
         return mean.reshape(shape), gain.reshape(shape), by.reshape(2, *shape)
 
 

@@ -107,13 +107,13 @@ class LockPin(Nonlinearity, kind="lock_pin"):
         ModelError
             If an amplitude or a frequency is negative.
         """
-        from eppanalysis.kernels.describing.closed_forms import lock_pin
+        from eppanalysis.engine.describing import describe_lock_pin
 
         a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
         mean, gain = np.empty(a.size), np.empty(a.size, complex)
-        fields = map(float, (self.gap, self.stiffness, self.damping))
-        lock_pin(*fields, self.model == "unilateral", *(v.flatten() for v in (a, b, w)), mean, gain)
+        fields = self.gap, self.stiffness, self.damping, self.model == "unilateral"
+        describe_lock_pin(*fields, a.flatten(), b.flatten(), w.flatten(), mean, gain)
         return mean.reshape(a.shape), gain.reshape(a.shape)
 
     @property
@@ -202,13 +202,13 @@ class NordinShaft(Nonlinearity, kind="nordin_shaft"):
         ModelError
             If an amplitude or a frequency is negative.
         """
-        from eppanalysis.kernels.describing.shaft import nordin_shaft
+        from eppanalysis.engine.describing import describe_nordin_shaft
 
         a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
         mean, share = np.empty(a.size), np.empty(a.size, complex)
-        points = (np.array(v, order="C").ravel() for v in (a, b, w))
-        nordin_shaft(*map(float, (self.gap, self.stiffness, self.damping)), *points, mean, share)
+        points = a.flatten(), b.flatten(), w.flatten()
+        describe_nordin_shaft(self.gap, self.stiffness, self.damping, *points, mean, share)
         means, part = mean.reshape(a.shape), share.reshape(a.shape)
         # In the gap and at a side alike the torque is spring plus damper of twist less contact angle.
         torque, rate = part * (self.stiffness + 1j * w * self.damping), 1j * w * (1.0 - part)

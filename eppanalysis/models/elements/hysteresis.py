@@ -58,7 +58,7 @@ def _two_steps(lower: float, upper: float, low: float, high: float) -> ClosedFor
     pieces = [lower, upper], [0.0, 0.0, 0.0], [low, low + jump / 2, high], [jump / 2, jump / 2]
     arrays = tuple(np.array(part, float) for part in pieces)
     for values in arrays:
-        values.flags.writeable = False  # as those of other maps: numba compiles a kernel anew for each kind
+        values.flags.writeable = False
     return ClosedForm(arrays, loop=jump * (upper - lower) / np.pi)
 
 

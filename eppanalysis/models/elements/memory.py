@@ -435,18 +435,17 @@ class StictionPulley(_Sticking, kind="stiction_pulley"):
         ModelError
             If an amplitude is negative.
         """
-        from eppanalysis.kernels.describing.closed_forms import stiction_pulley
+        from eppanalysis.engine.describing import describe_stiction_pulley
 
         a, b = amplitude_and_bias(amplitude, bias, omega)
         mean, gain = np.empty((a.size, 2)), np.empty((a.size, 2), complex)
-        points = (v.flatten() for v in (a, b))
-        springs = float(self.forearm_stiffness), float(self.harness_stiffness)
-        stiction_pulley(*springs, self._of_loop, *points, mean, gain)
+        springs, points = (self.forearm_stiffness, self.harness_stiffness), (a.flatten(), b.flatten())
+        describe_stiction_pulley(*springs, self._of_loop, *points, mean, gain)
         return mean.reshape(*a.shape, 2), gain.reshape(*a.shape, 2)
 
     @cached_property
     def _of_loop(self) -> Array:
-        """What its closed form is made of, shape (9,), as the kernel says."""
+        """What its closed form is made of, shape (9,), as the engine takes it."""
         static, kinetic = self.friction, self.kinetic_ratio * self.friction
         shares = [self.share(ratio) for ratio in (0.0, static, -static, kinetic, -kinetic)]
         # From the least stretch, where it has slid down, to where it breaks away upward, over that stretch; the drop is

@@ -17,7 +17,7 @@ from eppanalysis.models.elements.base import Answer, Nonlinearity, OwnStates
 from eppanalysis.models.elements.phases import broadcast
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.describing.sinusoid import Rules
+    from eppanalysis.engine.describing import Rules
 
 _MOST_EVENTS = 1000
 
@@ -196,7 +196,7 @@ class AutomatonElement(Nonlinearity):
             If an amplitude is negative, or the automaton has more than two inputs, an output with impulses or a smooth
             function of others.
         """
-        from eppanalysis.kernels.describing.sinusoid import describe
+        from eppanalysis.engine.describing import describe_automaton
 
         if self.rules.has_impulses:
             raise ModelError("AutomatonElement: its output has impulses", expected="none, for a describing function")
@@ -211,15 +211,15 @@ class AutomatonElement(Nonlinearity):
         a = np.where(a == 0, 1e-6 * (scale if np.isfinite(scale) else 1.0), a)
         shape, n_w = a.shape, self.n_outputs
         mean, gain = np.empty((a.size, n_w)), np.empty((a.size, n_w), complex)
-        points = (v.flatten() for v in (a, b, w))
-        describe(self._rules, self._leaving(self.rules.start_mode), *points, mean, gain)
+        points = a.flatten(), b.flatten(), w.flatten()
+        describe_automaton(self._rules, self._leaving(self.rules.start_mode), *points, mean, gain)
         if n_w == 1:
             return mean.reshape(shape), gain.reshape(shape)
         return mean.reshape(*shape, n_w), gain.reshape(*shape, n_w)
 
     @cached_property
     def _rules(self) -> Rules:
-        from eppanalysis.kernels.describing.sinusoid import Rules
+        from eppanalysis.engine.describing import Rules
 
         a = self.rules
         sizes = {"z": a.n_inputs, "w": a.n_outputs, "h": a.n_memory}

@@ -98,7 +98,7 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
         raise FrozenInstanceError(f"cannot delete field {name!r}")
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        # Pickling forgets that arrays are read-only, and the kernel would be compiled anew for writable ones.
+        # Pickling forgets that arrays are read-only.
         for value in state.values():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
@@ -128,7 +128,7 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean output and gain (real, the map has no memory) for ``x = bias + amplitude * sin(omega t)``.
 
-        Exact for every breakpoint and jump, by the closed form in :mod:`eppanalysis.kernels.describing.piecewise` (the
+        Exact for every breakpoint and jump, by the closed form in :mod:`eppanalysis.engine.describing` (the
         classical one of Gelb and Vander Velde, Multiple-Input Describing Functions, 1968, with the bias kept and the
         terms ordered so that none cancel). At amplitude zero the gain is the slope at the bias.
 

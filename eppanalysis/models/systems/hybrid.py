@@ -30,7 +30,7 @@ from eppanalysis.models.systems.starts import admitted, not_held, starting_value
 from eppanalysis.readable import listed, words
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.engine.tables import Model
+    from eppanalysis.engine.tables import Model
 
 T = TypeVar("T")
 DELAY_LINE = len(SMOOTH_KINDS)
@@ -57,7 +57,7 @@ def reaching(begun: BoolArray, acts: BoolArray) -> BoolArray:
 class HybridSystem:
     """Flat form of a loop with its external inputs."""
 
-    model: Model  # what the kernels read
+    model: Model  # what the engine reads
     #: x0, H0: (n + inputs,), (memory,): state and memory values at the start.
     x0: Array
     H0: Array
@@ -204,7 +204,7 @@ class _Packer:
         self.n_H = n_memory + len(self.input_signals) + 1
 
     def pack(self) -> HybridSystem:
-        from eppanalysis.kernels.engine.tables import Model
+        from eppanalysis.engine.tables import Model
 
         x0, A, K, V, breakpoints, carrier = self._inputs()
         B, C, D, Kz = self._about_elements(V, carrier)
@@ -230,7 +230,6 @@ class _Packer:
             **self._signals(V, carrier),
             **breakpoints,
         )
-        # One memory layout for all loops, so that the kernels are compiled once.
         model = Model(*(np.array(a, order="C") for a in model))
         return self._around(model, x0).begun(self.system.x0, self.system.memory)
 

@@ -72,12 +72,11 @@ class Responses(ABC):
 
     def _answers(self, omega: ArrayLike, C: Array, count: int) -> ComplexArray:
         """Responses to what C takes of the states, and their derivatives by `omega` if two are asked for."""
-        from eppanalysis.kernels.responses import response_and_slope
+        from eppanalysis.engine.balances import response_and_slope
 
         apart, T = self._for_responses
         omega = np.asarray(omega, float)
         s, ds = self._place(1j * omega)
-        # Copies: for arrays that cannot be written numba would compile the kernel anew, for each mixture of both.
         A, B, C = (np.array(m, float, order="C") for m in (apart._rates, apart.B, C if T is None else C @ T))
         out = np.empty((count, *omega.shape, len(C), B.shape[1]), complex)
         response_and_slope(A, B, C, s.ravel(), 1j * ds.ravel(), out.reshape(count, -1, *out.shape[-2:]))

@@ -14,7 +14,7 @@ from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.memory import Slip
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.engine.tables import Model
+    from eppanalysis.engine.tables import Model
     from eppanalysis.models.elements.automaton import Automaton
 
 #: Distance from a value, relative to its terms, that is rounding.

@@ -474,17 +474,6 @@ def test_dataset_carries_units_and_the_verdict() -> None:
     assert dataset.attrs["status"] in {"limit_cycle", "undecided"}
 
 
-def test_whole_numbers_do_not_compile_the_kernel_anew() -> None:
-    from eppanalysis.kernels.engine.run import run
-    from eppanalysis.kernels.verdict import verdict_of_run
-
-    case = epp.case("fig8a_original")
-    epp.simulate(case.to_system(), case.input, t_end=0.5, step=1e-3)
-    compiled = [list(kernel.overloads) for kernel in (run, verdict_of_run)]
-    epp.simulate(case.to_system(), case.input, t_end=1, t_eval=[0, 1], step=1)
-    assert [list(kernel.overloads) for kernel in (run, verdict_of_run)] == compiled
-
-
 def test_what_a_run_remembers_of_its_dead_time_is_its_own():
     # A run whose delayed signal bends leaves a history behind; the next one in the same workspaces begins with none.
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0, 0.0]), epp.Saturation(slope=4.0), delay=0.6)
@@ -696,7 +685,7 @@ def test_a_run_that_pauses_is_the_same_to_the_last_bit(case_name, slice_, monkey
     case = epp.case(case_name)
     system = case.to_system()
     whole = epp.simulate(system, case.input, t_end=3.0)
-    monkeypatch.setattr("eppanalysis.kernels.engine.workspace.SLICE", slice_)
+    monkeypatch.setattr("eppanalysis.engine.workspace.SLICE", slice_)
     monkeypatch.setattr(engine, "of_thread", type(engine.of_thread)())
     paused = epp.simulate(system, case.input, t_end=3.0)
     assert paused.events == whole.events and paused.status is whole.status

@@ -1,6 +1,6 @@
 """The affine modes of a loop in exact rational arithmetic: rates, guards and maps of events.
 
-The engine has these tables in floats (:mod:`eppanalysis.kernels.engine.modes`). Here every float stands for a rational
+The engine has these tables in floats (``engine/src/engine/modes.cpp``). Here every float stands for a rational
 number, and from there on nothing is rounded: that a guard is zero behind an event, or that a stuck input does not
 creep, is an identity of rows and not a matter of tolerances.
 """

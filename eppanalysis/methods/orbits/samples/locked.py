@@ -135,7 +135,7 @@ class Round:
         return D[free]
 
     def _carry(self, D: Array, modes: IntArray, guards: IntArray, tau: Array, starts: Array) -> None:
-        from eppanalysis.kernels.orbits.sweep import carry
+        from eppanalysis.engine.orbits import carry
 
         it = EventSequence(modes, guards, np.full((guards.size, 3), -1), brought_about(self.start.model, guards, tau))
         arcs = Arcs.build(self.start, it)

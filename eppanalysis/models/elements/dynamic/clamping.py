@@ -141,8 +141,8 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
         return np.stack([POLE * mean, of_u[0]], -1), np.stack([(1j * w + POLE) * gain, of_u[1]], -1)
 
     def _with_derivative(self, a: Array, b: Array, w: Array) -> Answer:
-        """The same where the error follows from v by the filter of the derivative, too (see the kernel)."""
-        from eppanalysis.kernels.describing.clamped import describe
+        """The same where the error follows from v by the filter of the derivative, too (see the engine)."""
+        from eppanalysis.engine.describing import describe_clamped
 
         ahead = self.kd / self.filter_time
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -152,7 +152,7 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
         whole, wave = np.zeros(a.shape), np.zeros(a.shape, complex)
         some, them = np.empty(int(moves.sum())), np.empty(int(moves.sum()), complex)
         eta = np.full(some.size, ahead / (self.kp + ahead))
-        describe(low[moves], high[moves], kappa[moves], eta, tau[moves], some, them)
+        describe_clamped(low[moves], high[moves], kappa[moves], eta, tau[moves], some, them)
         whole[moves], wave[moves] = some, them
         # Beyond a limit throughout it stands there; so slow a motion it follows.
         level = np.clip(b, self.lower, self.upper)

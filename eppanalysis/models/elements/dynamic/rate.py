@@ -49,7 +49,7 @@ class _Chasing(PiecewiseLinear):
 
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean of the law alone, which a periodic motion has only without a bias, and gain without one."""
-        from eppanalysis.kernels.describing.rate_limit import describe_inside
+        from eppanalysis.engine.describing import describe_rate_limit_inside
 
         a, _, w = broadcast(amplitude, bias, omega)
         mean, _ = super().describing_function(amplitude, bias, omega)
@@ -57,7 +57,7 @@ class _Chasing(PiecewiseLinear):
         # error of this size (docs/theory/rate_limit.md, What is taken for the element).
         error, kappa = (a * w / self.rate).flatten(), (self.bandwidth / w).flatten()
         gain = np.empty(error.size, complex)
-        describe_inside(error, kappa, gain)
+        describe_rate_limit_inside(error, kappa, gain)
         return mean, np.asarray(w * gain.reshape(a.shape))
 
 
@@ -87,7 +87,7 @@ class _RateLimited(StateOutput):
         ModelError
             If an amplitude or a frequency is negative.
         """
-        from eppanalysis.kernels.describing.rate_limit import describe
+        from eppanalysis.engine.describing import describe_rate_limit
 
         a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -96,7 +96,7 @@ class _RateLimited(StateOutput):
         # Where squares would leave the range of numbers nothing of the sine is left.
         still = (alpha > _TOO_FAST) | (kappa < 1.0 / _TOO_FAST)
         alpha, kappa = np.where(still, 0.0, alpha), np.where(still, 1.0, kappa)
-        describe(alpha.flatten(), kappa.flatten(), gain)
+        describe_rate_limit(alpha.flatten(), kappa.flatten(), gain)
         undefined = np.isnan(a) | np.isnan(b)
         return np.where(undefined, np.nan, b), np.where(undefined, np.nan, np.where(still, 0.0, gain.reshape(a.shape)))
 

@@ -1,1 +1,0 @@
-"""Compiled code: floats and arrays in, floats and arrays out."""

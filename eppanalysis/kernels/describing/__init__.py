@@ -1,1 +1,0 @@
-"""Describing functions of single elements under a biased sine."""

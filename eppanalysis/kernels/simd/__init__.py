@@ -1,1 +1,0 @@
-"""Vectors and tuples in compiled code."""
