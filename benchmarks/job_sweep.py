@@ -118,5 +118,5 @@ def _chunks(sweeps: _Sweeps, cells: int, chunks: Sequence[int], clock: str) -> l
 def _memory(side: int, scheduler: str, t_end: float = 1e-3) -> dict[str, Any]:
     """Peak memory of a fresh process [MB] that sweeps side x side short runs into a store."""
     code = MILLION.format(side=side, scheduler=scheduler, t_end=t_end)
-    found = json.loads(fresh(code, os.environ.get("NUMBA_CACHE_DIR", ""))[1].splitlines()[-1])
+    found = json.loads(fresh(code)[1].splitlines()[-1])
     return found | {"scheduler": scheduler, "target": TARGET_MEMORY, "met": found["peak"] < TARGET_MEMORY}

@@ -131,7 +131,6 @@ def start(found: Results) -> str:
         return [f"under {row['target']:g} {unit}", "met" if row["met"] else "MISSED"]
 
     rows = [
-        ["first simulation on a machine, all compiled", duration(found["cold"]["seconds"]), *limit(found["cold"], "s")],
         ["import and first simulation, cached", duration(found["warm"]["seconds"]), *limit(found["warm"], "s")],
         ["import alone", duration(found["import"]["seconds"]), "", ""],
         *([f"`eppanalysis {r['words']}`", duration(r["seconds"]), *limit(r, "s")] for r in found["commands"]),
