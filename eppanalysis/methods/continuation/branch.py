@@ -11,7 +11,7 @@ import numpy as np
 from eppanalysis.arguments import check_counts
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
-from eppanalysis.methods.continuation.borders import across, border_collision, borders, visit_ends
+from eppanalysis.methods.continuation.borders import across, border_collision, borders, shown_at, visit_ends
 from eppanalysis.methods.continuation.cover import Gap, gaps
 from eppanalysis.methods.continuation.doubling import doubled, half_alike
 from eppanalysis.methods.continuation.families import Family
@@ -346,7 +346,7 @@ class Walk:
         for border in borders(last):
             new, back = across(border, way)
             if new is not None:
-                return self._crossed(points, border, new, back)
+                return self._crossed(points, shown_at(border, last), new, back)
         return self._crossed(points, last, *beyond(last), outside)
 
     def _change(self, points: list[Point], ds: float) -> tuple[Point | None, str]:

@@ -359,7 +359,12 @@ def astray(point: Point, new: Point | None) -> bool:
 
 
 def regular(point: Point) -> bool:
-    """Whether the orbit has multipliers: where an element's input no longer moves as it switches, it has none."""
+    """Whether the orbit has multipliers: where an element's input no longer moves as it switches, it has none.
+
+    An orbit that has converged tells no slower movement: what is left of it is rounding.
+    """
+    if np.any(point.orbit.grazes(CONVERGED) & (point.orbit.arcs.event_sequence.at_once != 1)):
+        return False
     try:
         return bool(np.all(np.isfinite(point.multipliers)))
     except np.linalg.LinAlgError:
