@@ -1,4 +1,6 @@
-"""Processes that work for this one: they leave interrupts to it, and end with it however it ends."""
+"""Who computes: processes that work for this one, which leave interrupts to it and end with it however it ends; and in
+how many threads, which is one for linear algebra.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from functools import cache
 from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import wait
 from typing import Any, ParamSpec, TypeVar
@@ -89,6 +92,50 @@ def _one_thread_each() -> Iterator[None]:
     finally:
         if before is None:
             del os.environ[_THREADS]
+
+
+class _LinearAlgebra:
+    """How many blocks of this process want linear algebra in one thread, and what ends that."""
+
+    def __init__(self) -> None:
+        self.lock, self.blocks, self.limits = threading.Lock(), 0, None
+
+    def enter(self) -> None:
+        with self.lock:
+            if self.blocks == 0:
+                self.limits = _libraries().limit(limits=1, user_api="blas")
+            self.blocks += 1
+
+    def leave(self) -> None:
+        with self.lock:
+            self.blocks -= 1
+            if self.blocks == 0:
+                self.limits.restore_original_limits()
+
+
+@cache
+def _libraries() -> Any:
+    """The libraries of linear algebra, all of them loaded."""
+    import scipy.linalg  # noqa: F401  (has one of its own)
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
+_LINEAR_ALGEBRA = _LinearAlgebra()
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """In the block linear algebra takes one thread, whichever thread of ours asks for it; behind it as many as before.
+
+    Where a sum is split over threads depends on their number, and so do its last bits.
+    """
+    _LINEAR_ALGEBRA.enter()
+    try:
+        yield
+    finally:
+        _LINEAR_ALGEBRA.leave()
 
 
 def _begin(begin: Callable[[], None] | None) -> None:

@@ -1,4 +1,4 @@
-"""Processes that work for another: no interrupt reaches them, and none outlives the one that it works for."""
+"""Processes that work for another, which no interrupt reaches and none of which outlives it; and their threads."""
 
 from __future__ import annotations
 
@@ -106,3 +106,55 @@ def test_each_worker_does_linear_algebra_in_one_thread(monkeypatch) -> None:
     with workers(2) as pool:
         assert pool is not None
         assert pool.submit(os.getenv, "OPENBLAS_NUM_THREADS").result() == "2"
+
+
+#: Threads of linear algebra before, within and behind a public function; and last bits of a sweep.
+THREADS = """
+import numpy as np
+import eppanalysis as epp
+from threadpoolctl import threadpool_info
+
+def threads():
+    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+before, within = threads(), set()
+epp.find_limit_cycles(epp.case("relay_deadzone"), progress=lambda *_: within.update(threads()))
+print(*before, *within, *(threads() - before))
+at = {"bands.range": ["2 lbf", "2.5 lbf"]}
+found = epp.sweep(epp.case("light_forearm"), at, run=["simulate", "predict"], progress=False)
+print(*(found[name].values.tobytes().hex() for name in sorted(found.data_vars) if found[name].dtype.kind == "f"))
+"""
+
+
+def test_linear_algebra_takes_one_thread_within_public_functions_and_as_many_as_before_behind_them() -> None:
+    said = {}
+    for given in ("1", "2"):
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": given}
+        run = subprocess.run(
+            [sys.executable, "-c", THREADS], env=environment, check=True, capture_output=True, text=True
+        )
+        counts, bits = run.stdout.splitlines()
+        assert counts.split() == [given, "1"]
+        said[given] = bits
+    assert said["1"] == said["2"]
+
+
+def test_blocks_that_overlap_end_with_the_last_of_them() -> None:
+    code = """
+import scipy.linalg
+from contextlib import ExitStack
+from threadpoolctl import threadpool_info
+from eppanalysis.workers import one_thread
+
+threads = lambda: {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+first, second = ExitStack(), ExitStack()
+first.enter_context(one_thread())
+second.enter_context(one_thread())
+first.close()
+print(*threads())
+second.close()
+print(*threads())
+"""
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "2"}
+    run = subprocess.run([sys.executable, "-c", code], env=environment, check=True, capture_output=True, text=True)
+    assert run.stdout.split() == ["1", "2"]

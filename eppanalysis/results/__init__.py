@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import cached_property
+from functools import cached_property, cmp_to_key
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, shown as written
 from eppanalysis.readable import at_rest, lasting, number, percent, quantity, readable, with_unit, words
+from eppanalysis.results.deferred import WhenAsked
 from eppanalysis.results.events import Event as Event
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.results.result import (
@@ -39,6 +40,8 @@ EXACT_ORBIT, SIMULATION = "exact orbit", "simulation"
 
 #: A signal that moves by less than this share of another of its unit does not tell the oscillation; no gear does that.
 _HARDLY = 1e-3
+#: Relative difference of two numbers of cycles that is none.
+_EQUAL = 1e-9
 
 
 class Outcome(StrEnum):
@@ -52,27 +55,6 @@ class Outcome(StrEnum):
     def of(cls, status: Status) -> Outcome:
         """The outcome of a run that ended with this status."""
         return {Status.LIMIT_CYCLE: cls.OSCILLATE, Status.SETTLED: cls.SETTLE}.get(status, cls.UNDECIDED)
-
-
-class WhenAsked:
-    """A field that holds a number, or is given a function without arguments that tells it when it is first read.
-
-    Most predictions are never held against their own error, which takes longer to find than they do.
-    """
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
-
-    def __get__(self, result: object | None, owner: type | None = None) -> float:
-        if result is None:
-            return float("nan")
-        value = vars(result)[self._name]
-        if callable(value):
-            value = vars(result)[self._name] = float(value())
-        return float(value)
-
-    def __set__(self, result: object, value: float | Callable[[], float]) -> None:
-        vars(result)[self._name] = value
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -427,6 +409,23 @@ def _margin(margins: Mapping[str, Any]) -> str:
     # An infinite margin of a loop that is unstable at every gain would read as safety.
     border = f", and on the border of stability at {number(gain)} times its gain" if np.isfinite(gain) else ""
     return f"; the linearised loop is unstable{border}"
+
+
+def smallest_first(cycles: Iterable[LimitCycle]) -> list[LimitCycle]:
+    """Cycles by the size of their first signal and their period; mirror images, equal in both, by the signs of their
+    means and by their events, the negative one first.
+    """
+    return sorted(cycles, key=cmp_to_key(_before))
+
+
+def _before(one: LimitCycle, other: LimitCycle) -> int:
+    sizes = list(one.peak_to_peak.values())
+    rows = ((*list(c.peak_to_peak.values())[:1], c.period, *c.mean.values()) for c in (one, other))
+    for a, b, size in zip(*rows, (*sizes[:1], one.period, *sizes), strict=True):
+        if abs(a - b) > _EQUAL * max(size, abs(a)):
+            return -1 if a < b else 1
+    here, there = ([(e.element, e.name) for e in c.events] for c in (one, other))
+    return (here > there) - (here < there)
 
 
 def counted(cycles: Sequence[LimitCycle], signal: str | None = None) -> str:

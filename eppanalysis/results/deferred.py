@@ -1,4 +1,4 @@
-"""What a result knows how to compute, and computes when it is looked at."""
+"""What a result knows how to compute, and computes when it is looked at: in one thread, as where it was made."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+
+from eppanalysis.workers import one_thread
 
 
 class Deferred(Mapping[str, Any]):
@@ -21,7 +23,7 @@ class Deferred(Mapping[str, Any]):
 
     @cached_property
     def _values(self) -> Mapping[str, Any]:
-        with np.errstate(all="ignore"):
+        with one_thread(), np.errstate(all="ignore"):
             return self._make()
 
     def __getitem__(self, name: str) -> Any:
@@ -38,3 +40,25 @@ class Deferred(Mapping[str, Any]):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return dict, (dict(self),)
+
+
+class WhenAsked:
+    """A field that holds a number, or is given a function without arguments that tells it when it is first read.
+
+    Most predictions are never held against their own error, which takes longer to find than they do.
+    """
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, result: object | None, owner: type | None = None) -> float:
+        if result is None:
+            return float("nan")
+        value = vars(result)[self._name]
+        if callable(value):
+            with one_thread():
+                value = vars(result)[self._name] = float(value())
+        return float(value)
+
+    def __set__(self, result: object, value: float | Callable[[], float]) -> None:
+        vars(result)[self._name] = value

@@ -30,6 +30,7 @@ from eppanalysis.sweep.analyses import (
 )
 from eppanalysis.sweep.axes import Design, make_design
 from eppanalysis.sweep.cells import Builder, case_of, make_builder, sentence
+from eppanalysis.workers import one_thread
 
 if TYPE_CHECKING:
     from eppanalysis.methods.search.result import CycleSearch
@@ -66,6 +67,7 @@ class Work:
         """Whether cells are computed many at a time, and by nothing else."""
         return self.task.analyses == (Analysis.SIMULATE,) and not _alone(self.task.case)
 
+    @one_thread()
     def block(self, bounds: Sequence[tuple[int, int]]) -> Columns:
         """Results of a block of cells, the last axis fastest; never raises for a cell.
 

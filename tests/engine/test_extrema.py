@@ -26,7 +26,9 @@ def test_the_span_is_that_between_the_extrema_that_the_derivative_tells(pieces):
     spans(c, fine, GRID, found)
     exact = [greatest([Legendre(k) for k in rows]) + greatest([Legendre(-k) for k in rows]) for rows in c]
     np.testing.assert_allclose(found, exact, rtol=1e-13)
-    assert np.mean(found > np.ptp(fine, axis=(1, 2))) > 0.5, "no extremum lies between the points of the grid"
+    # Ends of pieces are points of the grid, where rounding says which is the larger; between them the series bend away.
+    between = np.asarray(exact) > np.ptp(fine, axis=(1, 2)) * (1.0 + 1e-9)
+    assert np.count_nonzero(between) > 50, "extrema lie between the points of the grid"
 
 
 def test_signals_at_rest_have_no_span():

@@ -116,9 +116,13 @@ def visit_ends(inside: Point, new: Point) -> Point:
         return inside
     if inside.orbit.arcs.event_sequence.at_once[found.arc] == 2:
         found = _limit(inside, found.arc) or inside
-    if not regular(found):  # of a contact that grazes: at no duration what switches there stands still
-        found = replace(inside, value=found.value)
+    found = shown_at(found, inside)
     return found if abs(found.value - inside.value) < _BISECTED * inside.family.width else inside
+
+
+def shown_at(border: Point, inside: Point) -> Point:
+    """The orbit that is shown for a border: that before it where a contact grazes, and what switches stands still."""
+    return border if regular(border) else replace(inside, value=border.value)
 
 
 def _limit(inside: Point, arc: int) -> Point | None:

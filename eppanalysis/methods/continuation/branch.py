@@ -11,7 +11,7 @@ import numpy as np
 from eppanalysis.arguments import check_counts
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
-from eppanalysis.methods.continuation.borders import across, border_collision, borders, visit_ends
+from eppanalysis.methods.continuation.borders import across, border_collision, borders, shown_at, visit_ends
 from eppanalysis.methods.continuation.cover import Gap, gaps
 from eppanalysis.methods.continuation.doubling import doubled, half_alike
 from eppanalysis.methods.continuation.families import Family
@@ -327,7 +327,7 @@ class Walk:
         if what is Change.CONTINUUM and linear_arc(new.orbit) is not None:
             what = Change.LINEAR
         self._note(what, new, STANDS[what], len(points))
-        return [*points, new], f"ends where {STANDS[what]}"
+        return points if what is Change.LINEAR else [*points, new], f"ends where {STANDS[what]}"
 
     def _left(self, points: list[Point], new: Point) -> tuple[list[Point], str]:
         """The points up to the limit of the range, beyond which the new one is."""
@@ -346,7 +346,7 @@ class Walk:
         for border in borders(last):
             new, back = across(border, way)
             if new is not None:
-                return self._crossed(points, border, new, back)
+                return self._crossed(points, shown_at(border, last), new, back)
         return self._crossed(points, last, *beyond(last), outside)
 
     def _change(self, points: list[Point], ds: float) -> tuple[Point | None, str]:
@@ -375,7 +375,6 @@ class Walk:
         kind = ending(inside.orbit)
         why = STANDS.get(kind) or f"no orbit continues it: {departure(inside.orbit, (outside or inside).orbit)}"
         self._note(kind, inside, why, len(points))
-        # At the limit of linear stability a cycle is neutral: which side of that its multipliers are on is rounding.
         if kind is not Change.LINEAR and inside is not points[-1] and regular(inside):
             points.append(inside)
         return None, f"ends where {why}"
@@ -395,8 +394,9 @@ class Walk:
             found = locate(old, new, self.passes, 1e-12)
             if found is not None:
                 self._note(Change.PASSAGE, found, "the function that is watched passes zero", index)
-        # A multiplier passes 1 at a fold, too: that is no special point besides.
-        if old.turn * new.turn < 0:
+        # A multiplier passes 1 at a fold, too: that is no special point besides. Where the parameter stands still its
+        # sign is rounding, and at the limit of linear stability, where a cycle is neutral, the side of its multipliers.
+        if old.turn * new.turn < 0 and not new.stands:
             found = locate(old, new, lambda p: p.turn, 1e-11)
             if found is not None and half_alike(found.orbit):
                 self._note(
@@ -408,7 +408,7 @@ class Walk:
                 meet = "a stable and an unstable cycle meet" if stable else "two unstable cycles meet"
                 self._note(Change.FOLD, found, meet, index)
             return False
-        if is_stable(old.multipliers) != is_stable(new.multipliers):
+        if is_stable(old.multipliers) != is_stable(new.multipliers) and linear_arc(new.orbit) is None:
             kind, test = crossing(old, new)
             found = locate(old, new, test, 1e-9)
             if found is not None:

@@ -16,7 +16,7 @@ from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.ranges import NEAR, near
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.guess import Guess
-from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, effort_of, evaluate, room_for, solve
+from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, effort_of, evaluate, evened, room_for, solve
 from eppanalysis.methods.orbits.shooting import close_orbit, is_met, next_guess
 from eppanalysis.methods.simulation.effort import Spent, allotted, spend
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -80,8 +80,7 @@ class Point:
         if not np.any(np.abs(self.multipliers - 1.0) < _NEUTRAL):
             return False
         K = np.column_stack([self.orbit.A, self.slope]) / self.orbit.row_scale[:, None]
-        K *= _column_sizes(self.orbit, self.slope)
-        sizes = np.linalg.svd(K, compute_uv=False)
+        sizes = np.linalg.svd(evened(K * _column_sizes(self.orbit, self.slope)), compute_uv=False)
         return bool(sizes[-1] < _FREE * sizes[0])
 
     @cached_property
@@ -360,7 +359,12 @@ def astray(point: Point, new: Point | None) -> bool:
 
 
 def regular(point: Point) -> bool:
-    """Whether the orbit has multipliers: where an element's input no longer moves as it switches, it has none."""
+    """Whether the orbit has multipliers: where an element's input no longer moves as it switches, it has none.
+
+    An orbit that has converged tells no slower movement: what is left of it is rounding.
+    """
+    if np.any(point.orbit.grazes(CONVERGED) & (point.orbit.arcs.event_sequence.at_once != 1)):
+        return False
     try:
         return bool(np.all(np.isfinite(point.multipliers)))
     except np.linalg.LinAlgError:

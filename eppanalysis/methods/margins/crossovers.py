@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.methods.margins.linearised import Linear
 from eppanalysis.models.systems.linear import zeros
-from eppanalysis.roots import between, least
+from eppanalysis.roots import between
 
 _PER_DECADE = 40
 #: Neighbours on the grid are closer than this, as chords of the Riemann sphere and in phase [rad].
@@ -35,6 +35,7 @@ _REAL = 1e-11
 _FAR_GAIN = 1e-2
 #: A closed loop that lets less than this through at rest has no bandwidth.
 _PASSES = 1e-6
+_INF, _NAN = float("inf"), float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +107,12 @@ class Response:
         # The grid shows every dip, as neighbours on it are joined by a straight line: only its bottom is sought.
         minima = np.flatnonzero((padded[1:-1] <= padded[:-2]) & (padded[1:-1] <= padded[2:]))
         minima = minima[np.argsort(size[minima], kind="stable")[:_MOST_MINIMA]]
-        around = np.clip(minima + np.array([[-1], [0], [1]]), 0, size.size - 1)
-        found, value = least(self._disk_at, np.log(self.omega[around]), size[around], lambda x, _: x[2] - x[0] > 1e-10)
-        best = min(zip(value.tolist(), np.exp(found).tolist(), strict=True), default=(float("inf"), float("nan")))
+        low, high = (self.omega[np.clip(minima + side, 0, size.size - 1)] for side in (-1, 1))
+        with np.errstate(all="ignore"):
+            bottom = between(self._disk_slope, low, high)
+        found = np.append(bottom[np.isfinite(bottom)], self.omega[minima])
+        value = _disk(self.loop.response(found)) if found.size else found
+        best = min(zip(value.tolist(), found.tolist(), strict=True), default=(_INF, _NAN))
         ends = [self._slow_end(), self._fast_end() or (float("inf"), 0.0) if not self.loop.time_step else None]
         return min([best, *((float(_disk(np.array([e[1] + 0j]))[0]), e[0]) for e in ends if e is not None)])
 
@@ -132,8 +136,10 @@ class Response:
             changes = changes[np.argsort(far, kind="stable")[:_MOST_ROOTS]]
         return _crossing(lambda w: sign(self.loop.response(w)), omega[changes], omega[changes + 1])
 
-    def _disk_at(self, log_omega: Array, _: NDArray[np.intp]) -> Array:
-        return _disk(self.loop.response(np.exp(log_omega)))
+    def _disk_slope(self, omega: Array, _: NDArray[np.intp]) -> Array:
+        """Derivative of the logarithm of the distance from -1 by the frequency, but for a positive factor."""
+        L = self.loop.response(omega)
+        return np.asarray((self.loop.slope(omega) / ((1.0 + L) * (1.0 - L))).real, float)
 
     def _slow_end(self) -> tuple[float, float] | None:
         """Frequency zero and the loop gain there, where that is no pole."""

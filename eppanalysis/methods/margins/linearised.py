@@ -75,12 +75,21 @@ class Linear:
         """From the input to the output at frequencies (m,) [rad/s]; nan at a pole."""
         s = self.points(omega)
         A, B = self.matrices(s)
-        resolvent = s[:, None, None] * np.eye(self.n) - A
-        try:
-            x = np.linalg.solve(resolvent, B)
-        except np.linalg.LinAlgError:
-            x = np.stack([_solved(r, b) for r, b in zip(resolvent, B, strict=True)])
+        x = _solved(s[:, None, None] * np.eye(self.n) - A, B)
         return np.asarray((self.C @ x)[:, 0, 0] + self.D[0, 0], complex)
+
+    def slope(self, omega: Array) -> ComplexArray:
+        """Derivative of the response by the frequency, at frequencies (m,) [rad/s]; nan at a pole."""
+        s = self.points(omega)
+        A, B = self.matrices(s)
+        resolvent = s[:, None, None] * np.eye(self.n) - A
+        x = _solved(resolvent, B)
+        ds = 1j * self.time_step * s if self.time_step else np.full(s.size, 1j)
+        moved = -ds[:, None, None] * x
+        for delay, a, b in self.terms:
+            late = s ** -round(delay / self.time_step) if self.time_step else np.exp(-s * delay)
+            moved += (-1j * delay * late)[:, None, None] * (a @ x + b)
+        return np.asarray((self.C @ _solved(resolvent, moved))[:, 0, 0], complex)
 
     def behind_a_ramp(self) -> float:
         """How far the loop, closed by a feedback of -1, stays behind a ramp in the end, over its rate [s].
@@ -121,10 +130,13 @@ class Linear:
 
 
 def _solved(resolvent: ComplexArray, right: ComplexArray) -> ComplexArray:
+    """Solutions (m, n, 1) of linear equations each; nan where there is none."""
     try:
         return np.asarray(np.linalg.solve(resolvent, right), complex)
     except np.linalg.LinAlgError:
-        return np.full(right.shape, np.nan, complex)
+        if len(right) == 1:
+            return np.full(right.shape, np.nan, complex)
+        return np.concatenate([_solved(r[None], b[None]) for r, b in zip(resolvent, right, strict=True)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,19 +234,19 @@ class Linearised:
         i = cuts.number(place)
         share = 1.0 / (1.0 + cuts.F[i])
         E, c, dw = cuts.E[:, [i]], share * cuts.C[[i]], share * cuts.D[[i]]
-        z = self._inputs(
-            np.eye(len(system.C)) - (system.D - E @ dw) @ self.gains, np.hstack([system.C - E @ c, share * E])
-        )
+        C = _without_rounding(system.C - E @ c, np.abs(system.C) + np.abs(E) @ np.abs(c))
+        D = _without_rounding(system.D - E @ dw, np.abs(system.D) + np.abs(E) @ np.abs(dw))
+        z = self._inputs(np.eye(len(system.C)) - D @ self.gains, np.hstack([C, share * E]))
         w = self.gains @ z
         n = len(system.A)
         y = np.hstack([c, [[share * cuts.F[i]]]]) + dw @ w
-        d = np.hstack([np.zeros((1, n)), [[1.0]]]) - y
-        own = ((float(cuts.delays[i]), cuts.B[:, [i]] @ d),)
+        sent = np.hstack([np.zeros((1, n)), [[1.0]]])
+        of_d = sent + np.abs(np.hstack([c, [[share * cuts.F[i]]]])) + np.abs(dw) @ np.abs(w)
+        own = ((float(cuts.delays[i]), cuts.B[:, [i]], sent - y, of_d),)
         terms = self._terms(w[:, :n], w[:, n:], system.A, np.zeros((n, 1)), own)
-        # A direct path that rounding alone leaves is none: it would hold up the loop gain at all high frequencies.
+        # A direct path that rounding alone leaves would hold up the loop gain at all high frequencies.
         size = share * abs(cuts.F[i]) + (np.abs(dw) @ np.abs(self.gains) @ np.abs(z[:, n:]))
-        D = np.where(np.abs(y[:, n:]) <= ROUNDING * size, 0.0, -y[:, n:])
-        return _in_even_units(Linear(terms, -y[:, :n], D, system.time_step))
+        return _in_even_units(Linear(terms, -y[:, :n], _without_rounding(-y[:, n:], size), system.time_step))
 
     def _inputs(self, left: Array, right: Array) -> Array:
         """Inputs of the elements, as rows on what drives them."""
@@ -243,17 +255,18 @@ class Linearised:
         return np.asarray(np.linalg.solve(left, right), float)
 
     def _terms(
-        self, w_x: Array, w_u: Array, A: Array, B: Array, own: tuple[tuple[float, Array], ...]
+        self, w_x: Array, w_u: Array, A: Array, B: Array, own: tuple[tuple[float, Array, Array, Array], ...]
     ) -> tuple[tuple[float, Array, Array], ...]:
-        """Matrices by their dead time: what has none first; `own` are rows on (x, u) that come in besides."""
-        n = len(A)
+        """Matrices by their dead time, what has none first; `own` are inputs besides: rows on (x, u), their sizes."""
+        n, w = len(A), np.hstack([w_x, w_u])
         parts = {0.0: np.hstack([A, B])}
-        for delay in np.unique(self.system.delays):
-            late = self.system.delays == delay
-            given = self.system.B[:, late] @ np.hstack([w_x, w_u])[late]
-            parts[float(delay)] = parts.get(float(delay), 0.0) + given
-        for delay, given in own:
-            parts[delay] = parts.get(delay, 0.0) + given
+        sizes = {0.0: np.abs(parts[0.0])}
+        late = ((float(delay), self.system.delays == delay) for delay in np.unique(self.system.delays))
+        led_in = [(delay, self.system.B[:, own_delay], w[own_delay], np.abs(w[own_delay])) for delay, own_delay in late]
+        for delay, into, rows, size in (*led_in, *own):
+            parts[delay] = parts.get(delay, 0.0) + into @ rows
+            sizes[delay] = sizes.get(delay, 0.0) + np.abs(into) @ size
+        parts = {delay: _without_rounding(both, sizes[delay]) for delay, both in parts.items()}
         used = {delay: both for delay, both in sorted(parts.items()) if delay == 0.0 or np.any(both)}
         return tuple((delay, both[:, :n], both[:, n:]) for delay, both in used.items())
 
@@ -314,6 +327,14 @@ def small_signal(system: LureSystem) -> LureSystem:
     elements = tuple(e.small_signal or e for e in system.given.elements)
     loop = replace(system.given, elements=elements)
     return with_own_states(loop) if any(e.own_states is not None for e in elements) else loop
+
+
+def _without_rounding(numbers: Array, size: Array | float) -> Array:
+    """Numbers without what rounding of terms of such a size leaves, as where a path is taken out of a loop again.
+
+    In even units it would be as large as what is there, and an integrator beside others no integrator any more.
+    """
+    return np.where(np.abs(numbers) <= ROUNDING * size, 0.0, numbers)
 
 
 def _in_even_units(system: Linear) -> Linear:

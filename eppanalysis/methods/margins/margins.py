@@ -156,7 +156,7 @@ def _margins(linearised: Linearised, at: str, nowhere: str, made_by: Provenance)
         return Margins(at, Status.INCOMPLETE, rule, why, stable=stable, provenance=made_by)
     crossovers = response.gain_crossovers()
     angles = np.angle(-loop.response(crossovers)) if crossovers.size else np.zeros(0)
-    best = int(np.argmin(np.abs(angles))) if angles.size else -1
+    best = _least(np.abs(angles)) if angles.size else -1
     disk, disk_frequency = response.nearest_to_minus_one()
     message = ""
     if stable is None:
@@ -190,8 +190,13 @@ def _gain_margin(omega: Array, real: Array) -> tuple[float, float]:
     """The factor nearest to one that brings the loop to the border, and its crossover."""
     if not omega.size:
         return _INF, _NAN
-    best = int(np.argmin(np.abs(np.log(-real))))
+    best = _least(np.abs(np.log(-real)))
     return float(-1.0 / real[best]), float(omega[best])
+
+
+def _least(sizes: Array) -> int:
+    """Number of the least size in the order of frequencies; of several that are equal but for rounding the first."""
+    return int(np.argmax(sizes <= sizes.min() * (1.0 + 1e-9)))
 
 
 def _delay_margin(angles: Array, omega: Array, stable: bool | None, straight: float) -> float:

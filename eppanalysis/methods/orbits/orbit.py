@@ -130,7 +130,7 @@ class Orbit:
             return False
         # Scaled, or the smallest singular value would only show that angles stand beside seconds
         # (docs/theory/exact_orbits.md, All of them).
-        A = self.scaled
+        A = evened(self.scaled)
         if not np.all(np.isfinite(A)):
             return False
         # A singular direction is that of a continuum only if closed orbits lie along it: near a fold the equations are
@@ -190,6 +190,15 @@ class Orbit:
             y = with_history(self.hybrid, arcs, y, np.roll(self.tau, -first))
         y[: self.arcs.n_state][~self.hybrid.compared & (np.arange(self.arcs.n_state) < self.hybrid.n_plant)] = 0.0
         return y
+
+
+def evened(K: Array) -> Array:
+    """Scaled equations, those with terms beyond the size of the motion in the size of their terms.
+
+    An arc of nearly no duration has a guard's equation as large as the reciprocal of that: beside it all others would
+    count as rounding.
+    """
+    return np.asarray(K / np.maximum(1.0, np.linalg.norm(K, axis=1))[:, None])
 
 
 def evaluate(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Orbit:

@@ -127,10 +127,10 @@ def _goes_along(guess: Guess, orbit: Orbit) -> bool:
 
 
 def _close_delayed(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
-    """The exact orbit where what is delayed moves, begun at its longest arc."""
+    """The exact orbit where what is delayed moves, begun as others are."""
     from eppanalysis.engine.orbits import sizes_of_residuals
 
-    first = int(np.argmax(guess.tau))
+    first = begin_of(guess.event_sequence, guess.tau)
     it, tau = guess.event_sequence.rotated(first), np.roll(guess.tau, -first)
     try:
         motion = delayed_motion(hybrid, it, guess.y, tau)
@@ -234,7 +234,7 @@ def _only_touches(orbit: Orbit) -> bool:
 
 
 def _finished(orbit: Orbit) -> Orbit:
-    """Taken back to one turn, begun at its longest arc."""
+    """Taken back to one turn, begun where all are (:func:`begin_of`)."""
     p = orbit.arcs.n_arcs
     for q in range(1, p // 2 + 1):
         if p % q == 0 and _repeats(orbit, q):
@@ -243,23 +243,30 @@ def _finished(orbit: Orbit) -> Orbit:
             if once is not None and once.residual < CONVERGED:
                 orbit = once
             break
-    first = _begin(orbit)
+    first = begin_of(orbit.arcs.event_sequence, orbit.tau)
     if first == 0:
         return orbit
     turned = orbit.rotated(first)
     return turned if turned.residual < _ROUNDING else solve(turned.hybrid, turned.guess, turned.arcs)
 
 
-def _begin(orbit: Orbit) -> int:
-    """The longest arc, of those on which nothing is on its way through a dead time if there are any."""
-    source, p = orbit.arcs.event_sequence.source, orbit.arcs.n_arcs
+def begin_of(events: EventSequence, tau: Array) -> int:
+    """The arc with which an orbit begins: the longest, on which nothing is on its way through a dead time if it can be.
+
+    Of arcs that last as long, as the two halves of a symmetric orbit do, it is that with the first modes in the order
+    of the elements, or whose next arcs have the first: rounding does not choose, nor do coordinates or starts.
+    """
+    source, p = events.source, tau.size
     quiet = np.ones(p, bool)
     # The timer of a delayed switch runs from its origin to its arrival: no run can begin on these arcs.
-    for arrival in np.flatnonzero(orbit.arcs.event_sequence.guards < 0):
+    for arrival in np.flatnonzero(events.guards < 0):
         origin, _, turns = source[arrival]
         under_way = p if turns else (arrival - origin - 1) % p + 1
         quiet[(arrival - np.arange(under_way)) % p] = False
-    return int(np.argmax(np.where(quiet, orbit.tau, -1.0) if quiet.any() else orbit.tau))
+    lasts = np.where(quiet, tau, -np.inf) if quiet.any() else tau
+    longest = np.flatnonzero(lasts >= lasts.max() - _SAME_TURN * tau.sum())
+    word = [(*modes, guard) for modes, guard in zip(events.modes.tolist(), events.guards.tolist(), strict=True)]
+    return int(min(longest, key=lambda k: word[k:] + word[:k]))
 
 
 def _once(orbit: Orbit, q: int) -> Guess | None:

@@ -22,16 +22,16 @@ from eppanalysis.methods.describing.curves import roots_at_once
 from eppanalysis.methods.orbits.guess import Guess, make_guess
 from eppanalysis.methods.orbits.mirrored import mirror
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.linear import balanced, poles as known_poles
+from eppanalysis.models.systems.linear import balanced, integrators_apart, poles as known_poles
 
 #: Half periods from this share of the fastest time constant to so many of the slowest; nodes of them on a logarithmic
 #: and, eight to half a turn of the fastest oscillation, an even grid; nodes of the pulse in a half period; and half
 #: periods that are computed together.
 _SHORTEST, _LONGEST = 0.05, 30.0
 _LOGARITHMIC, _EVEN, _TO_A_TURN, _PULSES, _BLOCK = 400, 1200, 8, 200, 16
-#: Condition of the modes, in units that make them alike, beyond which those of a matrix so far beside it are used, or
-#: none. Rounding alone takes the poles of a multiple one apart in turned states, but not in those of its chain.
-_ILL, _BESIDE = 1e12, 1e-14
+#: How far beside a matrix the one is whose modes stand for its own where rounding shows in these by as much. Poles of a
+#: multiple one stand apart by a root of it, so that rounding in their modes is less than what the step aside changes.
+_BESIDE = 1e-10
 #: Newton's method in both times: iterations, step for derivatives, and what a root leaves, relative to the guards.
 _ITERATIONS, _STEP, _ROOT = 20, 1e-6, 1e-9
 #: Samples of a half period at which no other switch may lie, and what counts as beyond one.
@@ -46,6 +46,7 @@ class Pulses:
 
     hybrid: HybridSystem
     centre: Array  # (n,): the state about which the loop is odd
+    rates: Array  # sizes of the poles of the linear part, but for that of an integrator [1/s]
     #: poles, given, seen, vectors: (k,), (k,), (k,), (n, k): modes of the linear part, one of each pair, what the
     #: relay's output gives to each, and the relay's input of each.
     poles: ComplexArray
@@ -73,9 +74,10 @@ class Pulses:
         n, (modes, guards, level) = hybrid.n_plant, turn
         # In modes the motion between two switches is a row of exponentials, and half a turn an equation for each.
         A, units = balanced(model.A)
-        poles, vectors = _modes(A)
-        if np.linalg.cond(vectors) > _ILL or np.sum(known_poles(A) == 0.0) > 1:
+        rates = np.abs(known_poles(A))
+        if np.sum(rates == 0.0) > 1 or not np.any(rates):
             return None
+        poles, vectors = _modes(A)
         given = np.asarray(np.linalg.solve(vectors, model.B[:, 0] / units), complex)
         # The second of a pair, which follows the first, moves as the first one's conjugate does, but for what rounding
         # has given it: one mode takes what is given to both.
@@ -83,21 +85,18 @@ class Pulses:
         given = (given + np.where(poles.imag > 0.0, np.roll(given, -1).conj(), 0.0))[one]
         poles = poles[one]
         vectors = units[:, None] * vectors[:, one]
-        poles = np.where(np.abs(poles) < 1e-9 * np.abs(poles).max(initial=0.0), 0.0, poles)
-        if not np.any(poles):
-            return None
         centre = image[:n, -1] / 2.0
         middle = float(model.C[0] @ centre + model.Kz[0] @ hybrid.H0)
         rows = guards[: guards.size // 2]
         factor = model.guard_z[rows, 0]
         ends = np.stack([factor, factor * middle + model.guard_0[rows]], axis=1)
-        return cls(hybrid, centre, poles, given, model.C[0] @ vectors, vectors, level, modes, guards, ends)
+        rates = rates[rates > 0.0]
+        return cls(hybrid, centre, rates, poles, given, model.C[0] @ vectors, vectors, level, modes, guards, ends)
 
     @property
     def reach(self) -> tuple[float, float]:
         """Shortest and longest half period that is asked for [s]."""
-        times = 1.0 / np.abs(self.poles[self.poles != 0])
-        return float(_SHORTEST * times.min()), float(_LONGEST * times.max())
+        return float(_SHORTEST / self.rates.max()), float(_LONGEST / self.rates.min())
 
     def guesses(self) -> Iterator[Guess]:
         """A start for each symmetric cycle, as far as the grid tells them apart."""
@@ -211,15 +210,17 @@ def _grown(poles: ComplexArray, t: Array) -> ComplexArray:
 
 
 def _modes(A: Array) -> tuple[ComplexArray, ComplexArray]:
-    """Poles and modes of a matrix, or of one beside it where modes of a multiple pole are one (Davies 2007).
+    """Poles and modes of a matrix, or of one beside it where modes of a multiple pole are nearly one (Davies 2007).
 
-    The motions of that one are the same but for rounding, and its modes are well apart.
+    The motions of that one are the same but for as little, and its modes are well apart. The pole of an integrator is
+    exactly zero.
     """
-    values, vectors = np.linalg.eig(A)
-    if np.linalg.cond(vectors) > _ILL:
-        aside = np.random.default_rng(0).normal(size=A.shape)
-        values, vectors = np.linalg.eig(A + _BESIDE * np.linalg.norm(A) * aside)
-    return np.asarray(values, complex), np.asarray(vectors, complex)
+    apart, Q, k = integrators_apart(A)
+    values, vectors = np.linalg.eig(apart)
+    if np.linalg.cond(vectors) * np.finfo(float).eps > _BESIDE:
+        apart[:k, :k] += _BESIDE * np.linalg.norm(A) * np.random.default_rng(0).normal(size=(k, k))
+        values, vectors = np.linalg.eig(apart)
+    return np.asarray(values, complex), np.asarray(Q @ vectors, complex)
 
 
 def _turn(hybrid: HybridSystem) -> tuple[IntArray, IntArray, float] | None:

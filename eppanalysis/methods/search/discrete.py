@@ -41,7 +41,7 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.progress import Progress
 from eppanalysis.readable import count, listed
-from eppanalysis.results import SIMULATION, LimitCycle, Status
+from eppanalysis.results import SIMULATION, LimitCycle, Status, smallest_first
 from eppanalysis.results.provenance import Provenance
 
 _STILL = 1e-9
@@ -207,10 +207,9 @@ def search_discrete(
     cycles = [c for c in cycles if not any(_stands_for(other, c) for other in cycles)]
     cycles = _continua_once(step, cycles)
     unclosed = not_among(cycles, predicted)
-    name, closed = system.signals.names[0], sorted(set(sought) - set(left))
-    cycles.sort(key=lambda c: (c.peak_to_peak[name], c.period))
+    closed = sorted(set(sought) - set(left))
     return CycleSearch(
-        cycles=tuple(replace(c, operating_point=at) for c in cycles),
+        cycles=tuple(replace(c, operating_point=at) for c in smallest_first(cycles)),
         status=Status.UNDECIDED if open_ends or any(map(exists, unclosed)) else Status.CONVERGED,
         settles=bool(np.any(made.ends == 1)),
         diverges=bool(np.any(made.ends == -1)),

@@ -51,7 +51,7 @@ from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe, is_sampled
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.progress import Progress
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import LimitCycle, Status, smallest_first
 from eppanalysis.results.provenance import Provenance
 
 _SEED = 20050901
@@ -147,7 +147,7 @@ def _found(
     outcomes = search.outcomes
     counted = {"runs": search.n_runs, "boundaries": search.n_boundaries, "work": search.work.used}
     return CycleSearch(
-        cycles=tuple(replace(c, operating_point=at) for c in sorted(cycles, key=lambda c: _size(system, c))),
+        cycles=tuple(replace(c, operating_point=at) for c in smallest_first(cycles)),
         status=Status.CONVERGED if search.complete else Status.UNDECIDED,
         settles=End.REST in outcomes,
         diverges=End.DIVERGENCE in outcomes,
@@ -197,10 +197,6 @@ def seeds_of(system: LureSystem | CaseLike, at: OperatingPoint | None = None) ->
         return predicted_cycles(system, at)
     except ModelError:
         return ()
-
-
-def _size(system: LureSystem, cycle: LimitCycle) -> float:
-    return cycle.peak_to_peak[system.signals.names[0]]
 
 
 @dataclass

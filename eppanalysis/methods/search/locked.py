@@ -40,7 +40,7 @@ from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.progress import Progress
 from eppanalysis.readable import count
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import LimitCycle, Status, smallest_first
 from eppanalysis.results.provenance import Provenance
 
 #: Whether a cycle that was found is all that is wanted.
@@ -325,15 +325,13 @@ def _result(search: SampledSearch, at: OperatingPoint) -> CycleSearch:
     system = search.system
     cycles = search.cycles()
     unclosed = () if search.stopped else not_among(cycles, search.predicted)
-    name, open_runs = system.signals.names[0], search.ends[End.UNDECIDED]
+    open_runs = search.ends[End.UNDECIDED]
     left = [undecided(open_runs)] * bool(open_runs) + ["the search took too many steps"] * search.ended
     left += more_of("cycles that runs end on", unmet(Counter(on for _, on in search.begun).values()))
     if used_up := search.ends[End.OUT_OF_EVENTS]:
         left.append(f"{count(used_up, 'run')} had used up all events before anything settled or repeated itself")
     return CycleSearch(
-        cycles=tuple(
-            replace(c, operating_point=at) for c in sorted(cycles, key=lambda c: (c.peak_to_peak[name], c.period))
-        ),
+        cycles=tuple(replace(c, operating_point=at) for c in smallest_first(cycles)),
         status=Status.UNDECIDED if left or any(map(exists, unclosed)) else Status.CONVERGED,
         settles=search.ends[End.REST] > 0,
         diverges=search.ends[End.DIVERGENCE] > 0,

@@ -410,7 +410,9 @@ def _since(hybrid: HybridSystem, run: Run, found: Array) -> float:
     if found[0] == 0:
         return float(run.time[last])
     p = int(found[0])
-    scale = np.ptp(run.state[run.order[-p - 1 :]], axis=0)
+    period = run.order[-p - 1 :]
+    # What switches an element is on its threshold at every event, and moves between them.
+    scale = np.maximum(np.ptp(run.state[period], axis=0), 0.1 * np.abs(run.rate[period]).max(axis=0) * float(found[1]))
     # A clock and the input go on for ever and do not belong to the motion.
     scale = np.where((scale > 0) & hybrid.compared, scale, np.inf)
     turns = run.order[run.n_kept - 1 - p :: -p]

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.models.systems.linear import ROUNDING
 from eppanalysis.models.systems.own_states import ports
 from eppanalysis.readable import Unit
 
@@ -52,7 +53,7 @@ class SignalMap:
         parts = ((x, self.C), (w, self.D), (v, self.D_input))
         row = np.concatenate([np.zeros(m.shape[1]) if given is None else given for given, m in parts])
         rows = np.hstack([m for _, m in parts])
-        alike = np.all(rows == row, axis=1) & (self.constant == one)
+        alike = np.isclose(rows, row, ROUNDING, 0.0).all(axis=1) & np.isclose(self.constant, one, ROUNDING, 0.0)
         return next((unit for unit, here in zip(self.units, alike, strict=False) if here and unit), "")
 
 

@@ -158,10 +158,15 @@ def test_a_branch_on_which_the_period_grows_without_bound_ends_there_once():
     assert "no folds; infinite period at 0.9893" in str(branch)
 
 
-def test_a_branch_ends_at_the_limit_of_linear_stability():
-    """Three lags of 1 s behind a limit: at 8 the loop ceases to be stable, and oscillates at sqrt(3) rad/s."""
+@pytest.mark.parametrize("seed", [None, *range(4)])
+def test_a_branch_ends_at_the_limit_of_linear_stability(seed):
+    """Three lags of 1 s behind a limit: at 8 the loop ceases to be stable, and oscillates at sqrt(3) rad/s.
+
+    Just before it the motion is beyond the limit for microseconds: what that leaves of its equations is no rounding.
+    """
     loop = epp.LureSystem.from_tf(([8.0], [1.0, 3.0, 3.0, 1.0]), epp.Saturation(-1.0, 1.0))
-    branch = epp.continue_branch(loop, "loop.gain", 1.5, 0.5)
+    branch = epp.continue_branch(loop if seed is None else rotated(loop, seed), "loop.gain", 1.5, 0.5)
+    assert np.all(branch.points["stable"]) and 1.0 < branch.points["value"][-1] < 1.001
     (end,) = branch.special
     assert end.kind == "linear limit" and end.value == pytest.approx(1.0, rel=1e-12)
     assert end.cycle.omega == pytest.approx(math.sqrt(3.0), rel=1e-7)

@@ -48,23 +48,48 @@ def test_both_stable_responses_are_those_of_an_independent_integrator():
 
 
 def test_an_unstable_response_closes_in_an_independent_integrator_with_its_multipliers():
+    """The motion with its derivative, each piece of the saturation by itself: no step goes across a corner."""
     omega, T = 0.8, TURN / 0.8
 
-    def rate(t, y):
-        return [y[1], np.clip(0.5 * np.sin(omega * t) - y[0], -1.0, 1.0) - 0.2 * y[1]]
+    def pressed(t, y):
+        return 0.5 * np.sin(omega * t) - y[0]
+
+    def rate(t, y, side):
+        P = y[2:].reshape(2, 2)
+        force, slope = (pressed(t, y), -1.0) if side == 0 else (side, 0.0)
+        return [y[1], force - 0.2 * y[1], *P[1], *(slope * P[0] - 0.2 * P[1])]
+
+    def corners(side):
+        """Where the spring's force reaches its limit or comes back from it."""
+        ends = [lambda t, y, _, level=level: pressed(t, y) - level for level in ((-1, 1) if side == 0 else (side,))]
+        for end, level in zip(ends, (-1, 1) if side == 0 else (side,), strict=True):
+            end.terminal, end.direction = True, level if side == 0 else -side
+        return ends
 
     def over(x):
-        return solve_ivp(rate, (0.0, T), x, method="DOP853", rtol=1e-11, atol=1e-13, max_step=T / 400).y[:, -1]
+        """After a period, with the derivative over the start."""
+        t, y = 0.0, np.append(x, np.eye(2))
+        side = int(np.fix(np.clip(pressed(t, y), -1.0, 1.0)))
+        way = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13, "max_step": T / 50}
+        while t < T:
+            run = solve_ivp(rate, (t, T), y, args=(side,), events=corners(side), **way)
+            t, y = run.t[-1], run.y[:, -1]
+            side = 0 if side else int(np.sign(pressed(t, y)))
+        return y[:2], y[2:].reshape(2, 2)
 
     unstable = next(r for r in epp.forced_response(saturated(), amplitude=0.5, frequency=omega / TURN) if not r.stable)
     system = saturated()
     T_state = np.array([system.signals.C[system.signals.names.index("mass")], [0.0, 0.0]])
     T_state[1] = T_state[0] @ system.A  # the rate of the mass, which nothing else acts on
     x = T_state @ unstable.cycle.state
-    assert over(x) == pytest.approx(x, abs=1e-7)
-    h = 1e-5
-    P = np.column_stack([(over(x + h * e) - over(x - h * e)) / (2 * h) for e in np.eye(2)])
-    assert np.sort(np.linalg.eigvals(P).real) == pytest.approx(np.sort(unstable.cycle.multipliers.real), rel=1e-5)
+    end, P = over(x)
+    multipliers = np.sort(unstable.cycle.multipliers.real)
+    # Each step is true to 1e-12, and what it is not grows until the end, by the larger multiplier at most.
+    steps = 200 * max(1.0, multipliers[-1])
+    assert end == pytest.approx(x, abs=steps * 1e-12)
+    values, vectors = np.linalg.eig(P)
+    error = np.linalg.cond(vectors) * steps * 1e-12 * np.abs(P).max()  # Bauer and Fike
+    assert np.sort(values.real) == pytest.approx(multipliers, abs=error) and error < 1e-6
     # Liouville: their product is what damping alone makes of an area.
     assert np.prod(unstable.cycle.multipliers) == pytest.approx(np.exp(-0.2 * T), rel=1e-10)
 

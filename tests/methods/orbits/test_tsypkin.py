@@ -85,7 +85,7 @@ def test_only_one_odd_relay_without_dead_time_is_asked() -> None:
         assert Pulses.of(steady_hybrid(epp.LureSystem.from_tf(plant, element, delay=delay))) is None
 
 
-@pytest.mark.parametrize("seed", [None, 0, 1])
+@pytest.mark.parametrize("seed", [None, *range(8)])
 def test_symmetric_cycles_on_a_plant_with_a_double_pole_are_sought_in_all_coordinates(seed: int | None) -> None:
     """As it is given its matrix has one mode for two poles, and nothing was sought: both published periods are met."""
     case = epp.case("relay_deadzone")
