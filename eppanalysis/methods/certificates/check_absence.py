@@ -16,7 +16,7 @@ STATEMENT = "no periodic motion but rest"
 #: Most characters of a file, and of a number in it; most coefficients of a polynomial of the loop.
 LENGTH, DIGITS, ORDER = 100_000, 1000, 60
 HALF = {"slope": (Fraction,), "bends": [[(Fraction,), (Fraction,)]], "jumps": [[(Fraction,), (Fraction,)]]}
-ELEMENTS = {
+ELEMENTS: dict = {
     "odd_pieces": HALF,
     "pieces": {"positive": HALF, "negative": HALF},
     "cube": {"scale": (Fraction,)},

@@ -17,7 +17,7 @@ LENGTH, DIGITS, ORDER, BOXES = 1_000_000, 1000, 60, 25_000
 HALF = {"slope": (Fraction,), "bends": [[(Fraction,), (Fraction,)]], "jumps": [[(Fraction,), (Fraction,)]]}
 ODD = {"odd_pieces": HALF, "play": {"gap": (Fraction,)}}
 ODD["hysteresis_relay"] = {"threshold": (Fraction,), "level": (Fraction,)}
-ELEMENTS = {**ODD, "pieces": {"positive": HALF, "negative": HALF}}
+ELEMENTS: dict = {**ODD, "pieces": {"positive": HALF, "negative": HALF}}
 ELEMENTS["biased_relay"] = {name: (Fraction,) for name in ("lower", "upper", "low", "high")}
 PI, ONE, J = arb.pi(), arb(1), acb(0, 1)
 
@@ -145,9 +145,9 @@ def phases(r):
 
 
 class Element:
-    """A line with steps (where, size; "bend", or a jump met upward 1, downward -1, both ways 0), or a follower.
+    """A line with steps, or a follower, which has a band and a slope; a relay with hysteresis has a gate to pass.
 
-    A follower has a band and a slope; a gate is where a relay with hysteresis has to be passed to either side.
+    A step has a place, a size, and 2 for a bend, 1 for a jump that is met upward, -1 downward, 0 both ways.
     """
 
     def __init__(self, e):
@@ -175,7 +175,7 @@ class Element:
         up, down = (rational(half["slope"]) for half in halves)
         self.line = down + sum(x for _, x in turned), sum(b * x for b, x in turned) - sum(h for _, h in steps)
         changes = [*bends, [fmpq(0), up - down], *([-b, -x] for b, x in turned)]
-        self.steps = [(b, x, "bend") for b, x in changes if x != 0]
+        self.steps = [(b, x, 2) for b, x in changes if x != 0]
         self.steps += [(b, h, 0) for b, h in [*jumps, *([-b, h] for b, h in steps)]]
 
     def moves(self, A, B):
@@ -204,7 +204,7 @@ class Element:
         if self.gate and (A.x + B.x < high or B.x - A.x > low):
             return A.line(0), M
         for at, size, way in self.steps:
-            away, bend = B.line(-1, at), way == "bend"
+            away, bend = B.line(-1, at), way == 2
             # Nothing changes below the amplitude that meets the step: a lesser one, zero too, counts as that one.
             R = A.of(A.x.max(away.x.abs_lower()), ONE)
             r = away / R

@@ -18,7 +18,7 @@ ctx.prec = 100
 STATEMENT = "all roots of the first-order balance in a box"
 #: Most characters of a file, and of a number in it; most coefficients of a polynomial, and most boxes of all covers.
 LENGTH, DIGITS, ORDER, BOXES = 1_000_000, 1000, 60, 100_000
-ELEMENTS = {
+ELEMENTS: dict = {
     "odd_pieces": {"slope": (Fraction,), "bends": [[(Fraction,), (Fraction,)]], "jumps": [[(Fraction,), (Fraction,)]]},
     "play": {"gap": (Fraction,)},
     "jump_and_follow": {"stick_band": (Fraction,), "slip_jump": (Fraction,), "slope": (Fraction,)},

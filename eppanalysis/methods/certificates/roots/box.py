@@ -10,6 +10,7 @@ import numpy as np
 from flint import acb, acb_poly, ctx, fmpq, fmpq_poly
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.certificates import check_roots
 from eppanalysis.methods.certificates.numbers import NotCovered, number_of
 from eppanalysis.methods.certificates.roots.find import Box
 from eppanalysis.methods.certificates.roots.ring import order_of
@@ -130,12 +131,9 @@ def _corners(system: LureSystem, stated: Mapping[str, Any]) -> list[float]:
 
 def _sizes_of_roots(link: Mapping[str, Any]) -> list[Any]:
     """Sizes of the poles and zeros other than zero, as balls; from the numbers that are stated, without rounding."""
-    polynomials = (
-        fmpq_poly([fmpq(Fraction(c).numerator, Fraction(c).denominator) for c in link[name][::-1]])
-        for name in ("num", "den")
-    )
-    roots: list[Any] = [root for p in polynomials if p.degree() > 0 for root, _ in p.complex_roots()]
-    return [abs(root) for root in roots if not root.contains(0)]
+    polynomials = [fmpq_poly([check_roots.rational(c) for c in link[name][::-1]]) for name in ("num", "den")]
+    found: list[Any] = [p.complex_roots() for p in polynomials if p.degree() > 0]
+    return [abs(root) for roots in found for root, _ in roots if not root.contains(0)]
 
 
 def _amplitudes(
@@ -180,10 +178,7 @@ def _gains(system: LureSystem, stated: Mapping[str, Any]) -> list[float]:
     with ctx.workprec(_BITS):
         for omega in _sizes_of_roots(link):
             num, den = (
-                acb_poly([acb(fmpq(Fraction(c).numerator, Fraction(c).denominator)) for c in link[name][::-1]])(
-                    acb(0, omega)
-                )
-                for name in ("num", "den")
+                acb_poly([*map(check_roots.rational, link[name][::-1])])(acb(0, omega)) for name in ("num", "den")
             )
             if not (num.contains(0) or den.contains(0)):
                 found.append(float(abs(num / den)))

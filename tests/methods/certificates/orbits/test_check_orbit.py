@@ -96,7 +96,9 @@ def test_the_precision_of_others_is_left_alone(relay: Document) -> None:
 def test_the_file_is_written_and_checked_in_a_process_of_its_own(tmp_path) -> None:
     found = epp.certify_orbit(*hysteresis(0.5))
     said = epp.check_certificate(found.write(tmp_path / "orbit.json"))
-    assert said.accepted and "of the arcs in the file: they close to a limit cycle of 2.197 s with 2 events" in str(said)
+    assert said.accepted and "of the arcs in the file: they close to a limit cycle of 2.197 s with 2 events" in str(
+        said
+    )
     nothing = epp.certify_orbit(hysteresis(0.5)[0], hysteresis(0.3)[1])
     if not nothing.proved:
         with pytest.raises(epp.EppError, match="no certificate to write"):
