@@ -63,8 +63,9 @@ def certify(
         zone around ``k/(s(s+p)(s+q))``.
     box : mapping of str to (float, float), optional
         Of "roots": "amplitude" at the element's input (of a ring, the first one with memory, or the first), "omega"
-        [rad/s] and, where there is one, "bias", from and to; by default 1024 times beyond all scales of the loop (to
-        one turn of its dead time, to half of its sampling frequency).
+        [rad/s] and, where there is one, "bias", from and to; by default 1024 times beyond all scales of the loop and
+        the cycles that :func:`predict_limit_cycles` lists (to one turn of its dead time, to half of its sampling
+        frequency).
     sectors : int, optional
         Of "absence" with play: most sectors of a quarter plane in which the function is quadratic, 2 to 200; more of
         them come nearer to the exact onset of cycles.

@@ -46,16 +46,17 @@ def once(pairs):
     return dict(pairs)
 
 
-def no_number(text):
-    """Refuse numbers that are rounded: there are whole ones, and fractions as texts."""
-    raise Refused(f"a number that is neither whole nor a text: {text[:20]}")
+def whole(text):
+    """A number that counts; others are fractions as texts, and none is rounded."""
+    require(len(text) <= DIGITS and set(text) <= set("-0123456789"), f"a number that is no text: {text[:20]}")
+    return int(text)
 
 
 def read(text):
     """The document of a file."""
     require(len(text) <= LENGTH, f"a file of more than {LENGTH} characters")
     try:
-        return json.loads(text, object_pairs_hook=once, parse_float=no_number, parse_constant=no_number)
+        return json.loads(text, object_pairs_hook=once, parse_int=whole, parse_float=whole, parse_constant=whole)
     except RecursionError:
         raise Refused("lists within lists without end") from None
 
@@ -95,10 +96,17 @@ def element_form(part):
     return {"kind": (str,), **ELEMENTS[kind]}
 
 
-SIDE, BOX = [(Fraction,), (Fraction,)], [(Fraction,)]
+def box_form(part):
+    """The form of the box: three sides where there is a bias, else two."""
+    sides = ("amplitude", "frequency", "bias") if type(part) is dict and "bias" in part else ("amplitude", "frequency")
+    return {side: [(Fraction,), (Fraction,)] for side in sides}
+
+
+BOX = [(Fraction,)]
 LINK = {"num": [(Fraction,)], "den": [(Fraction,)], "delay": (Fraction,), "element": element_form}
 FORM = {
     "loop": {"ring": [LINK], "means": [(Fraction,)]},
+    "box": box_form,
     "claim": {"roots": (int,), "undecided": (int,)},
     "evidence": {"roots": [{"enclosure": BOX, "region": BOX}], "cover": [(str,)]},
 }
@@ -308,9 +316,10 @@ def leaves(cover, box):
 
 def verify(document):
     """What a certificate proves: how many roots its box has, outside of how many boxes that are undecided."""
-    sides = ("amplitude", "frequency", "bias")[: 3 if document["loop"]["means"] else 2]
-    loop, said, evidence = opened(document, {**FORM, "box": {side: SIDE for side in sides}})
+    loop, said, evidence = opened(document, FORM)
     balance, roots, undecided = Balance(loop), [], 0  # type: ignore[var-annotated]
+    sides = ("amplitude", "frequency", *["bias"] * bool(balance.means))
+    require(document["box"].keys() == set(sides), "a box without its bias, or with one that there is not")
     box = [rational(x) for side in sides for x in document["box"][side]]
     require(within(box, box) and box[0] > 0 and box[2] > 0, "a box that is none")
     (cover,) = evidence["cover"]
@@ -336,5 +345,6 @@ if __name__ == "__main__":
     try:
         print(json.dumps({"accepted": True, "claim": verify(read(sys.stdin.read(LENGTH + 1)))}))
     except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
-        print(json.dumps({"accepted": False, "why": str(error) or type(error).__name__}))
+        why = str(error) if isinstance(error, Refused) else f"it cannot be read: {type(error).__name__}, {error}"
+        print(json.dumps({"accepted": False, "why": why}))
         raise SystemExit(1) from None

@@ -63,16 +63,17 @@ def once(pairs):
     return dict(pairs)
 
 
-def no_number(text):
-    """Refuse numbers that are rounded: there are whole ones, and fractions as texts."""
-    raise Refused(f"a number that is neither whole nor a text: {text[:20]}")
+def whole(text):
+    """A number that counts; others are fractions as texts, and none is rounded."""
+    require(len(text) <= DIGITS and set(text) <= set("-0123456789"), f"a number that is no text: {text[:20]}")
+    return int(text)
 
 
 def read(text):
     """The document of a file."""
     require(len(text) <= LENGTH, f"a file of more than {LENGTH} characters")
     try:
-        return json.loads(text, object_pairs_hook=once, parse_float=no_number, parse_constant=no_number)
+        return json.loads(text, object_pairs_hook=once, parse_int=whole, parse_float=whole, parse_constant=whole)
     except RecursionError:
         raise Refused("lists within lists without end") from None
 
@@ -253,5 +254,6 @@ if __name__ == "__main__":
     try:
         print(json.dumps({"accepted": True, "claim": verify(read(sys.stdin.read(LENGTH + 1)))}))
     except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
-        print(json.dumps({"accepted": False, "why": str(error) or type(error).__name__}))
+        why = str(error) if isinstance(error, Refused) else f"it cannot be read: {type(error).__name__}, {error}"
+        print(json.dumps({"accepted": False, "why": why}))
         raise SystemExit(1) from None

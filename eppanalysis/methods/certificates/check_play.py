@@ -16,6 +16,10 @@ STATEMENT = "no periodic motion but rest, for any gap of the play"
 ONE = Fraction(1)
 #: Most characters of a file, and of a number in it.
 LENGTH, DIGITS = 2_000_000, 1000
+FORMS, SIGNS = [[[(Fraction,)]]], {"forms": [[[(Fraction,)]]], "multipliers": [(Fraction,)], "rate": (Fraction,)}
+EVIDENCE = {"poles": [(Fraction,)], "unit": (Fraction,), "rays": [[(Fraction,), (Fraction,)]], "stuck": [[(Fraction,)]]}
+EVIDENCE |= {"moving": FORMS, "moving_multipliers": [(Fraction,)], "decrease": (Fraction,)}
+EVIDENCE |= {"release_multipliers": [[(Fraction,), (Fraction,), (Fraction,)]]}
 FORM = {
     "loop": {
         "time_step": (str, type(None)),
@@ -25,11 +29,8 @@ FORM = {
         "element": {"kind": (str,), "gap": (Fraction,)},
     },
     "claim": {"sectors": (int,)},
+    "evidence": lambda part: {**EVIDENCE, **({"signs": SIGNS} if type(part) is dict and "signs" in part else {})},
 }
-FORMS, SIGNS = [[[(Fraction,)]]], {"forms": [[[(Fraction,)]]], "multipliers": [(Fraction,)], "rate": (Fraction,)}
-EVIDENCE = {"poles": [(Fraction,)], "unit": (Fraction,), "rays": [[(Fraction,), (Fraction,)]], "stuck": [[(Fraction,)]]}
-EVIDENCE |= {"moving": FORMS, "moving_multipliers": [(Fraction,)], "decrease": (Fraction,)}
-EVIDENCE |= {"release_multipliers": [[(Fraction,), (Fraction,), (Fraction,)]]}
 
 
 class Refused(Exception):
@@ -56,16 +57,17 @@ def once(pairs):
     return dict(pairs)
 
 
-def no_number(text):
-    """Refuse numbers that are rounded: there are whole ones, and fractions as texts."""
-    raise Refused(f"a number that is neither whole nor a text: {text[:20]}")
+def whole(text):
+    """A number that counts; others are fractions as texts, and none is rounded."""
+    require(len(text) <= DIGITS and set(text) <= set("-0123456789"), f"a number that is no text: {text[:20]}")
+    return int(text)
 
 
 def read(text):
     """The document of a file."""
     require(len(text) <= LENGTH, f"a file of more than {LENGTH} characters")
     try:
-        return json.loads(text, object_pairs_hook=once, parse_float=no_number, parse_constant=no_number)
+        return json.loads(text, object_pairs_hook=once, parse_int=whole, parse_float=whole, parse_constant=whole)
     except RecursionError:
         raise Refused("lists within lists without end") from None
 
@@ -224,8 +226,7 @@ def falls(num, den, given):
 
 def verify(document):
     """What a certificate proves: of how many sectors the function is that falls along every motion."""
-    signs = {"signs": SIGNS} if "signs" in document["evidence"] else {}
-    loop, said, evidence = opened(document, {**FORM, "evidence": {**EVIDENCE, **signs}})
+    loop, said, evidence = opened(document, FORM)
     require(rational(loop["delay"]) == 0, "a loop with dead time is not covered")
     require(loop["time_step"] is None, "a loop in discrete time is not covered")
     require(loop["element"]["kind"] == "play" and rational(loop["element"]["gap"]) > 0, "an element without a gap")
@@ -240,5 +241,6 @@ if __name__ == "__main__":
     try:
         print(json.dumps({"accepted": True, "claim": verify(read(sys.stdin.read(LENGTH + 1)))}))
     except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
-        print(json.dumps({"accepted": False, "why": str(error) or type(error).__name__}))
+        why = str(error) if isinstance(error, Refused) else f"it cannot be read: {type(error).__name__}, {error}"
+        print(json.dumps({"accepted": False, "why": why}))
         raise SystemExit(1) from None
