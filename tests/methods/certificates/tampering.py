@@ -52,45 +52,31 @@ def another_form(document: Any) -> Iterator[Edit]:
     """Names struck and added, and values of another kind: all of these are to be refused, whatever they say."""
     for path in places(document):
         part, label = part_of(document, path), ".".join(map(str, path)) or "document"
+        if isinstance(part, dict):
+            for name, value in STRANGERS.items():
+                if name not in part:
+                    yield f"{label} with {name}", changed(document, path, {**part, name: value})
         if path in ((), ("digest",)):
             continue
         if isinstance(path[-1], str):
             yield f"{label} struck", without(document, path)
-        others: list[Any] = [
-            None,
-            [],
-            {},
-            0.5,
-            True,
-            7,
-            "2.0",
-            " 1",
-            "1e5",
-            "２",
-            "0x10",
-            "nan",
-            "1_0",
-            "+1",
-            "2/4",
-            [part],
-        ]
-        if isinstance(part, str):
-            others += [float(Fraction(part)), f"{part} ", f"{part}/1"] if _is_number(part) else []
-        elif type(part) is int:
-            others = [x for x in others if x != 7] + [float(part), str(part)]
-        elif type(part) is bool:
-            others = [x for x in others if type(x) is not bool] + [int(part)]
-        for other in others:
-            if other is None and _may_be_null(path):
-                continue
-            if type(other) is not type(part) or (isinstance(part, str) and _is_number(part)):
+        for other in _of_another_kind(part):
+            if other is not None or not _may_be_null(path):
                 yield f"{label} = {other!r}", changed(document, path, other)
-    for path in places(document):
-        part = part_of(document, path)
-        if isinstance(part, dict):
-            for name, value in STRANGERS.items():
-                if name not in part:
-                    yield f"{'.'.join(map(str, path))} with {name}", changed(document, path, {**part, name: value})
+
+
+def _of_another_kind(part: Any) -> Iterator[Any]:
+    """Values that are not of the kind of a value, or are written as none should be."""
+    written = ["2.0", " 1", "1e5", "\uff12", "0x10", "nan", "1_0", "+1", "2/4", "-0", "01"]
+    for other in (None, [], {}, 0.5, True, 7, [part], *written):
+        if type(other) is not type(part) or (other in written and isinstance(part, str) and _is_number(part)):
+            yield other
+    if isinstance(part, str) and _is_number(part):
+        yield from (float(Fraction(part)), f"{part} ", f"{part}/1")
+    elif type(part) is int:
+        yield from (float(part), str(part))
+    elif type(part) is bool:
+        yield int(part)
 
 
 def another_size(document: Any) -> Iterator[Edit]:
@@ -98,7 +84,7 @@ def another_size(document: Any) -> Iterator[Edit]:
     for path in places(document):
         part, label = part_of(document, path), ".".join(map(str, path))
         for value in [*_others(part), *[None] * _may_be_null(path)]:
-            if path and path != ("digest",) and path != ("statement",):
+            if path and path not in (("digest",), ("statement",)) and (type(value), value) != (type(part), part):
                 yield f"{label} = {str(value)[:60]}", changed(document, path, value)
 
 
