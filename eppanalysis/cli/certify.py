@@ -14,7 +14,7 @@ from eppanalysis.methods.certificates.registry import Asked
 if TYPE_CHECKING:
     from eppanalysis.methods.certificates.result import Certificate
 
-#: Exit code of a file that is refused.
+#: Exit code of a file that is refused, or that is about another loop than the case.
 _REFUSED = 1
 
 MaybeCase = Annotated[
@@ -31,7 +31,12 @@ Statement = Annotated[
     ),
 ]
 File = Annotated[Path | None, file_option("Write the certificate (.json), or a picture.")]
-Checked = Annotated[Path | None, file_option("Check a certificate, in a process of its own.", "--check")]
+Checked = Annotated[
+    Path | None,
+    file_option(
+        "Check a certificate, in a process of its own; with a CASE also whether it is about that very case.", "--check"
+    ),
+]
 
 
 def certify(
@@ -44,7 +49,7 @@ def certify(
 ) -> None:
     """Prove what first order predicts, or which limit cycles a loop has, or none, in a file that is checked."""
     if check is not None:
-        _check(check, [case, statement, settings, as_json, output])
+        _check(check, case, settings, [statement, as_json, output])
         return
     if case is None:
         raise EppError("certify: there is no case; expected a case, or --check FILE.")
@@ -76,13 +81,16 @@ def _write(result: Certificate, output: Path) -> None:
         write_figure(result.plot(), output)
 
 
-def _check(path: Path, others: list[object]) -> None:
-    """Say whether a file proves what it claims."""
+def _check(path: Path, case: str | None, settings: Settings, others: list[object]) -> None:
+    """Say whether a file proves what it claims, and whether that is about a case."""
     from eppanalysis.methods.certificates.certify import check_certificate
 
     if any(others):
-        raise EppError(f"--check {path}: is given beside a case or other options; expected it alone.")
-    found = check_certificate(path)
-    typer.echo(found.message, err=not found.accepted)
-    if not found.accepted:
+        raise EppError(f"--check {path}: is given beside other options; expected it alone, or with a case.")
+    if case is None and settings:
+        raise EppError(f"--check {path}: --set is given without a case; expected a case whose fields it sets.")
+    found = check_certificate(path, None if case is None else load_case(case, settings))
+    passed = found.accepted and found.about is not False
+    typer.echo(found.message, err=not passed)
+    if not passed:
         raise typer.Exit(_REFUSED)

@@ -21,7 +21,12 @@ def test_roots_are_written_and_checked(tmp_path: Path) -> None:
     code, text = run("backlash_servo", "--statement", "roots", "-o", file)
     assert code == 0 and "exactly 2 roots" in text and "1.05569530823" in text
     code, text = run("--check", file)
+    assert code == 0 and text.startswith("Proved: first order has exactly 2 roots for the loop in the file;")
+    code, text = run("backlash_servo", "--check", file)
     assert code == 0 and text.startswith("Proved: first order has exactly 2 roots for backlash servo;")
+    for other in (["backlash_servo", "--set", "loop.gain=1.01"], ["relay_deadzone"], ["fig8a_original"]):
+        code, text = run(*other, "--check", file)
+        assert code == 1 and "not about" in text and "Traceback" not in text
 
 
 def test_absence_is_written_and_checked_and_a_changed_gain_refused(tmp_path: Path) -> None:
@@ -40,7 +45,11 @@ def test_absence_with_play_is_written_checked_and_drawn(tmp_path: Path) -> None:
         assert code == 0 and "backlash servo has no periodic motion but rest, for any gap" in text.replace("\n", " ")
     assert picture.stat().st_size > 1000
     code, text = run("--check", str(file))
+    assert code == 0 and text.startswith("Proved: the loop in the file has no periodic motion but rest, for any gap")
+    code, text = run("backlash_servo", "--set", "loop.gain=0.5", "--check", str(file))
     assert code == 0 and text.startswith("Proved: backlash servo has no periodic motion but rest, for any gap")
+    code, text = run("backlash_servo", "--check", str(file))
+    assert code == 1 and "its numerator is" in text
     file.write_text(file.read_text().replace('"5/2"', '"5"'))
     code, text = run("--check", str(file))
     assert code == 1 and "refused: a file that was changed" in text
@@ -68,7 +77,9 @@ def test_json_and_pictures(tmp_path: Path) -> None:
             ["sat_am165", "--statement", "presence"],
             "--statement presence: is not known; expected one of roots, absence, cycles",
         ),
-        (["sat_am165", "--check", "x.json"], "expected it alone"),
+        (["sat_am165", "--json", "--check", "x.json"], "expected it alone"),
+        (["sat_am165", "--statement", "roots", "--check", "x.json"], "expected it alone"),
+        (["--set", "loop.gain=1", "--check", "x.json"], "--set is given without a case"),
         (["--check", "nowhere.json"], "expected the file of a certificate"),
         (["sat_am165", "-o", "roots.csv"], "roots.csv"),
     ],

@@ -7,7 +7,7 @@ from fractions import Fraction
 from typing import Any
 
 from eppanalysis.methods.certificates import check_absence
-from eppanalysis.methods.certificates.check_absence import Refused, added, criterion, positive, rational, sector, times
+from eppanalysis.methods.certificates.check_absence import Refused, added, criterion, number, positive, sector, times
 from eppanalysis.methods.certificates.numbers import middle_of
 from eppanalysis.methods.certificates.registry import sealed
 
@@ -40,7 +40,7 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     reason = _not_covered(loop)
     if reason:
         return reason
-    num, den = ([rational(c) for c in loop[name][::-1]] for name in ("num", "den"))
+    num, den = ([number(c) for c in loop[name][::-1]] for name in ("num", "den"))
     low, high = sector(loop["element"])
     assert low is not None  # refused above
     play = loop["element"]["kind"] == "play"
@@ -81,11 +81,11 @@ def _by_sectors(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
 
 def _not_covered(loop: Mapping[str, Any]) -> str:
     """Which hypothesis of the criteria a loop does not meet; empty where it meets all."""
-    if rational(loop["delay"]) != 0:
+    if number(loop["delay"]) != 0:
         return "the criteria are checked for rational linear parts, and the loop has dead time."
     if loop["time_step"] is not None:
         return "the criteria are those of continuous time, and the loop is in discrete time."
-    if not any(rational(c) for c in loop["num"]):
+    if not any(number(c) for c in loop["num"]):
         return "what the element puts out does not come back to it."
     if len(loop["num"]) >= len(loop["den"]):
         return "the linear part passes its input straight through."
@@ -95,7 +95,7 @@ def _not_covered(loop: Mapping[str, Any]) -> str:
         return f"{error}: the criteria are those of memoryless elements in a sector, and of play."
     if low is None or low == high:
         return "the element lies in no sector, or is linear."
-    num, den = (rational(loop[name][-1]) for name in ("num", "den"))
+    num, den = (number(loop[name][-1]) for name in ("num", "den"))
     # The criteria know the loop by what the element sees: an integrator that cancels is beyond them
     # (docs/theory/certificates.md, No periodic motion).
     unseen = num == 0 == den + low * num and loop["element"]["kind"] != "play"

@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from eppanalysis.errors import EppError, did_you_mean, require_packages
+from eppanalysis.errors import EppError, did_you_mean, require_packages, shown, visible
+from eppanalysis.methods.certificates.check_absence import Refused, read
 from eppanalysis.methods.certificates.numbers import NotCovered
-from eppanalysis.methods.certificates.registry import Asked, of_text
+from eppanalysis.methods.certificates.registry import Asked, Statement, of_text
 from eppanalysis.methods.certificates.result import Certificate, Check, enclosure, sentence
+from eppanalysis.methods.certificates.stated import another_loop, stated_loop
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, standing
@@ -27,6 +29,11 @@ _PATIENCE = 600.0
 _MOST_SECTORS = 200
 #: Absence of cycles is no stability: said where all motions may grow.
 _GROWS = " While the play moves, the loop is not stable: motions that do not rest may grow without bound."
+#: Why roots are not decided beside an undamped pole.
+_ALONE = (
+    " At {} rad/s the linear part has a pole without damping: where the element passes nothing on, it swings there by "
+    "itself with any amplitude."
+)
 
 
 def certify(
@@ -56,8 +63,9 @@ def certify(
         zone around ``k/(s(s+p)(s+q))``.
     box : mapping of str to (float, float), optional
         Of "roots": "amplitude" at the element's input (of a ring, the first one with memory, or the first), "omega"
-        [rad/s] and, where there is one, "bias", from and to; by default 1024 times beyond all scales of the loop (to
-        one turn of its dead time, to half of its sampling frequency).
+        [rad/s] and, where there is one, "bias", from and to; by default 1024 times beyond all scales of the loop and
+        the cycles that :func:`predict_limit_cycles` lists (to one turn of its dead time, to half of its sampling
+        frequency).
     sectors : int, optional
         Of "absence" with play: most sectors of a quarter plane in which the function is quadratic, 2 to 200; more of
         them come nearer to the exact onset of cycles.
@@ -126,101 +134,66 @@ def certify(
     case = facts_of(loop)
     settings = {"system": system.name, "statement": asked.value, "input": dict(at.inputs)}
     try:
-        stated, off = _stated(asked, system, at)
+        stated, off = stated_loop(asked, system, at)
         made_by = Provenance("certificate", settings, {"coefficients": off}, case=case)
         made = partial(Certificate, asked, provenance=made_by, operating_point=at)
         if asked is Asked.ROOTS:
-            return _roots(system, stated, box, made)
+            return _roots(system, stated, box, at, made)
         if asked is Asked.CYCLES:
-            return _cycles(system, stated, at, made)
-        return _absence(system, stated, sectors, at, made)
+            return _cycles(system, stated, made)
+        return _absence(system, stated, sectors, made)
     except NotCovered as error:
         made_by = Provenance("certificate", settings, case=case)
         message = f"Not covered: {error}"
         return Certificate(asked, Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
 
 
-def _stated(asked: Asked, system: LureSystem, at: OperatingPoint) -> tuple[dict[str, Any], float]:
-    """A loop as certificates of a statement state it, and how far its coefficients are off, relatively."""
-    from eppanalysis.methods.certificates.elbow.find import rational_elbow
-    from eppanalysis.methods.certificates.rational import rational_loop
-
-    if asked is Asked.ROOTS:
-        return _loop_of_roots(system, at)
-    if asked is Asked.ABSENCE and len(system.elements) > 1:
-        return rational_elbow(system), 0.0
-    return rational_loop(system)
-
-
-def _loop_of_roots(system: LureSystem, at: OperatingPoint) -> tuple[dict[str, Any], float]:
-    """A loop as certificates of roots state it: one odd element without bias, else a ring, or one with a bias."""
-    from eppanalysis.methods.certificates.rational import rational_loop
-    from eppanalysis.methods.certificates.roots.ring import rational_ring
-    from eppanalysis.models.systems.means import static_balance
-
-    if any(element.of_frequency for element in system.elements):
-        raise NotCovered("the element's describing function depends on the frequency.")
-    inputs = at.vector(system)
-    if (
-        len(system.elements) == 1
-        and system.elements[0].is_single
-        and not static_balance(system, inputs).prescribed.any()
-    ):
-        stated, off = rational_loop(system)
-        if stated["element"]["kind"] not in ("pieces", "biased_relay"):
-            return stated, off
-    return rational_ring(system, inputs)
-
-
-def _roots(system: LureSystem, stated: dict[str, Any], box: Any, made: Callable[..., Certificate]) -> Certificate:
+def _roots(
+    system: LureSystem, stated: dict[str, Any], box: Any, at: OperatingPoint, made: Callable[..., Certificate]
+) -> Certificate:
     """The certificate of all roots in a box, checked."""
     from eppanalysis.methods.certificates.roots import find as roots
     from eppanalysis.methods.certificates.roots.box import box_of
 
-    document = roots.find(stated, box_of(system, stated, box))
+    document = roots.find(stated, box_of(system, stated, box, at))
     _accepted(document)
+    left = roots.undecided(document)
+    alone = [] if system.time_step else roots.undamped(stated)
+    alone = [omega for omega in alone if any(leaf[2] <= omega <= leaf[3] for leaf in left)]
     return made(
-        Status.INCOMPLETE if document["claim"]["undecided"] else Status.CONVERGED,
-        sentence(document),
+        Status.INCOMPLETE if left else Status.CONVERGED,
+        sentence(document, system.name) + (_ALONE.format(f"{float(alone[0]):.4g}") if alone else ""),
         document,
         tuple(enclosure(root["enclosure"]) for root in document["evidence"]["roots"]),
-        tuple(enclosure([str(x) for x in leaf]) for leaf in roots.undecided(document)),
+        tuple(enclosure([str(x) for x in leaf]) for leaf in left),
     )
 
 
-def _absence(
-    system: LureSystem, stated: dict[str, Any], sectors: int, at: OperatingPoint, made: Callable[..., Certificate]
-) -> Certificate:
+def _absence(system: LureSystem, stated: dict[str, Any], sectors: int, made: Callable[..., Certificate]) -> Certificate:
     """The certificate of absence, checked, or why there is none."""
     from eppanalysis.methods.certificates import absence
-    from eppanalysis.methods.certificates.rational import require_no_bias
 
     play = stated.get("element", {}).get("kind") == "play"
-    # Of play it is proved for every constant input (docs/theory/absence_with_play.md, What is claimed).
-    if "element" in stated and not play:
-        require_no_bias(system, at.vector(system))
     document = absence.find(stated, sectors)
     if isinstance(document, str):
         return made(Status.INCOMPLETE, f"Not decided: {document}")
     _accepted(document)
-    return made(Status.CONVERGED, sentence(document) + (_GROWS if play and _grows(system) else ""), document)
+    return made(
+        Status.CONVERGED, sentence(document, system.name) + (_GROWS if play and _grows(system) else ""), document
+    )
 
 
-def _cycles(
-    system: LureSystem, stated: dict[str, Any], at: OperatingPoint, made: Callable[..., Certificate]
-) -> Certificate:
+def _cycles(system: LureSystem, stated: dict[str, Any], made: Callable[..., Certificate]) -> Certificate:
     """The certificate of all limit cycles, checked, or why there is none."""
     from eppanalysis.methods.certificates.cells.find import find
-    from eppanalysis.methods.certificates.rational import require_no_bias
 
-    require_no_bias(system, at.vector(system))
     document = find(stated, cycles=True)
     if document == "":
         raise NotCovered("lists of cycles are proved for a relay with dead zone around k/(s(s + p)(s + q)), p, q > 0.")
     if isinstance(document, str):
         return made(Status.INCOMPLETE, f"Not decided: the list of cycles is not proved complete{document}.")
     _accepted(document)
-    return made(Status.CONVERGED, sentence(document), document)
+    return made(Status.CONVERGED, sentence(document, system.name), document)
 
 
 def _grows(system: LureSystem) -> bool:
@@ -239,46 +212,73 @@ def _accepted(document: Mapping[str, Any]) -> None:
         ) from error
 
 
-def check_certificate(path: str | Path) -> Check:
+def check_certificate(
+    path: str | Path, loop: LureSystem | CaseLike | None = None, *, operating_point: PointLike | None = None
+) -> Check:
     """Check the file of a certificate in a fresh process that loads its checker alone.
 
     Parameters
     ----------
     path : str or Path
         The file that a proof was written to.
+    loop : LureSystem or Case, optional
+        The loop that the file should speak of. Without one the file is checked for itself: whose loop it states, it
+        cannot prove.
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the external inputs of `loop` are held, or some of them by name [SI]; by default that of the case or loop.
 
     Returns
     -------
     Check
-        Whether the file proves what it claims, and what that is, or why it is refused.
+        Whether the file proves what it claims, and what that is, or why it is refused; and whether it is about `loop`.
 
     Raises
     ------
     EppError
-        If there is no such file, python-flint is missing, or the checker takes longer than ten minutes.
+        If there is no such file, python-flint is missing, `loop` is neither a case nor a loop, or the checker takes
+        longer than ten minutes.
 
     Examples
     --------
     >>> import tempfile
     >>> import eppanalysis as epp
     >>> folder = tempfile.TemporaryDirectory()
-    >>> found = epp.certify(epp.case("relay_deadzone"))
-    >>> file = found.write(f"{folder.name}/roots.json")
+    >>> case = epp.case("relay_deadzone")
+    >>> file = epp.certify(case).write(f"{folder.name}/roots.json")
     >>> epp.check_certificate(file).accepted
     True
+    >>> check = epp.check_certificate(file, epp.case("backlash_servo"))
+    >>> check.accepted, check.about
+    (True, False)
     >>> folder.cleanup()
     """
     require_packages("check_certificate", "proof", "flint")
-    text, path = _text(Path(path)), Path(path)
+    path = Path(path)
+    subject = None if loop is None else standing(loop, operating_point, "check_certificate")
     try:
-        document = json.loads(text)
+        document = read(text := _text(path))
         named = str(document["statement"])
-    except (ValueError, LookupError, TypeError):
-        return Check(False, "", f"{path}: refused: no certificate, which is JSON with a statement.")
+    except (Refused, ValueError, LookupError, TypeError) as error:
+        why = f": {error}" if isinstance(error, Refused) else ", which is JSON with a statement"
+        return Check(False, "", f"{path}: refused: no certificate{why}.")
     try:
         known = of_text(named)
     except LookupError:
-        return Check(False, named, f"{path}: refused: there is no checker for the statement {named!r}.")
+        return Check(False, named, f"{path}: refused: there is no checker for the statement {shown(named)}.")
+    why_not = _refusal(path, text, known)
+    if why_not:
+        return Check(False, named, f"{path}: refused: {why_not}.")
+    if subject is None:
+        return Check(True, named, sentence(document))
+    system, at = subject
+    other = another_loop(document, system, at)
+    if other:
+        return Check(True, named, f"{path}: not about {system.name}: {other}. {sentence(document)}", about=False)
+    return Check(True, named, sentence(document, system.name), about=True)
+
+
+def _refusal(path: Path, text: str, known: Statement) -> str:
+    """Why the checker of a statement refuses a file; empty where it accepts it."""
     try:
         # Isolated (-I): neither this package nor the folder lends the checker
         # anything (docs/theory/certificates.md, What "proved" means).
@@ -287,24 +287,15 @@ def check_certificate(path: str | Path) -> Check:
             input=text,
             capture_output=True,
             check=False,
-            text=True,
+            encoding="utf-8",
             timeout=_PATIENCE,
         )
     except subprocess.TimeoutExpired as error:
         raise EppError(f"{path}: its checker has not ended after {_PATIENCE:.0f} s.") from error
     said = _answer(run.stdout)
     if run.returncode == 0 and said.get("accepted") is True:
-        return Check(True, named, _said(document))
-    why = said.get("why") or (run.stderr.strip().splitlines() or ["the checker gave no answer"])[-1]
-    return Check(False, named, f"{path}: refused: {why}.")
-
-
-def _said(document: Mapping[str, Any]) -> str:
-    """What an accepted file proves; in few words where a part that proves nothing is not as it is written here."""
-    try:
-        return sentence(document)
-    except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError):
-        return f"Proved: {document['statement']}."
+        return ""
+    return visible(said.get("why") or (run.stderr.strip().splitlines() or ["the checker gave no answer"])[-1])
 
 
 def _answer(text: str) -> Mapping[str, Any]:

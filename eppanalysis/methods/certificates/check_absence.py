@@ -4,10 +4,29 @@ It stands alone, ``python -I check_absence.py < certificate.json``, and computes
 Theory: docs/theory/certificates.md, and of play docs/theory/absence_with_play.md, "By frequency".
 """
 
+import sys
+
+if __name__ == "__main__" and not sys.flags.safe_path:
+    del sys.path[0]  # the folder of this file: a file there is no module of the standard library, whatever its name
+
 import json
 from fractions import Fraction
 
 STATEMENT = "no periodic motion but rest"
+#: Most characters of a file, and of a number in it; most coefficients of a polynomial of the loop.
+LENGTH, DIGITS, ORDER = 100_000, 1000, 60
+HALF = {"slope": (Fraction,), "bends": [[(Fraction,), (Fraction,)]], "jumps": [[(Fraction,), (Fraction,)]]}
+ELEMENTS: dict = {
+    "odd_pieces": HALF,
+    "pieces": {"positive": HALF, "negative": HALF},
+    "cube": {"scale": (Fraction,)},
+    "drag": {"scale": (Fraction,)},
+    "play": {"gap": (Fraction,)},
+}
+FORM = {
+    "claim": {"sector": [(Fraction,), (Fraction, type(None))], "multiplier": (Fraction,)},
+    "evidence": {"multiplier": (Fraction,), "polynomial": [(Fraction,)]},
+}
 
 
 class Refused(Exception):
@@ -20,10 +39,68 @@ def require(holds, why):
         raise Refused(why)
 
 
-def rational(text):
-    """A number as it is written."""
-    require(isinstance(text, str), f"a number that is no text: {text}")
-    return Fraction(text)
+def number(text):
+    """A number as it is written: a fraction in lowest terms."""
+    require(type(text) is str and len(text) <= DIGITS and set(text) <= set("-/0123456789"), "a number that is none")
+    found = Fraction(text)
+    require(str(found) == text, "a number that is not in lowest terms")
+    return found
+
+
+def once(pairs):
+    """Names with what they stand for, none of them twice."""
+    require(len(dict(pairs)) == len(pairs), "a name that stands there twice")
+    return dict(pairs)
+
+
+def whole(text):
+    """A number that counts; others are fractions as texts, and none is rounded."""
+    require(len(text) <= DIGITS and set(text) <= set("-0123456789"), f"a number that is no text: {text[:20]}")
+    return int(text)
+
+
+def read(text):
+    """The document of a file."""
+    require(len(text) <= LENGTH, f"a file of more than {LENGTH} characters")
+    try:
+        return json.loads(text, object_pairs_hook=once, parse_int=whole, parse_float=whole, parse_constant=whole)
+    except RecursionError:
+        raise Refused("lists within lists without end") from None
+
+
+def fit(part, form, where):
+    """Refuse what has another form: names, known and all there; lists of one form, or one a place; types of values."""
+    form = form(part) if callable(form) else form
+    if isinstance(form, dict):
+        require(type(part) is dict, f"{where!a} that has no names")
+        odd = sorted(part.keys() ^ form.keys())
+        require(not odd, f"{where!a} with a name that is missing or not known: {''.join(odd[:1])[:40]!a}")
+        for name, inner in form.items():
+            fit(part[name], inner, name)
+    elif isinstance(form, list):
+        require(type(part) is list and len(form) in (1, len(part)), f"{where!a} that is no list as it should be")
+        for inner, one in zip(form if len(form) > 1 else form * len(part), part, strict=True):
+            fit(one, inner, where)
+    elif type(part) is str and Fraction in form:
+        number(part)
+    else:
+        require(type(part) in form, f"{where!a} with a value of another kind")
+
+
+def opened(document, form):
+    """Loop, claim and evidence of a document that has its statement, digest and form."""
+    require(type(document) is dict and document.get("statement") == STATEMENT, "another statement")
+    text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
+    require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
+    fit(document, {"statement": (str,), "digest": (int,), **form}, "the file")
+    return document["loop"], document["claim"], document["evidence"]
+
+
+def element_form(part):
+    """The form of an element, by its kind."""
+    kind = part.get("kind") if type(part) is dict else None
+    require(type(kind) is str and kind in ELEMENTS, f"an element that is not covered: {str(kind)[:40]!a}")
+    return {"kind": (str,), **ELEMENTS[kind]}
 
 
 def ratios(half):
@@ -31,7 +108,7 @@ def ratios(half):
 
     It has a slope at zero, bends [at, change of slope] and jumps [at, height]; between two of them y/x has no extremum.
     """
-    m, bends, jumps = rational(half["slope"]), *([[*map(rational, row)] for row in half[n]] for n in ("bends", "jumps"))
+    m, bends, jumps = number(half["slope"]), *([[*map(number, row)] for row in half[n]] for n in ("bends", "jumps"))
     require(all(at >= 0 for at, _ in bends + jumps), "an element that changes below zero")
     start = sum(height for at, height in jumps if at == 0)
     places = sorted({at for at, _ in bends + jumps if at > 0})
@@ -46,10 +123,10 @@ def ratios(half):
 def sector(element):
     """Least and greatest y/x of an element, one of them None for no bound; of play those of the rates of y and x."""
     if element["kind"] == "play":
-        require(rational(element["gap"]) > 0, "a play without a gap")
+        require(number(element["gap"]) > 0, "a play without a gap")
         return Fraction(0), Fraction(1)
     if element["kind"] in ("cube", "drag"):
-        require(rational(element["scale"]) > 0, "an element outside of all sectors")
+        require(number(element["scale"]) > 0, "an element outside of all sectors")
         return Fraction(0), None
     name = element["kind"].replace("_", " ")
     require(element["kind"] in ("odd_pieces", "pieces"), f"the element {name} is not covered")
@@ -121,31 +198,31 @@ def positive(p):
 
 def verify(document):
     """What a certificate proves: the sector and the multiplier with which the criterion holds."""
-    require(document["statement"] == STATEMENT, "another statement")
-    text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
-    require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
-    loop, evidence = document["loop"], document["evidence"]
-    require(rational(loop["delay"]) == 0, "a loop with dead time is not covered")
+    loop_form = {"time_step": (str, type(None)), "num": [(Fraction,)], "den": [(Fraction,)], "delay": (Fraction,)}
+    loop, said, evidence = opened(document, {**FORM, "loop": {**loop_form, "element": element_form}})
     require(loop["time_step"] is None, "a loop in discrete time is not covered")
-    num, den = (trimmed([*map(rational, loop[name][::-1])]) for name in ("num", "den"))
+    require(number(loop["delay"]) == 0, "a loop with dead time is not covered")
+    require(max(len(loop["num"]), len(loop["den"])) <= ORDER, "a linear part of too high an order")
+    num, den = (trimmed([*map(number, loop[name][::-1])]) for name in ("num", "den"))
     require(0 < len(num) < len(den), "a linear part that is zero, or passes its input straight through")
     low, high = sector(loop["element"])
     require(low is not None and (high is None or low < high), "an element without a sector")
     if loop["element"]["kind"] == "play":
-        require(rational(evidence["multiplier"]) == 0, "a multiplier, where the element remembers")
+        require(number(evidence["multiplier"]) == 0, "a multiplier, where the element remembers")
     else:
         require(num[0] != 0 or (den[0] + low * num[0]) != 0, "an integrator that the element does not see")
     claim = {"sector": [str(low), None if high is None else str(high)], "multiplier": evidence["multiplier"]}
-    require(document["claim"] == claim, f"it claims {document['claim']}, its evidence shows {claim}")
-    polynomial = criterion(num, den, low, high, rational(evidence["multiplier"]))
-    require([*map(rational, evidence["polynomial"])] == polynomial[::-1], "a polynomial that is not the loop's")
+    require(said == claim, f"it claims {said}, its evidence shows {claim}")
+    polynomial = criterion(num, den, low, high, number(evidence["multiplier"]))
+    require([*map(number, evidence["polynomial"])] == polynomial[::-1], "a polynomial that is not the loop's")
     require(positive(polynomial), "a polynomial that is not positive for all frequencies")
     return claim
 
 
 if __name__ == "__main__":
     try:
-        print(json.dumps({"accepted": True, "claim": verify(json.load(open(0)))}))
-    except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        print(json.dumps({"accepted": False, "why": str(error) or type(error).__name__}))
+        print(json.dumps({"accepted": True, "claim": verify(read(sys.stdin.read(LENGTH + 1)))}))
+    except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
+        why = str(error) if isinstance(error, Refused) else f"it cannot be read: {type(error).__name__}, {error}"
+        print(json.dumps({"accepted": False, "why": why}))
         raise SystemExit(1) from None

@@ -4,6 +4,11 @@ It stands alone, ``python -I check_cells.py < certificate.json``. The loop is k/
 ``x' = v, v' = a, a' = -a - beta v - kappa y``, y one of -1, 0, 1 beside thresholds of 1. Theory: docs/theory/cells.md.
 """
 
+import sys
+
+if __name__ == "__main__" and not sys.flags.safe_path:
+    del sys.path[0]  # the folder of this file: a file there is no module of the standard library, whatever its name
+
 import json
 from fractions import Fraction
 
@@ -11,6 +16,20 @@ from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
 STATEMENT = "all periodic motions but rest, by cells of a return map"
 BITS, TICK, GRID = 96, 60, 24  # precision; times are cut at multiples of 2**-TICK, sides of the domain of 2**-GRID
+#: Most characters of a file, and of a number in it; most cells, and most pieces of time in which a crossing is sought.
+LENGTH, DIGITS, CELLS, PIECES = 1_000_000, 1000, 10_000, 1000
+PAIRS = [[(Fraction,), (Fraction,)]]
+FORM = {
+    "loop": {
+        "time_step": (str, type(None)),
+        "num": [(Fraction,)],
+        "den": [(Fraction,)],
+        "delay": (Fraction,),
+        "element": {"kind": (str,), "slope": (Fraction,), "bends": PAIRS, "jumps": PAIRS},
+    },
+    "claim": {"cells": (int,), "cycles": [{"period": [(Fraction,), (Fraction,)], "outside": (int,)}]},
+    "evidence": {"cover": (str,), "order": [(int,)], "forms": [[(int,), [(Fraction,), (Fraction,), (Fraction,)]]]},
+}
 
 
 class Refused(Exception):
@@ -23,9 +42,66 @@ def require(holds, why):
         raise Refused(why)
 
 
+def number(text):
+    """A number as it is written: a fraction in lowest terms."""
+    require(type(text) is str and len(text) <= DIGITS and set(text) <= set("-/0123456789"), "a number that is none")
+    found = Fraction(text)
+    require(str(found) == text, "a number that is not in lowest terms")
+    return found
+
+
+def once(pairs):
+    """Names with what they stand for, none of them twice."""
+    require(len(dict(pairs)) == len(pairs), "a name that stands there twice")
+    return dict(pairs)
+
+
+def whole(text):
+    """A number that counts; others are fractions as texts, and none is rounded."""
+    require(len(text) <= DIGITS and set(text) <= set("-0123456789"), f"a number that is no text: {text[:20]}")
+    return int(text)
+
+
+def read(text):
+    """The document of a file."""
+    require(len(text) <= LENGTH, f"a file of more than {LENGTH} characters")
+    try:
+        return json.loads(text, object_pairs_hook=once, parse_int=whole, parse_float=whole, parse_constant=whole)
+    except RecursionError:
+        raise Refused("lists within lists without end") from None
+
+
+def fit(part, form, where):
+    """Refuse what has another form: names, known and all there; lists of one form, or one a place; types of values."""
+    form = form(part) if callable(form) else form
+    if isinstance(form, dict):
+        require(type(part) is dict, f"{where!a} that has no names")
+        odd = sorted(part.keys() ^ form.keys())
+        require(not odd, f"{where!a} with a name that is missing or not known: {''.join(odd[:1])[:40]!a}")
+        for name, inner in form.items():
+            fit(part[name], inner, name)
+    elif isinstance(form, list):
+        require(type(part) is list and len(form) in (1, len(part)), f"{where!a} that is no list as it should be")
+        for inner, one in zip(form if len(form) > 1 else form * len(part), part, strict=True):
+            fit(one, inner, where)
+    elif type(part) is str and Fraction in form:
+        number(part)
+    else:
+        require(type(part) in form, f"{where!a} with a value of another kind")
+
+
+def opened(document, form):
+    """Loop, claim and evidence of a document that has its statement, digest and form."""
+    require(type(document) is dict and document.get("statement") == STATEMENT, "another statement")
+    text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
+    require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
+    fit(document, {"statement": (str,), "digest": (int,), **form}, "the file")
+    return document["loop"], document["claim"], document["evidence"]
+
+
 def rational(text):
     """A number as it is written."""
-    return fmpq(*Fraction(text if isinstance(text, str) else "no text").as_integer_ratio())
+    return fmpq(*number(text).as_integer_ratio())
 
 
 def hull(first, *others):
@@ -39,7 +115,7 @@ class ReturnMap:
     def __init__(self, loop):
         ((*none, k), den), element = ([*map(rational, loop[name])] for name in ("num", "den")), loop["element"]
         at, level, slope = map(rational, (*element["jumps"][0], element["slope"]))
-        require(rational(loop["delay"]) == 0 and not loop["time_step"], "a loop with dead time or in discrete time")
+        require(rational(loop["delay"]) == 0 and loop["time_step"] is None, "a loop with dead time or in discrete time")
         relay = element["kind"] == "odd_pieces" and len(element["jumps"]) == 1 and not element["bends"]
         require(relay and slope == 0 < at, "an element that is no relay with dead zone")
         require(not any(none) and len(den) == 4 and den[0] == 1 and den[3] == 0, "a loop of another kind")
@@ -88,6 +164,7 @@ class ReturnMap:
     def land(self, start, low, high, side):
         """Speed, acceleration, derivatives by those at the start, time, where a threshold is met; mirrored below."""
         half, found = min(max((high - low) // 16, 1), 1 << TICK - 4), []
+        require(high - low <= 2 * half * PIECES, "a crossing after too long a time")
         for t in range(low + half, high + half, 2 * half):
             x, *rest = self.near(start, t, d := arb(0, half) / 2**TICK)
             if (x - side + d * rest[0]).contains(0):
@@ -172,13 +249,14 @@ def leaves(cover):
 
 def verify(document):
     """What a certificate proves: in how many cells, and of each cycle the period and the multipliers outside."""
-    text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
-    require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
-    claim, order, forms = document["claim"], document["evidence"]["order"], dict(document["evidence"]["forms"])
-    cells, last = [*zip(leaves(document["evidence"]["cover"]), order, strict=True)], 0
-    require(document["statement"] == STATEMENT and len(cells) == claim["cells"], "another statement or of other cells")
+    loop, claim, evidence = opened(document, FORM)
+    order, forms = evidence["order"], dict(evidence["forms"])
+    require(len(order) <= CELLS and len(evidence["cover"]) <= 2 * CELLS, f"more than {CELLS} cells")
+    require(len(forms) == len(evidence["forms"]), "two forms of the same cells")
+    cells, last = [*zip(leaves(evidence["cover"]), order, strict=True)], 0
+    require(len(cells) == claim["cells"], "a claim of other cells")
     with ctx.workprec(BITS):
-        returns = ReturnMap(document["loop"])
+        returns = ReturnMap(loop)
         for (number, form), said in zip(forms.items(), claim["cycles"], strict=True):
             box = [end(cell[i] for cell, n in cells if n == number) for i, end in enumerate((min, max, min, max))]
             (period, outside), (low, high) = returns.cycle(box, form), map(rational, said["period"])
@@ -193,7 +271,8 @@ def verify(document):
 
 if __name__ == "__main__":
     try:
-        print(json.dumps({"accepted": True, "claim": verify(json.load(open(0)))}))
-    except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        print(json.dumps({"accepted": False, "why": str(error) or type(error).__name__}))
+        print(json.dumps({"accepted": True, "claim": verify(read(sys.stdin.read(LENGTH + 1)))}))
+    except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
+        why = str(error) if isinstance(error, Refused) else f"it cannot be read: {type(error).__name__}, {error}"
+        print(json.dumps({"accepted": False, "why": why}))
         raise SystemExit(1) from None

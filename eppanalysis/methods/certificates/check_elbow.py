@@ -4,6 +4,11 @@ Run it: ``python -I check_elbow.py < certificate.json``. Polynomials are exact r
 balls (python-flint, Arb). Theory: docs/theory/absence_elbow.md, whose letters are used.
 """
 
+import sys
+
+if __name__ == "__main__" and not sys.flags.safe_path:
+    del sys.path[0]  # the folder of this file: a file there is no module of the standard library, whatever its name
+
 import json
 from fractions import Fraction
 
@@ -25,6 +30,13 @@ NAMES = [
     "back_emf",
 ]
 NAMES += ["torque", "cable_stiffness", "radius", "slack", "low", "high", "max"]
+#: Most characters of a file, and of a number in it.
+LENGTH, DIGITS = 100_000, 1000
+FORM = {
+    "loop": {name: (Fraction,) for name in NAMES},
+    "claim": {"backlash": (Fraction,)},
+    "evidence": {"mu": (Fraction,), "sigma": (Fraction,), "n": [(Fraction,)], "d": [(Fraction,)]},
+}
 
 
 class Refused(Exception):
@@ -37,10 +49,61 @@ def require(holds, why):
         raise Refused(why)
 
 
-def rational(text):
-    """A number as it is written."""
-    require(isinstance(text, str), f"a number that is no text: {text}")
-    return Fraction(text)
+def number(text):
+    """A number as it is written: a fraction in lowest terms."""
+    require(type(text) is str and len(text) <= DIGITS and set(text) <= set("-/0123456789"), "a number that is none")
+    found = Fraction(text)
+    require(str(found) == text, "a number that is not in lowest terms")
+    return found
+
+
+def once(pairs):
+    """Names with what they stand for, none of them twice."""
+    require(len(dict(pairs)) == len(pairs), "a name that stands there twice")
+    return dict(pairs)
+
+
+def whole(text):
+    """A number that counts; others are fractions as texts, and none is rounded."""
+    require(len(text) <= DIGITS and set(text) <= set("-0123456789"), f"a number that is no text: {text[:20]}")
+    return int(text)
+
+
+def read(text):
+    """The document of a file."""
+    require(len(text) <= LENGTH, f"a file of more than {LENGTH} characters")
+    try:
+        return json.loads(text, object_pairs_hook=once, parse_int=whole, parse_float=whole, parse_constant=whole)
+    except RecursionError:
+        raise Refused("lists within lists without end") from None
+
+
+def fit(part, form, where):
+    """Refuse what has another form: names, known and all there; lists of one form, or one a place; types of values."""
+    form = form(part) if callable(form) else form
+    if isinstance(form, dict):
+        require(type(part) is dict, f"{where!a} that has no names")
+        odd = sorted(part.keys() ^ form.keys())
+        require(not odd, f"{where!a} with a name that is missing or not known: {''.join(odd[:1])[:40]!a}")
+        for name, inner in form.items():
+            fit(part[name], inner, name)
+    elif isinstance(form, list):
+        require(type(part) is list and len(form) in (1, len(part)), f"{where!a} that is no list as it should be")
+        for inner, one in zip(form if len(form) > 1 else form * len(part), part, strict=True):
+            fit(one, inner, where)
+    elif type(part) is str and Fraction in form:
+        number(part)
+    else:
+        require(type(part) in form, f"{where!a} with a value of another kind")
+
+
+def opened(document, form):
+    """Loop, claim and evidence of a document that has its statement, digest and form."""
+    require(type(document) is dict and document.get("statement") == STATEMENT, "another statement")
+    text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
+    require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
+    fit(document, {"statement": (str,), "digest": (int,), **form}, "the file")
+    return document["loop"], document["claim"], document["evidence"]
 
 
 def ball(x):
@@ -171,28 +234,26 @@ def share(v, evidence):
 
 def verify(document):
     """What a certificate proves: the gap up to which the loop has no periodic motion but rest."""
-    require(document["statement"] == STATEMENT, "another statement")
-    text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
-    require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
-    v = {name: rational(document["loop"][name]) for name in NAMES}
+    loop, claim, evidence = opened(document, FORM)
+    v = {name: number(loop[name]) for name in NAMES}
     require(all(v[name] > 0 for name in NAMES if name not in ("backlash", "slack")), "a number that is not positive")
     require(v["backlash"] >= 0 and 0 <= v["slack"] < v["low"] <= v["high"] < v["max"], "a gap or bands that are none")
-    evidence = document["evidence"]
-    weights = {name: rational(evidence[name]) for name in ("mu", "sigma")}
-    shape = {name: [*map(rational, evidence[name])] for name in ("n", "d")}
+    weights = {name: number(evidence[name]) for name in ("mu", "sigma")}
+    shape = {name: [*map(number, evidence[name])] for name in ("n", "d")}
     polynomial, third, full, late, lag = share(v, weights | shape)
     require(positive(polynomial), "sizes whose sum is too large at some frequency")
     kappa, pull = slope_and_pull(v)
     reach = mean_size(third, full) * ball(v["backlash"] / 2) + ball(pull / 2)
     need = ball(kappa) * mean_size(turned(late), times(lag, late)) * reach
     require(need < ball(v["friction"]), "a gap across which the drive's friction is too small")
-    require(document["claim"] == {"backlash": str(v["backlash"])}, "a claim of another gap")
-    return document["claim"]
+    require(claim["backlash"] == loop["backlash"], "a claim of another gap")
+    return claim
 
 
 if __name__ == "__main__":
     try:
-        print(json.dumps({"accepted": True, "claim": verify(json.load(open(0)))}))
-    except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        print(json.dumps({"accepted": False, "why": str(error) or type(error).__name__}))
+        print(json.dumps({"accepted": True, "claim": verify(read(sys.stdin.read(LENGTH + 1)))}))
+    except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
+        why = str(error) if isinstance(error, Refused) else f"it cannot be read: {type(error).__name__}, {error}"
+        print(json.dumps({"accepted": False, "why": why}))
         raise SystemExit(1) from None

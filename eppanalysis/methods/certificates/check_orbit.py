@@ -5,6 +5,11 @@ that hold what they stand for. On an arc ``dv/dt = rate v``, with a 1 behind v; 
 ``jump v`` stands behind it. Theory: docs/theory/certified_orbits.md.
 """
 
+import sys
+
+if __name__ == "__main__" and not sys.flags.safe_path:
+    del sys.path[0]  # the folder of this file: a file there is no module of the standard library, whatever its name
+
 import json
 from fractions import Fraction
 
@@ -13,6 +18,20 @@ from flint import arb, arb_mat, ctx, fmpq, fmpq_mat, fmpz
 STATEMENT = "one closed orbit of a sequence of affine arcs in a box, and no event earlier"
 #: Bits; terms of Taylor polynomials, the most that rate times length of a piece may be, halvings of a piece.
 BITS, TERMS, REACH, HALVINGS = 256, 16, 2.5, 40
+#: Most characters of a file, and of a number in it; most pieces of all arcs; most shares of an arc that are compared.
+LENGTH, DIGITS, PIECES, SHARES = 2_000_000, 4000, 20_000, 8
+ROWS = [[(Fraction,)]]
+ARC = {"rate": ROWS, "guards": ROWS, "on_rates": [(bool,)], "fired": (int,), "jump": ROWS, "levels": ROWS}
+COURSE = {"modes": [[(int,)]], "guards": [(int,)], "unknown": [(int,)], "held": [[(int,), (Fraction,)]], "basis": ROWS}
+FORM = {
+    # The course is for those who know the loop: through which of its modes and events the arcs go.
+    "loop": {"arcs": [{**ARC, "at_once": (bool,)}], "course": COURSE},
+    "claim": {"events": (int,), "period": [(Fraction,), (Fraction,)], "box": (Fraction,)},
+    "evidence": {
+        **{name: [(Fraction,)] for name in ("solution", "sizes", "weights")},
+        **{name: (Fraction,) for name in ("radius", "box")},
+    },
+}
 
 
 class Refused(Exception):
@@ -25,10 +44,66 @@ def require(holds, why):
         raise Refused(why)
 
 
+def number(text):
+    """A number as it is written: a fraction in lowest terms."""
+    require(type(text) is str and len(text) <= DIGITS and set(text) <= set("-/0123456789"), "a number that is none")
+    found = Fraction(text)
+    require(str(found) == text, "a number that is not in lowest terms")
+    return found
+
+
+def once(pairs):
+    """Names with what they stand for, none of them twice."""
+    require(len(dict(pairs)) == len(pairs), "a name that stands there twice")
+    return dict(pairs)
+
+
+def whole(text):
+    """A number that counts; others are fractions as texts, and none is rounded."""
+    require(len(text) <= DIGITS and set(text) <= set("-0123456789"), f"a number that is no text: {text[:20]}")
+    return int(text)
+
+
+def read(text):
+    """The document of a file."""
+    require(len(text) <= LENGTH, f"a file of more than {LENGTH} characters")
+    try:
+        return json.loads(text, object_pairs_hook=once, parse_int=whole, parse_float=whole, parse_constant=whole)
+    except RecursionError:
+        raise Refused("lists within lists without end") from None
+
+
+def fit(part, form, where):
+    """Refuse what has another form: names, known and all there; lists of one form, or one a place; types of values."""
+    form = form(part) if callable(form) else form
+    if isinstance(form, dict):
+        require(type(part) is dict, f"{where!a} that has no names")
+        odd = sorted(part.keys() ^ form.keys())
+        require(not odd, f"{where!a} with a name that is missing or not known: {''.join(odd[:1])[:40]!a}")
+        for name, inner in form.items():
+            fit(part[name], inner, name)
+    elif isinstance(form, list):
+        require(type(part) is list and len(form) in (1, len(part)), f"{where!a} that is no list as it should be")
+        for inner, one in zip(form if len(form) > 1 else form * len(part), part, strict=True):
+            fit(one, inner, where)
+    elif type(part) is str and Fraction in form:
+        number(part)
+    else:
+        require(type(part) in form, f"{where!a} with a value of another kind")
+
+
+def opened(document, form):
+    """Loop, claim and evidence of a document that has its statement, digest and form."""
+    require(type(document) is dict and document.get("statement") == STATEMENT, "another statement")
+    text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
+    require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
+    fit(document, {"statement": (str,), "digest": (int,), **form}, "the file")
+    return document["loop"], document["claim"], document["evidence"]
+
+
 def rationals(rows):
     """A matrix of numbers as they are written."""
-    require(all(isinstance(v, str) for row in rows for v in row), "a number that is no text")
-    return fmpq_mat([[fmpq(*Fraction(v).as_integer_ratio()) for v in row] for row in rows])
+    return fmpq_mat([[fmpq(*number(v).as_integer_ratio()) for v in row] for row in rows])
 
 
 def ball(middle, radius):
@@ -47,7 +122,7 @@ class Arc:
     def __init__(self, e, m):
         self.rate, self.jump = rationals(e["rate"]), rationals(e["jump"])
         self.guards, self.levels = ([rationals([row]) for row in e[name]] for name in ("guards", "levels"))
-        self.fired, self.at_once, self.on_rates = e["fired"], bool(e["at_once"]), e["on_rates"]
+        self.fired, self.at_once, self.on_rates = e["fired"], e["at_once"], e["on_rates"]
         require(not any(self.rate.tolist()[m]) and self.jump.tolist()[m] == [*[0] * m, 1], "arcs without a 1")
         require(0 <= self.fired < len(self.guards) == len(self.on_rates), "an arc without its guard")
 
@@ -57,6 +132,7 @@ class Orbit:
 
     def __init__(self, arcs, m):
         self.arcs, self.timed, self.size = arcs, [k for k, arc in enumerate(arcs) if not arc.at_once], m + 1
+        self.pieces = 0
         require(self.timed, "no arc that takes time")
         self.zero = {k: arcs[k].guards[arcs[k].fired].tolist() for k in self.timed}
         left = known = [(k, row) for k in self.timed for row in arcs[k].levels]
@@ -148,6 +224,8 @@ class Orbit:
         left = [(start, duration, [g for g, s in enumerate(starts) if s], True, True, 0)]
         while left:
             state, length, guards, first, last, depth = left.pop()
+            self.pieces += 1
+            require(self.pieces <= PIECES, f"arcs of more than {PIECES} pieces")
             if growth * length < REACH:
                 guards = [g for g in guards if not below(g, state, length, first * starts[g][0], last)]
             if guards:
@@ -167,33 +245,63 @@ class Orbit:
             state, k = arb_mat(arc.jump) * state, (k + 1) % len(self.arcs)
 
 
+def once_round(legs):
+    """Whether the period is the least one: no share of it brings some state of the motion back to itself.
+
+    A guard is zero at the end of its arc alone, so that no arc is longer than the least period: there are at least as
+    many arcs that take time as it goes into the period.
+    """
+    total, ends = sum((t for *_, t in legs), arb(0)), [arb(0)]
+    for *_, t in legs:
+        ends.append(ends[-1] + t)
+
+    def at(time):
+        """The state at a time, where it is certain on which arc it lies."""
+        for (rate, state, _), begin, end in zip(legs, ends, ends[1:], strict=False):
+            if begin <= time <= end:
+                return (rate * (time - begin)).exp() * state
+        return None
+
+    def differs(n):
+        """Whether the motion is elsewhere after the n-th part of the period."""
+        for j in range(1, SHARES):
+            first, then = at(legs[0][2] * j / SHARES), at(legs[0][2] * j / SHARES + total / n)
+            apart = first is not None and then is not None
+            if apart and any(not (a - b).contains(0) for a, b in zip(first.entries(), then.entries(), strict=True)):
+                return True
+        return False
+
+    return all(differs(n) for n in range(2, len(legs) + 1))
+
+
 def verify(document):
     """What a certificate proves: of how many events the orbit is, its period, the box in which there is no other."""
-    require(document["statement"] == STATEMENT, "another statement")
-    text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
-    require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
-    evidence = document["evidence"]
+    loop, said, evidence = opened(document, FORM)
     x, sizes, weights = (rationals([evidence[name]]).entries() for name in ("solution", "sizes", "weights"))
     (radius, box), k = rationals([[evidence["radius"], evidence["box"]]]).entries(), len(sizes)
     with ctx.workprec(BITS):
-        orbit = Orbit([Arc(e, k - 1) for e in document["loop"]["arcs"]], k - 1)
+        orbit = Orbit([Arc(e, k - 1) for e in loop["arcs"]], k - 1)
         fits = len(x) == k * len(orbit.timed) and len(weights) == (k - 1) * len(orbit.timed)
         require(fits and min(sizes + weights) > 0 and 0 < radius <= box, "a box that is none")
         alone = all(orbit.holds_one(x, size, sizes) for size in (box, radius))
         require(alone, "a box that is not proved to hold one orbit")
+        legs = []
         for i, arc in enumerate(orbit.timed):
             *start, duration = (ball(v, radius * s) for v, s in zip(x[i * k : i * k + k], sizes, strict=True))
             state = arb_mat(k, 1, [*start, arb(1)])
             orbit.stays_below(arc, state, duration, [arb(w) for w in weights[i * (k - 1) : (i + 1) * (k - 1)]])
+            legs.append((arb_mat(orbit.arcs[arc].rate), state, duration))
+        require(once_round(legs), "an orbit that may be run more than once")
     period = [str(sum(x[k - 1 :: k], sign * radius * sizes[-1] * len(orbit.timed))) for sign in (-1, 1)]
     claim = {"events": len(orbit.arcs), "period": period, "box": evidence["box"]}
-    require(document["claim"] == claim, f"it claims {document['claim']}, its evidence shows {claim}")
+    require(said == claim, f"it claims {said}, its evidence shows {claim}")
     return claim
 
 
 if __name__ == "__main__":
     try:
-        print(json.dumps({"accepted": True, "claim": verify(json.load(open(0)))}))
-    except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        print(json.dumps({"accepted": False, "why": str(error) or type(error).__name__}))
+        print(json.dumps({"accepted": True, "claim": verify(read(sys.stdin.read(LENGTH + 1)))}))
+    except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
+        why = str(error) if isinstance(error, Refused) else f"it cannot be read: {type(error).__name__}, {error}"
+        print(json.dumps({"accepted": False, "why": why}))
         raise SystemExit(1) from None

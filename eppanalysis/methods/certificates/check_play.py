@@ -4,11 +4,33 @@ It stands alone, ``python -I check_play.py < certificate.json``, and computes wi
 docs/theory/absence_with_play.md; the numbers in brackets are its inequalities.
 """
 
+import sys
+
+if __name__ == "__main__" and not sys.flags.safe_path:
+    del sys.path[0]  # the folder of this file: a file there is no module of the standard library, whatever its name
+
 import json
 from fractions import Fraction
 
 STATEMENT = "no periodic motion but rest, for any gap of the play"
 ONE = Fraction(1)
+#: Most characters of a file, and of a number in it.
+LENGTH, DIGITS = 2_000_000, 1000
+FORMS, SIGNS = [[[(Fraction,)]]], {"forms": [[[(Fraction,)]]], "multipliers": [(Fraction,)], "rate": (Fraction,)}
+EVIDENCE = {"poles": [(Fraction,)], "unit": (Fraction,), "rays": [[(Fraction,), (Fraction,)]], "stuck": [[(Fraction,)]]}
+EVIDENCE |= {"moving": FORMS, "moving_multipliers": [(Fraction,)], "decrease": (Fraction,)}
+EVIDENCE |= {"release_multipliers": [[(Fraction,), (Fraction,), (Fraction,)]]}
+FORM = {
+    "loop": {
+        "time_step": (str, type(None)),
+        "num": [(Fraction,)],
+        "den": [(Fraction,)],
+        "delay": (Fraction,),
+        "element": {"kind": (str,), "gap": (Fraction,)},
+    },
+    "claim": {"sectors": (int,)},
+    "evidence": lambda part: {**EVIDENCE, **({"signs": SIGNS} if type(part) is dict and "signs" in part else {})},
+}
 
 
 class Refused(Exception):
@@ -21,12 +43,66 @@ def require(holds, why):
         raise Refused(why)
 
 
+def number(text):
+    """A number as it is written: a fraction in lowest terms."""
+    require(type(text) is str and len(text) <= DIGITS and set(text) <= set("-/0123456789"), "a number that is none")
+    found = Fraction(text)
+    require(str(found) == text, "a number that is not in lowest terms")
+    return found
+
+
+def once(pairs):
+    """Names with what they stand for, none of them twice."""
+    require(len(dict(pairs)) == len(pairs), "a name that stands there twice")
+    return dict(pairs)
+
+
+def whole(text):
+    """A number that counts; others are fractions as texts, and none is rounded."""
+    require(len(text) <= DIGITS and set(text) <= set("-0123456789"), f"a number that is no text: {text[:20]}")
+    return int(text)
+
+
+def read(text):
+    """The document of a file."""
+    require(len(text) <= LENGTH, f"a file of more than {LENGTH} characters")
+    try:
+        return json.loads(text, object_pairs_hook=once, parse_int=whole, parse_float=whole, parse_constant=whole)
+    except RecursionError:
+        raise Refused("lists within lists without end") from None
+
+
+def fit(part, form, where):
+    """Refuse what has another form: names, known and all there; lists of one form, or one a place; types of values."""
+    form = form(part) if callable(form) else form
+    if isinstance(form, dict):
+        require(type(part) is dict, f"{where!a} that has no names")
+        odd = sorted(part.keys() ^ form.keys())
+        require(not odd, f"{where!a} with a name that is missing or not known: {''.join(odd[:1])[:40]!a}")
+        for name, inner in form.items():
+            fit(part[name], inner, name)
+    elif isinstance(form, list):
+        require(type(part) is list and len(form) in (1, len(part)), f"{where!a} that is no list as it should be")
+        for inner, one in zip(form if len(form) > 1 else form * len(part), part, strict=True):
+            fit(one, inner, where)
+    elif type(part) is str and Fraction in form:
+        number(part)
+    else:
+        require(type(part) in form, f"{where!a} with a value of another kind")
+
+
+def opened(document, form):
+    """Loop, claim and evidence of a document that has its statement, digest and form."""
+    require(type(document) is dict and document.get("statement") == STATEMENT, "another statement")
+    text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
+    require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
+    fit(document, {"statement": (str,), "digest": (int,), **form}, "the file")
+    return document["loop"], document["claim"], document["evidence"]
+
+
 def rational(value):
     """Numbers as they are written, in nested lists."""
-    if isinstance(value, list):
-        return [rational(item) for item in value]
-    require(isinstance(value, str), f"a number that is no text: {value}")
-    return Fraction(value)
+    return [rational(item) for item in value] if isinstance(value, list) else number(value)
 
 
 def product(a, b):
@@ -128,7 +204,8 @@ def falls(num, den, given):
     n = len(A)
     F = [[x + (b[i] if j == 0 else 0) for j, x in enumerate(row)] for i, row in enumerate(A)]
     sectors, middle = sectors_of(rays, n), rays.index([1, 0])
-    if n == 3 and b[1] < 0:
+    require(("signs" in given) == (n == 3 and b[1] < 0), "a barrier of signs that is missing or not needed (Z)")
+    if "signs" in given:
         require_signs(F, b, sectors[middle:], rays[middle + 1 : -1], given["signs"])
     require_forms(P, len(sectors), n)
     require_forms([Q], 1, n)
@@ -149,23 +226,21 @@ def falls(num, den, given):
 
 def verify(document):
     """What a certificate proves: of how many sectors the function is that falls along every motion."""
-    require(document["statement"] == STATEMENT, "another statement")
-    text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
-    require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
-    loop = document["loop"]
+    loop, said, evidence = opened(document, FORM)
     require(rational(loop["delay"]) == 0, "a loop with dead time is not covered")
     require(loop["time_step"] is None, "a loop in discrete time is not covered")
     require(loop["element"]["kind"] == "play" and rational(loop["element"]["gap"]) > 0, "an element without a gap")
     num, den = rational(loop["num"]), rational(loop["den"])
     require(0 < len(num) < len(den) and den[0] == 1, "a linear part that is not strictly proper and monic")
-    claim = {"sectors": falls(num, den, document["evidence"])}
-    require(document["claim"] == claim, f"it claims {document['claim']}, its evidence shows {claim}")
+    claim = {"sectors": falls(num, den, evidence)}
+    require(said == claim, f"it claims {said}, its evidence shows {claim}")
     return claim
 
 
 if __name__ == "__main__":
     try:
-        print(json.dumps({"accepted": True, "claim": verify(json.load(open(0)))}))
-    except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        print(json.dumps({"accepted": False, "why": str(error) or type(error).__name__}))
+        print(json.dumps({"accepted": True, "claim": verify(read(sys.stdin.read(LENGTH + 1)))}))
+    except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
+        why = str(error) if isinstance(error, Refused) else f"it cannot be read: {type(error).__name__}, {error}"
+        print(json.dumps({"accepted": False, "why": why}))
         raise SystemExit(1) from None

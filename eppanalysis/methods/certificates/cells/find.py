@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -142,7 +143,7 @@ class Cluster:
     @property
     def claim(self) -> dict[str, Any]:
         """As the certificate has it."""
-        ends = [f"{self.period * (1 + sign * _ROOM):.12g}" for sign in (-1, 1)]
+        ends = [str(Fraction(f"{self.period * (1 + sign * _ROOM):.12g}")) for sign in (-1, 1)]
         return {"period": ends, "outside": self.outside}
 
 
@@ -233,7 +234,7 @@ def _form(slope: np.ndarray) -> list[str]:
     squares = np.abs(values) ** 2 - 1.0
     Q = sum(np.outer(f, f.conj()).real / s for f, s in zip(rows.T, squares, strict=True))
     Q = Q / np.abs(Q).max()
-    return [f"{x:.12g}" for x in (Q[0, 0], Q[0, 1], Q[1, 1])]
+    return [str(Fraction(f"{x:.12g}")) for x in (Q[0, 0], Q[0, 1], Q[1, 1])]
 
 
 def _document(loop: Mapping[str, Any], root: Node, graph: Graph, known: list[Cluster]) -> dict[str, Any]:

@@ -59,7 +59,7 @@ def rational_elbow(system: LureSystem) -> dict[str, Any]:
     }
     if not all(np.allclose(*pair, rtol=1e-12, atol=0.0) for pair in _matrices(system, v, bands.supply_voltage)):
         raise _refused(system)
-    return {"name": system.name} | {name: str(number_of(float(v[name]))) for name in check_elbow.NAMES}
+    return {name: str(number_of(float(v[name]))) for name in check_elbow.NAMES}
 
 
 def _refused(system: LureSystem) -> NotCovered:

@@ -110,7 +110,7 @@ def certify_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> Certified
         why = "" if unread_apart(loop) is None else ", for an integral that nothing reads goes on"
         reason = f"From the state of the cycle the loop does not come back to it after its period{why}."
         return CertifiedOrbit(Proof.NOT_DECIDED, reason, operating_point=at, provenance=_provenance(loop, facts))
-    return replace(certified(orbit, loop.name), operating_point=at, provenance=_provenance(loop, facts))
+    return replace(certified(orbit), operating_point=at, provenance=_provenance(loop, facts))
 
 
 def proof_of_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> tuple[CertifiedOrbit | None, str]:
@@ -164,15 +164,13 @@ def _refuse(loop: LureSystem) -> None:
             raise EppError(f"{loop.name}: {name} is smooth between its switches, not affine; {covered}.")
 
 
-def certified(orbit: Orbit, name: str = "loop") -> CertifiedOrbit:
+def certified(orbit: Orbit) -> CertifiedOrbit:
     """What is proved of an orbit with its sequence of events, closed in floats; the sequence is taken as it is.
 
     Parameters
     ----------
     orbit : Orbit
         Whether it is a motion of the loop is not taken for granted: its events are proved.
-    name : str, optional
-        Of the loop, for its file.
     """
     try:
         path = ExactPath.of(orbit)
@@ -184,7 +182,7 @@ def certified(orbit: Orbit, name: str = "loop") -> CertifiedOrbit:
         if axes is None:
             continue
         for bits in PRECISIONS:
-            found = _at_precision(orbit, axes, bits, name)
+            found = _at_precision(orbit, axes, bits)
             best = found if found.proved or not best.proved else best
             if _final(best, path):
                 return best
@@ -197,14 +195,14 @@ def _final(found: CertifiedOrbit, path: ExactPath) -> bool:
     return found.status is Proof.VIOLATED or (found.proved and decided)
 
 
-def _at_precision(orbit: Orbit, axes: OwnAxes, bits: int, name: str) -> CertifiedOrbit:
+def _at_precision(orbit: Orbit, axes: OwnAxes, bits: int) -> CertifiedOrbit:
     """What is proved with so many bits."""
     from flint import ctx
 
     events = _events(axes.path)
     with ctx.workprec(bits):
         try:
-            return _proved(orbit, axes, bits, name)
+            return _proved(orbit, axes, bits)
         except Violated as why:
             return CertifiedOrbit(Proof.VIOLATED, str(why), events=events)
         except NotCovered as why:
@@ -218,7 +216,7 @@ def _events(path: ExactPath) -> tuple[str, ...]:
     return tuple(path.guard_name(stage.fired) for stage in path.stages)
 
 
-def _proved(orbit: Orbit, axes: OwnAxes, bits: int, name: str) -> CertifiedOrbit:
+def _proved(orbit: Orbit, axes: OwnAxes, bits: int) -> CertifiedOrbit:
     """The certificate at a precision; raises where it is not to be had."""
     from flint import arb
 
@@ -236,7 +234,7 @@ def _proved(orbit: Orbit, axes: OwnAxes, bits: int, name: str) -> CertifiedOrbit
         state=orbit.y[: orbit.hybrid.n_plant].copy(),
         n_pieces=pieces,
         evidence=_evidence(orbit, axes, shooting, enclosure, bits),
-        document=document_of(name, path, shooting, enclosure),
+        document=document_of(path, axes.basis, shooting, enclosure),
     )
     return _with_stability(made, path, shooting, enclosure)
 

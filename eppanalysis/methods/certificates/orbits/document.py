@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
+from eppanalysis.arrays import Array
+from eppanalysis.errors import EppError
 from eppanalysis.methods.certificates.numbers import middle_of
 from eppanalysis.methods.certificates.orbits.axes import rational_of
 from eppanalysis.methods.certificates.orbits.guards import weights_of
-from eppanalysis.methods.certificates.orbits.path import ExactPath, Stage
+from eppanalysis.methods.certificates.orbits.path import Course, ExactPath, Stage
 from eppanalysis.methods.certificates.orbits.shooting import Enclosure, Shooting
 from eppanalysis.methods.certificates.registry import STATEMENTS, sealed
+from eppanalysis.methods.orbits.exact import steady_hybrid
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.operating import OperatingPoint
 
 #: The checker takes this many times the radius that was found, so that its own rounding has room.
 _ROOM = 4
@@ -19,13 +27,13 @@ _ROOM = 4
 _STILL = 2.0**-30
 
 
-def document_of(name: str, path: ExactPath, shooting: Shooting, enclosure: Enclosure) -> dict[str, Any]:
+def document_of(path: ExactPath, basis: Array, shooting: Shooting, enclosure: Enclosure) -> dict[str, Any]:
     """The certificate of an orbit: plain data, statement, loop, claim, evidence.
 
     Parameters
     ----------
-    name : str
-        Of the loop.
+    basis : array, shape (m, m)
+        From the unknowns of the path to the places of y that are unknown.
     """
     columns = shooting.columns[: path.m + 1]
     legs = zip(enclosure.starts, enclosure.durations, strict=True)
@@ -39,7 +47,7 @@ def document_of(name: str, path: ExactPath, shooting: Shooting, enclosure: Enclo
     return sealed(
         {
             "statement": STATEMENTS["orbit"].text,
-            "loop": {"name": name, "arcs": [_arc(path, stage) for stage in path.stages]},
+            "loop": {"arcs": _arcs(path), "course": _course(path, basis)},
             "claim": {
                 "events": len(path.stages),
                 "period": [str(period - off), str(period + off)],
@@ -56,12 +64,65 @@ def document_of(name: str, path: ExactPath, shooting: Shooting, enclosure: Enclo
     )
 
 
+def _arcs(path: ExactPath) -> list[dict[str, Any]]:
+    return [_arc(path, stage) for stage in path.stages]
+
+
+def _course(path: ExactPath, basis: Array) -> dict[str, Any]:
+    """Where the arcs come from: through which modes and events of a loop they go, and in which unknowns."""
+    course = path.course
+    return {
+        "modes": course.modes.tolist(),
+        "guards": course.guards.tolist(),
+        "unknown": list(course.free),
+        "held": [[place, str(value)] for place, value in path.held.items()],
+        "basis": [[str(rational_of(v)) for v in row] for row in basis.tolist()],
+    }
+
+
+def other_arcs(given: Mapping[str, Any], system: LureSystem, at: OperatingPoint) -> str:
+    """In what the arcs of a file are others than those of a loop on the same course; empty where they are its own.
+
+    Parameters
+    ----------
+    given : mapping
+        The loop of a certificate that its checker has accepted.
+    at : OperatingPoint
+        Where the external inputs are held.
+    """
+    try:
+        return "" if _own_arcs(given, steady_hybrid(system, at)) == given["arcs"] else "its arcs are others"
+    except EppError as reason:
+        return f"it has no such cycle ({str(reason).rstrip('.')})"
+    except (LookupError, TypeError, ValueError, ArithmeticError):
+        return "it has no such modes and events"
+
+
+def _own_arcs(given: Mapping[str, Any], hybrid: HybridSystem) -> list[dict[str, Any]]:
+    """The arcs of a system on the course that a file tells."""
+    from flint import fmpq, fmpq_mat
+
+    told, n, y = given["course"], hybrid.x0.size, np.concatenate([hybrid.x0, hybrid.H0, [1.0]])
+    modes, guards = np.array(told["modes"], np.int64), np.array(told["guards"], np.int64)
+    held, unknown = dict(told["held"]), told["unknown"]
+    places = sorted([*held, *unknown])
+    known = set(range(n, y.size - 1)) <= set(places) <= set(range(y.size - 1)) and not any(place < n for place in held)
+    counts = [len(automaton.modes) for automaton in hybrid.automata]
+    if not known or len(set(places)) != len(places) or guards.min() < 0 or modes.min() < 0 or (modes >= counts).any():
+        raise ValueError("modes, events or places that the system does not have")
+    for place, value in held.items():
+        y[place] = float(Fraction(value))
+    at_once = np.array([arc["at_once"] for arc in given["arcs"]])
+    path = ExactPath.along(hybrid, Course(modes, guards, at_once, tuple(unknown)), y)
+    rows = [[fmpq(*Fraction(v).as_integer_ratio()) for v in [*row, "0"]] for row in told["basis"]]
+    return _arcs(path.in_basis(fmpq_mat([*rows, [fmpq(int(i == path.m)) for i in range(path.m + 1)]])))
+
+
 def _arc(path: ExactPath, stage: Stage) -> dict[str, Any]:
     numbers = [g for g, _ in stage.guards]
     return {
         "rate": _rows(stage.rate),
         "guards": [_rows(row)[0] for _, row in stage.guards],
-        "names": [path.guard_name(g) for g in numbers],
         "on_rates": [bool(np.any(path.hybrid.model.guard_rate[g])) for g in numbers],
         "fired": numbers.index(stage.fired),
         "jump": _rows(stage.jump),

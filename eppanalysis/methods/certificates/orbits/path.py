@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.methods.certificates.numbers import NotCovered
 from eppanalysis.methods.certificates.orbits.modes import ExactMode, ExactModes, in_span, rational
 from eppanalysis.methods.orbits.arcs import LETS_GO
@@ -42,6 +43,16 @@ class Stage:
 
 
 @dataclass(frozen=True)
+class Course:
+    """Through which modes and events a cycle goes."""
+
+    modes: IntArray  # (p, elements): mode of every element on each arc
+    guards: IntArray  # (p,): number of the guard at whose event each arc ends
+    at_once: BoolArray  # (p,): whether the event follows the one before without delay
+    free: tuple[int, ...]  # places of y that are unknown
+
+
+@dataclass(frozen=True)
 class ExactPath:
     """The arcs of an orbit in rationals."""
 
@@ -50,6 +61,8 @@ class ExactPath:
     free: tuple[int, ...]  # places of y that are unknown
     timed: tuple[int, ...]  # arcs that take time
     continuum: bool  # whether a memory value that no event renews acts on the motion
+    course: Course
+    held: dict[int, Any]  # memory values that no event renews, by their places in y
     #: For each arc that takes time: rows that are zero at its end.
     vanishing: dict[int, list[Any]] = field(default_factory=dict)
 
@@ -65,13 +78,30 @@ class ExactPath:
         sequence = orbit.arcs.event_sequence
         if np.any(sequence.at_once == LETS_GO):
             raise NotCovered("An element lets go because its input is about to jump; such events are not covered.")
-        at_once = ((sequence.at_once == 1) | (np.abs(orbit.tau) <= _NO_TIME * orbit.period)).tolist()
-        if all(at_once):
+        at_once = (sequence.at_once == 1) | (np.abs(orbit.tau) <= _NO_TIME * orbit.period)
+        free = tuple(int(i) for i in orbit.arcs.free)
+        return cls.along(orbit.hybrid, Course(sequence.modes, sequence.guards, at_once, free), orbit.y)
+
+    @classmethod
+    def along(cls, hybrid: HybridSystem, course: Course, y: Array) -> ExactPath:
+        """The path of a course of events.
+
+        Parameters
+        ----------
+        y : array, shape (N,)
+            Of which the places that are not unknown are read.
+
+        Raises
+        ------
+        NotCovered
+            For events that the proof does not cover, or that are not those of the system.
+        """
+        if all(course.at_once):
             raise NotCovered("All events of the cycle fall on one instant.")
-        made = _Reduction(orbit)
-        stages = tuple(made.stage(a, at_once[a]) for a in range(orbit.arcs.n_arcs))
-        timed = tuple(a for a, instant in enumerate(at_once) if not instant)
-        path = cls(orbit.hybrid, stages, made.free, timed, made.continuum)
+        made = _Reduction(hybrid, course, y)
+        stages = tuple(made.stage(a) for a in range(len(course.guards)))
+        timed = tuple(a for a, instant in enumerate(course.at_once) if not instant)
+        path = cls(hybrid, stages, made.free, timed, made.continuum, course, dict(made.held))
         path._find_vanishing()
         for a in range(len(stages)):
             made.require_event(path, a)
@@ -161,30 +191,31 @@ class ExactPath:
 class _Reduction:
     """From y to the unknowns v; lives while a path is made."""
 
-    def __init__(self, orbit: Orbit) -> None:
+    def __init__(self, hybrid: HybridSystem, course: Course, y: Array) -> None:
         from flint import fmpq_mat
 
-        self.orbit, self.exact = orbit, ExactModes(orbit.hybrid)
-        self.sequence, self.model = orbit.arcs.event_sequence, orbit.hybrid.model
-        self.free = tuple(int(i) for i in orbit.arcs.free)
+        self.hybrid, self.exact = hybrid, ExactModes(hybrid)
+        self.course, self.model = course, hybrid.model
+        self.free = course.free
         m, N, zero = len(self.free), self.exact.size, rational(0.0)
         rows = [[zero] * (m + 1) for _ in range(N)]
         for i in range(N):
-            rows[i][m] = rational(orbit.y[i])
+            rows[i][m] = rational(y[i])
         for k, i in enumerate(self.free):
             rows[i][m], rows[i][k] = zero, rational(1.0)
         self.spread = fmpq_mat(rows)
         self.fixed = [i for i in range(N) if i not in self.free]
         n, count = self.exact.n, int(self.model.first[-1, 2])
         self.idle = [i for i in self.fixed if n <= i < n + count]
+        self.held = [(i, rational(y[i])) for i in self.idle]
         self.continuum = False
 
-    def stage(self, arc: int, at_once: bool) -> Stage:
+    def stage(self, arc: int) -> Stage:
         """An arc with the event at its end."""
         from flint import fmpq_mat
 
-        guard = int(self.sequence.guards[arc])
-        before, after = self.mode(arc), self.sequence.modes[(arc + 1) % self.orbit.arcs.n_arcs]
+        guard = int(self.course.guards[arc])
+        before, after = self.mode(arc), self.course.modes[(arc + 1) % len(self.course.guards)]
         if guard < 0 or guard not in dict(before.guards):
             raise NotCovered("The sequence has an event that the modes of its arc do not have.")
         rate = (before.rate * self.spread).tolist()
@@ -205,12 +236,12 @@ class _Reduction:
             guard,
             fmpq_mat([*(jump[i] for i in self.free), last]),
             {e: row * self.spread for e, row in before.levels.items()},
-            at_once,
+            bool(self.course.at_once[arc]),
         )
 
     def mode(self, arc: int) -> ExactMode:
         """The combination of modes on an arc."""
-        return self.exact.mode(self.sequence.modes[arc % self.orbit.arcs.n_arcs])
+        return self.exact.mode(self.course.modes[arc % len(self.course.guards)])
 
     def element(self, guard: int) -> int:
         """The element that a guard belongs to."""
@@ -227,13 +258,13 @@ class _Reduction:
         """
         guard = path.stages[arc].fired
         e, name = self.element(guard), path.guard_name(guard)
-        before, after = self.sequence.modes[arc], self.sequence.modes[(arc + 1) % len(path.stages)]
+        before, after = self.course.modes[arc], self.course.modes[(arc + 1) % len(path.stages)]
         expected = before.copy()
         expected[e] = self.model.guard_target[guard]
         if not np.array_equal(after, expected):
             raise NotCovered(f"The mode behind the event '{name}' is not the one that it leads to.")
         if self.exact.sticks(e, int(after[e])):
-            automaton = self.orbit.hybrid.automata[e]
+            automaton = self.hybrid.automata[e]
             if not self.exact.pull(e) * rational(float(automaton.modes[int(after[e])].jump)) < 0:
                 raise NotCovered(f"'{name}': the loop does not pull the input back against the jump there.")
             if not path.zero_at_end(arc, self.exact.level(e, int(after[e])) * self.spread):
@@ -250,7 +281,7 @@ class _Reduction:
                 old = self._input(arc, z)
                 new = self._input(arc + 1, z) * path.stages[arc].jump
                 if not path.zero_at_end(arc, new - old):
-                    names = self.orbit.hybrid.element_names
+                    names = self.hybrid.element_names
                     raise NotCovered(f"A jump of {names[source]} reaches {names[e]}, which follows its input.")
 
     def _input(self, arc: int, z: int) -> Any:

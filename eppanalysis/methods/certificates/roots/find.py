@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from flint import fmpq
+from flint import arb, fmpq, fmpq_poly
 
 from eppanalysis.methods.certificates import check_balance, check_roots
 from eppanalysis.methods.certificates.numbers import middle_of
@@ -21,10 +21,12 @@ from eppanalysis.methods.certificates.registry import sealed
 Box = tuple[fmpq, ...]
 SIDES = ("amplitude", "frequency", "bias")
 
-#: Boxes that are looked at in one piece; what is left then is undecided.
-_MOST_BOXES = 20_000
+#: Boxes that are looked at in one piece; what is left then is undecided. Boxes that are left over when no more are cut.
+_MOST_BOXES, _ROOM = 20_000, 200
 #: Share of its place below which the side of a box is not cut any more.
 _LEAST = fmpq(1, 2**30)
+#: Share of its place below which an amplitude or a bias is not cut where a linear part swings alone.
+_OCTAVE = fmpq(1, 2)
 #: Share of its place by which a root is enclosed, to either side.
 _ENCLOSED = fmpq(1, 2**70)
 #: Sides of a box, as shares of its place, from which a root is looked for in it.
@@ -46,17 +48,20 @@ class _Search:
     balance: Any
     box: Box
     roots: list[_Root] = field(default_factory=list)
+    looked_at: int = 0
 
     def cover(self, part: Box) -> str:
         """Marks of the boxes that one piece is cut into, as the checker reads them."""
         marks: list[str] = []
         left = [part]
+        most = min(_MOST_BOXES, self.check.BOXES - self.looked_at - _ROOM)
         while left:
             box = left.pop()
-            mark = self.mark(box, part, len(marks) < _MOST_BOXES)
+            mark = self.mark(box, part, len(marks) < most)
             marks.append(mark)
             if mark in "awb":
                 left += [half for _, half in self.check.leaves(mark + "..", box)][::-1]
+        self.looked_at += len(marks)
         return "".join(marks)
 
     def mark(self, box: Box, part: Box, may_cut: bool) -> str:
@@ -74,9 +79,13 @@ class _Search:
     def direction(self, box: Box, shares: list[fmpq]) -> int:
         """Which cut makes the balance sharper: that of the unknown that spreads it more."""
         spreads = _spreads(self.balance, box)
-        if not all(x < float("inf") for x in spreads):
-            return max(range(len(shares)), key=shares.__getitem__)
-        return max(range(len(spreads)), key=spreads.__getitem__)
+        if all(x < float("inf") for x in spreads):
+            return max(range(len(spreads)), key=spreads.__getitem__)
+        # Where a linear part may swing alone nothing is known until the frequency tells; at its own one little is.
+        if self.check is check_balance and self.balance.linear(_still(box[2:4]))[1]:
+            wide = (_OCTAVE, _LEAST, _OCTAVE)
+            return next((i for i in (1, 0, 2) if i < len(shares) and shares[i] > wide[i]), 1)
+        return max(range(len(shares)), key=shares.__getitem__)
 
     def root_near(self, box: Box, part: Box) -> bool:
         """Whether a region about the box is proved to hold one root, which is noted."""
@@ -131,6 +140,11 @@ def _spreads(balance: Any, box: Box) -> list[float]:
         size = sum(spread) + float(jet.x.abs_lower())
         found = [x + y / size if size else x for x, y in zip(found, spread, strict=True)]
     return found
+
+
+def _still(side: Box) -> Any:
+    """A side of a box as the checker's balance reads an unknown, without derivatives."""
+    return check_balance.Jet(arb(side[0]).union(arb(side[1])), [])
 
 
 def _sides(box: Box) -> list[tuple[fmpq, fmpq]]:
@@ -205,6 +219,18 @@ def find(loop: Mapping[str, Any], box: Box) -> dict[str, Any]:
             "evidence": evidence,
         }
     )
+
+
+def undamped(loop: Mapping[str, Any]) -> list[fmpq]:
+    """Frequencies [rad/s], nearly, of poles that are exactly on the imaginary axis, zero left out; continuous time."""
+    found = []
+    for link in loop.get("ring", [loop]):
+        den = [check_balance.rational(c) for c in link["den"][::-1]]
+        # den(j omega) = even(-omega^2) + j omega odd(-omega^2): both are zero at such a pole.
+        both = fmpq_poly(den[::2]).gcd(fmpq_poly(den[1::2]))
+        roots: list[Any] = both.complex_roots() if both.degree() > 0 else []
+        found += [middle_of((-root.real).sqrt()) for root, _ in roots if root.imag == 0 and root.real < 0]
+    return found
 
 
 def _checker(loop: Mapping[str, Any]) -> Any:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.arrays import Array
+from eppanalysis.methods.certificates import check_balance
 from eppanalysis.methods.certificates.numbers import NotCovered
 from eppanalysis.methods.certificates.rational import forced, rational_link, require_no_bias
 from eppanalysis.models.systems.lure import LureSystem
@@ -29,22 +30,23 @@ def rational_ring(system: LureSystem, inputs: Array) -> tuple[dict[str, Any], fl
     """
     if system.time_step is not None:
         raise NotCovered("rings and biases in discrete time have no certificate of roots.")
-    order = _order(system)
+    order = order_of(system)
     links, off = [], 0.0
     for k, here in enumerate(order):
         link, moved = rational_link(_between(system, here, order[(k + 1) % len(order)]))
-        links.append(link | {"name": system.element_names[here], "element": as_steps(link["element"])})
+        kind = link["element"]["kind"]
+        if kind not in check_balance.ELEMENTS:
+            raise NotCovered(f"a {kind.replace('_', ' ')} has no certificate in a ring or with a bias.")
+        if len(order) > 1 and kind not in check_balance.ODD:
+            raise NotCovered("an element of the ring is not odd, and rings with a bias have no certificate.")
+        links.append(link)
         off = max(off, moved)
     means: list[Fraction] = []
     if len(order) > 1:
         require_no_bias(system, inputs)
-        if any(link["element"]["biased"] for link in links):
-            raise NotCovered("an element of the ring is not odd, and rings with a bias have no certificate.")
     else:
         means = _means(system, links[0], inputs)
-    for link in links:
-        del link["element"]["biased"]
-    return {"name": system.name, "ring": links, "means": [str(x) for x in means]}, off
+    return {"ring": links, "means": [str(x) for x in means]}, off
 
 
 def _means(system: LureSystem, link: dict[str, Any], inputs: Array) -> list[Fraction]:
@@ -56,7 +58,7 @@ def _means(system: LureSystem, link: dict[str, Any], inputs: Array) -> list[Frac
     return [on_bias, on_mean, forced(system, inputs)]
 
 
-def _order(system: LureSystem) -> list[int]:
+def order_of(system: LureSystem) -> list[int]:
     """The elements in the order of the ring, from one with memory on: next to where it lets go the balance is steep."""
     names = ", ".join(system.element_names) or "none"
     refusal = f"certificates of roots speak of one element, or of a ring of odd ones; here are: {names}."
@@ -96,43 +98,3 @@ def _between(system: LureSystem, here: int, after: int) -> LureSystem:
     )
     # The element acts on the one behind it, not on itself.
     return replace(part, D=system.D[[after]][:, [here]])
-
-
-def as_steps(element: dict[str, Any]) -> dict[str, Any]:
-    """An element as bends and jumps, or as what follows its input; and whether it is not odd."""
-    kind, biased = element["kind"], element["kind"] in ("pieces", "biased_relay")
-    made: dict[str, Any] = {"line": ["0", "0"], "steps": [], "gate": [], "follow": [], "biased": biased}
-    if kind == "play":
-        return made | {"follow": [element["gap"], "1"]}
-    if kind in ("hysteresis_relay", "biased_relay"):
-        # Its low level, and at each threshold a step that is met on one way only: -1 falling, 1 rising
-        # (docs/theory/certificates.md, With a bias, and in a ring).
-        v = {name: Fraction(x) for name, x in element.items() if name != "kind"}
-        if kind == "hysteresis_relay":
-            v = {"lower": -v["threshold"], "upper": v["threshold"], "low": -v["level"], "high": v["level"]}
-        rise = str(v["high"] - v["low"])
-        gate = [str(v["lower"]), str(v["upper"])]
-        steps = [[gate[0], rise, -1], [gate[1], rise, 1]]
-        return made | {"line": ["0", str(v["low"])], "steps": steps, "gate": gate}
-    if kind not in ("odd_pieces", "pieces"):
-        raise NotCovered(f"a {kind.replace('_', ' ')} has no certificate in a ring or with a bias.")
-    return made | _of_pieces(
-        *((element, element) if kind == "odd_pieces" else (element["positive"], element["negative"]))
-    )
-
-
-def _of_pieces(positive: dict[str, Any], negative: dict[str, Any]) -> dict[str, Any]:
-    """A line from far below on, with what changes along it."""
-
-    def places(half: dict[str, Any], name: str) -> list[tuple[Fraction, Fraction]]:
-        return [(Fraction(at), Fraction(size)) for at, size in half[name]]
-
-    turned, steps = places(negative, "bends"), places(negative, "jumps")
-    up, down = Fraction(positive["slope"]), Fraction(negative["slope"])
-    # Far on the left all bends and jumps of the negative half have been passed.
-    first = down + sum(x for _, x in turned)
-    offset = sum(b * x for b, x in turned) - sum(h for _, h in steps)
-    bends = [*places(positive, "bends"), (Fraction(0), up - down), *((-b, -x) for b, x in turned)]
-    jumps = [*places(positive, "jumps"), *((-b, h) for b, h in steps)]
-    changes = [[str(b), str(x), "bend"] for b, x in bends if x] + [[str(b), str(h), 0] for b, h in jumps]
-    return {"line": [str(first), str(offset)], "steps": changes}

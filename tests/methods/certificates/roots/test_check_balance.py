@@ -15,7 +15,7 @@ from eppanalysis.methods.certificates import check_balance
 from eppanalysis.methods.certificates.check_balance import Element, Jet, Refused
 from eppanalysis.methods.certificates.rational import element_data
 from eppanalysis.methods.certificates.registry import sealed
-from eppanalysis.methods.certificates.roots.ring import as_steps
+from eppanalysis.methods.certificates.roots.ring import order_of
 
 ELEMENTS = (
     epp.Saturation(-0.5, 2.0, 1.3),
@@ -33,7 +33,7 @@ def test_gain_and_mean_are_those_of_the_describing_function_and_their_slopes_tho
     element: epp.Nonlinearity,
 ) -> None:
     """Formulas of the checker against those of the elements, which quadrature confirms; a wide box holds its points."""
-    described = Element({n: x for n, x in as_steps(element_data(element)).items() if n != "biased"})
+    described = Element(element_data(element))
 
     def over(*sides: float) -> tuple[Jet, Jet]:
         ends = [arb(fmpq(*Fraction(x).as_integer_ratio())) for x in sides]
@@ -70,7 +70,7 @@ def test_shipped_loops_with_a_bias_and_rings_are_decided(name: str) -> None:
     case = epp.case(name)
     found, predicted = epp.certify(case), epp.predict_limit_cycles(case)
     assert found.proved and not found.undecided and len(found.roots) == len(predicted)
-    label = found.document["loop"]["ring"][0]["name"]
+    label = case.to_system().element_names[order_of(case.to_system())[0]]
     for root, cycle in zip(found.roots, sorted(predicted, key=lambda c: c.elements[label]["amplitude"]), strict=True):
         assert root.amplitude[0] == pytest.approx(cycle.elements[label]["amplitude"], rel=1e-9)
         assert root.omega[0] == pytest.approx(cycle.omega, rel=1e-9)
@@ -125,10 +125,13 @@ def document() -> dict[str, Any]:
     [
         (("loop", "ring", 0, "num"), ["101/100"]),
         (("loop", "ring", 0, "delay"), "1/10"),
-        (("loop", "ring", 0, "element", "line"), ["0", "-1"]),
-        (("loop", "ring", 0, "element", "gate"), ["1/10", "-1/10"]),
-        (("loop", "ring", 0, "element", "steps", 0, 1), "1"),
+        (("loop", "ring", 0, "element", "low"), "-1"),
+        (("loop", "ring", 0, "element", "upper"), "-1/5"),
+        (("loop", "ring", 0, "element", "kind"), "hysteresis_relay"),
         (("loop", "means"), ["1", "1", "1"]),
+        (("loop", "means"), ["2", "1", "0"]),
+        (("loop", "means"), ["1", "2", "0"]),
+        (("loop", "means"), ["0", "0", "0"]),
         (("loop", "means"), []),
         (("box", "bias"), ["-2", "2"]),
         (("evidence", "roots"), []),

@@ -1,0 +1,343 @@
+"""Files that were changed and sealed anew: each is refused, or says what is true of the loop that it now states."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import math
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import eppanalysis as epp
+from eppanalysis.methods.certificates.registry import STATEMENTS, of_text, sealed
+from eppanalysis.methods.certificates.result import sentence
+from eppanalysis.results import LimitCycle, Status
+from tests.methods.certificates.tampering import another_form, another_size, twice
+
+pytest.importorskip("flint")
+Document = dict[str, Any]
+#: What the program of a checker turns into a refusal.
+UNREADABLE = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError)
+L = epp.LureSystem.from_tf
+
+
+def _of_roots(den: list[float], element: epp.Nonlinearity, num: float = 1.0, **box: Any) -> Callable[[], Document]:
+    delay = box.pop("delay", 0.0)
+    return lambda: dict(epp.certify(L(([num], den), element, delay=delay), box=box or None).document)
+
+
+def _absence(loop: epp.LureSystem, sectors: int = 48) -> Callable[[], Document]:
+    return lambda: dict(epp.certify(loop, "absence", sectors=sectors).document)
+
+
+def _orbit() -> Document:
+    relay = L(([1.0], [1.0, 1.0]), epp.HysteresisRelay(lower=-0.5, upper=0.5))
+    x, period = np.zeros(1), 2.0 * math.log(3.0)
+    cycle = LimitCycle("exact orbit", Status.CONVERGED, period, {}, {}, {}, state=x, memory=(1.0,))
+    return dict(epp.certify_orbit(relay, cycle).document)
+
+
+def _elbow() -> Document:
+    case = epp.case("fig8a_original").with_values({"lock_pin.backlash": "0.06 deg"})
+    return dict(epp.certify(case, "absence").document)
+
+
+def _sampled() -> Document:
+    return dict(epp.certify(epp.case("backlash_discrete_pi")).document)
+
+
+def _cells() -> Document:
+    loop = L(([2.5], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(threshold=1.0))
+    return dict(epp.certify(loop, "cycles").document)
+
+
+def _two_cycles() -> Document:
+    return dict(epp.certify(L(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(threshold=1.0)), "cycles").document)
+
+
+def _ring() -> Document:
+    return dict(
+        epp.certify(epp.case("sat_plus_backlash"), box={"amplitude": (0.55, 4.0), "omega": (0.2, 4.0)}).document
+    )
+
+
+THIRD, SERVO = [1.0, 3.0, 3.0, 1.0], [0.2, 1.2, 1.0, 0.0]
+NARROW = {"amplitude": (0.3, 3.0), "omega": (0.5, 4.0)}
+ABOUT_BIAS = {"amplitude": (0.1, 1.0), "omega": (0.5, 3.0), "bias": (-0.5, 0.5)}
+MADE: dict[str, Callable[[], Document]] = {
+    "roots, dead zone": _of_roots(THIRD, epp.DeadZoneSaturation(0.3, 2.0, 0.9), 9.0, **NARROW),
+    "roots, no root": _of_roots(THIRD, epp.DeadZone(-0.4, 0.4, 2.0), 2.0, **NARROW),
+    "roots, play": _of_roots(SERVO, epp.Play(gap=1.0), 5.0, amplitude=(0.51, 4.0), omega=(0.3, 4.0)),
+    "roots, stiction": _of_roots(SERVO, epp.JumpAndFollow(0.9, 0.4, 1.2), 4.0, amplitude=(0.46, 4.0), omega=(0.3, 4.0)),
+    "roots, relay": _of_roots(THIRD, epp.HysteresisRelay(-0.1, 0.1), 2.0, delay=0.5, **NARROW),
+    "roots, three levels": _of_roots(THIRD, epp.HysteresisRelayDeadZone(on=0.2, off=0.1), 4.0, **NARROW),
+    "roots, cube": _of_roots(THIRD, epp.Cube(0.7), 4.0, **NARROW),
+    "roots, drag": _of_roots(THIRD, epp.Drag(0.7), 4.0, **NARROW),
+    "roots, sampled": _sampled,
+    "balance, relay": _of_roots(THIRD, epp.HysteresisRelay(-0.1, 0.1, -0.7, 1.3), **ABOUT_BIAS),
+    "balance, saturation": _of_roots(THIRD, epp.Saturation(-0.2, 0.5, 1.0), 9.0, **ABOUT_BIAS),
+    "balance, ring": _ring,
+    "absence, saturation": _absence(L(([5.9], [1.0, 3.0, 2.0, 0.0]), epp.Saturation())),
+    "absence, uneven": _absence(L(([1.0], THIRD), epp.DeadZone(-0.4, 0.7, 2.0))),
+    "absence, drag": _absence(L(([1.0, 1.0], [1.0, 3.0, 2.0]), epp.Drag(2.0))),
+    "absence, play": _absence(L(([0.5], SERVO), epp.Play(gap=0.1))),
+    "play": _absence(L(([1.5], SERVO), epp.Play(gap=1.0)), sectors=4),
+    "orbit": _orbit,
+    "elbow": _elbow,
+    "cells": _cells,
+    "cells, two cycles": _two_cycles,
+}
+SLOW = ("elbow", "cells", "cells, two cycles", "balance, ring")
+
+
+@pytest.fixture(scope="module")
+def made() -> Callable[[str], Document]:
+    known: dict[str, Document] = {}
+
+    def document(name: str) -> Document:
+        if name not in known:
+            known[name] = json.loads(json.dumps(MADE[name]()))
+        return known[name]
+
+    return document
+
+
+def checker_of(document: Document) -> Any:
+    return importlib.import_module(of_text(document["statement"]).functions().__name__)
+
+
+def refused(checker: Any, document: Document) -> bool:
+    """Whether a checker refuses the text of a document, its digest made to fit."""
+    try:
+        checker.verify(checker.read(json.dumps(sealed(document))))
+    except (checker.Refused, *UNREADABLE):
+        return True
+    return False
+
+
+def kinds(slow: tuple[str, ...]) -> list[Any]:
+    return [pytest.param(name, marks=pytest.mark.slow) if name in slow else name for name in MADE]
+
+
+def test_every_kind_of_certificate_is_here() -> None:
+    texts = {statement.text for statement in STATEMENTS.values()}
+    assert {name.split(",")[0] for name in MADE} == {"roots", "balance", "absence", "play", "orbit", "elbow", "cells"}
+    assert len(texts) == 7
+
+
+@pytest.mark.parametrize("name", kinds(slow=("cells, two cycles", "elbow")))
+def test_names_and_kinds_of_values_are_as_they_should_be(made: Callable[[str], Document], name: str) -> None:
+    document = made(name)
+    checker = checker_of(document)
+    assert not refused(checker, document)
+    tried = 0
+    for label, edited in another_form(document):
+        assert refused(checker, edited), label
+        tried += 1
+    for label, text in twice(document):
+        with pytest.raises(checker.Refused, match="twice"):
+            checker.verify(checker.read(text))
+        tried += 1
+        assert label
+    assert tried > 100
+
+
+@pytest.mark.parametrize("name", kinds(SLOW))
+def test_what_is_not_refused_is_true(made: Callable[[str], Document], name: str) -> None:
+    document, said = made(name), 0
+    checker = checker_of(document)
+    for label, edited in another_size(document):
+        if not refused(checker, edited):
+            said += 1
+            same = all(edited[part] == document[part] for part in edited if part not in ("evidence", "digest"))
+            assert same or WITNESS[name.partition(",")[0]](edited), f"{label}: {sentence(edited)}"
+            assert "Proved" in sentence(edited)
+    assert said < 1000
+
+
+# Witnesses, which share nothing with the checkers: quadrature and Newton's method in floats, dense frequencies, runs.
+
+
+def numbers(texts: list[str]) -> np.ndarray:
+    return np.array([float(Fraction(text)) for text in texts])
+
+
+def element_of(stated: Document) -> Callable[[float, float], tuple[complex, float]]:
+    """Gain and mean of an element for a bias and a sine, as the package's elements have them, not the checkers."""
+    v = {n: float(Fraction(x)) for n, x in stated.items() if isinstance(x, str) and n != "kind"}
+    known: dict[str, Callable[[], epp.Nonlinearity]] = {
+        "play": lambda: epp.Play(v["gap"]),
+        "jump_and_follow": lambda: epp.JumpAndFollow(v["stick_band"], v["slip_jump"], v["slope"]),
+        "hysteresis_relay": lambda: epp.HysteresisRelay(-v["threshold"], v["threshold"], -v["level"], v["level"]),
+        "hysteresis_relay_dead_zone": lambda: epp.HysteresisRelayDeadZone(v["on"], v["off"], v["level"]),
+        "biased_relay": lambda: epp.HysteresisRelay(v["lower"], v["upper"], v["low"], v["high"]),
+        "cube": lambda: epp.Cube(v["scale"]),
+        "drag": lambda: epp.Drag(v["scale"]),
+    }
+    element = known.get(stated["kind"], lambda: lines_of(stated))()
+
+    def described(a: float, b: float) -> tuple[complex, float]:
+        mean, gain = element.describing_function(a, b)
+        return complex(gain), float(mean)
+
+    return described
+
+
+def lines_of(stated: Document) -> epp.PiecewiseLinear:
+    """The lines of a static element, read off its values."""
+    halves = (stated, stated) if stated["kind"] == "odd_pieces" else (stated["positive"], stated["negative"])
+    sides = [{float(Fraction(at)) for name in ("bends", "jumps") for at, _ in half[name]} for half in halves]
+    edges = sorted({0.0, *sides[0], *(-at for at in sides[1])})
+    inside = [edges[0] - 1.0, *((x + y) / 2 for x, y in zip(edges, edges[1:], strict=False)), edges[-1] + 1.0]
+    near = [0.1 * min(abs(x - edge) for edge in edges) for x in inside]
+    low, high = (values_of(stated, np.array(inside) + sign * np.array(near)) for sign in (-1.0, 1.0))
+    slopes = (high - low) / (2.0 * np.array(near))
+    return epp.PiecewiseLinear(edges, list(slopes), list((high + low) / 2.0 - slopes * np.array(inside)))
+
+
+def values_of(stated: Document, x: np.ndarray) -> np.ndarray:
+    """Output of a static element."""
+    if stated["kind"] in ("cube", "drag"):
+        return float(Fraction(stated["scale"])) * (x**3 if stated["kind"] == "cube" else x * np.abs(x))
+    halves = (stated, stated) if stated["kind"] == "odd_pieces" else (stated["positive"], stated["negative"])
+    y = np.zeros_like(x)
+    for half, way in zip(halves, (1.0, -1.0), strict=True):
+        z = np.maximum(way * x, 0.0)
+        out = float(Fraction(half["slope"])) * z
+        for at, change in half["bends"]:
+            out = out + float(Fraction(change)) * np.maximum(z - float(Fraction(at)), 0.0)
+        for at, height in half["jumps"]:
+            out = out + float(Fraction(height)) * (way * x > float(Fraction(at)))
+        y = y + way * out
+    return y
+
+
+def balance_of(loop: Document) -> Callable[[np.ndarray], np.ndarray]:
+    """What is zero at a root (amplitude, frequency, and bias if there is one)."""
+    links = loop.get("ring", [loop])
+    elements = [element_of(link["element"]) for link in links]
+    means = numbers(loop.get("means", []))
+    step = None if loop.get("time_step") is None else float(Fraction(loop["time_step"]))
+
+    def F(x: np.ndarray) -> np.ndarray:
+        a, w, b = x[0], x[1], x[2] if means.size else 0.0
+        s = np.exp(1j * w * step) if step else 1j * w
+        whole, each, mean = 1.0 + 0j, complex(1.0), 0.0
+        for link, element in zip(links, elements, strict=True):
+            gain, mean = element(float(a), float(b))
+            num, den = np.polyval(numbers(link["num"]), s), np.polyval(numbers(link["den"]), s)
+            part = -gain * num * np.exp(-1j * w * float(Fraction(link["delay"])))
+            whole, each = whole * den, each * part
+            a = abs(part / den) * a
+        out = [(whole - each).real, (whole - each).imag]
+        return np.array(out + ([means[0] * b + means[1] * mean - means[2]] if means.size else []))
+
+    return F
+
+
+def roots_are_as_many(document: Document) -> bool:
+    """By Newton's method from a grid: as many roots in the box as are claimed, if none of it is left open."""
+    box = [numbers(document["box"][side]) for side in ("amplitude", "frequency", "bias") if side in document["box"]]
+    F, found = balance_of(document["loop"]), []
+    axes = [np.geomspace(*side, 8)[1:-1] if side[0] > 0 else np.linspace(*side, 5)[1:-1] for side in box]
+    with np.errstate(all="ignore"):
+        for start in np.stack(np.meshgrid(*axes), -1).reshape(-1, len(box)):
+            x = newton(F, start, box)
+            if x is not None and not any(np.allclose(x, y, rtol=1e-5) for y in found):
+                found.append(x)
+    claimed = document["claim"]["roots"]
+    return len(found) == claimed or (document["claim"]["undecided"] > 0 and len(found) >= claimed)
+
+
+def newton(F: Callable[[np.ndarray], np.ndarray], x: np.ndarray, box: list[np.ndarray]) -> np.ndarray | None:
+    for _ in range(25):
+        here = F(x)
+        steps = 1e-6 * np.maximum(np.abs(x), x[0])
+        J = np.stack([(F(x + h * e) - F(x - h * e)) / (2 * h) for h, e in zip(steps, np.eye(x.size), strict=True)], 1)
+        if not np.isfinite(J).all() or abs(np.linalg.det(J)) < 1e-300:
+            return None
+        move = np.linalg.solve(J, here)
+        x = x - move * min(1.0, 0.3 * float(np.min(np.maximum(np.abs(x), x[0]) / np.maximum(np.abs(move), 1e-300))))
+        if not x[:2].min() > 0:
+            return None
+        if np.max(np.abs(move) / np.maximum(np.abs(x), x[0])) < 1e-9:
+            inside = all(low < value < high for value, (low, high) in zip(x, box, strict=True))
+            return x if inside else None
+    return None
+
+
+def no_cycle_by_frequency(document: Document) -> bool:
+    """The criterion at many frequencies, with the sector of the element's own values."""
+    loop, multiplier = document["loop"], float(Fraction(document["claim"]["multiplier"]))
+    low, high = (None if edge is None else float(Fraction(edge)) for edge in document["claim"]["sector"])
+    s = 1j * np.geomspace(1e-4, 1e4, 4001)
+    G = np.polyval(numbers(loop["num"]), s) / np.polyval(numbers(loop["den"]), s)
+    G, room = G / (1 + low * G), 0.0 if high is None else 1.0 / (high - low)
+    holds = bool(np.all(((1 + multiplier * s) * G).real + room > -1e-9)) and loop["time_step"] is None
+    if loop["element"]["kind"] == "play":
+        return holds and (low, high, multiplier) == (0.0, 1.0, 0.0) and Fraction(loop["element"]["gap"]) > 0
+    x = np.concatenate([-np.geomspace(1e-3, 1e3, 999), np.geomspace(1e-3, 1e3, 999)])
+    ratio = values_of(loop["element"], x) / x
+    return holds and bool((ratio >= low - 1e-9).all() and (high is None or (ratio <= high + 1e-9).all()))
+
+
+def no_cycle_with_play(document: Document) -> bool:
+    loop = document["loop"]
+    own = L((list(numbers(loop["num"])), list(numbers(loop["den"]))), epp.Play(float(Fraction(loop["element"]["gap"]))))
+    return len(epp.find_limit_cycles(own)) == 0
+
+
+def arcs_close(document: Document) -> bool:
+    """The arcs, integrated in floats: each ends where its guard rises through zero, none earlier, and all close."""
+    arcs, claim = document["loop"]["arcs"], document["claim"]
+    n, evidence = len(arcs[0]["rate"]), document["evidence"]
+    x, legs = np.append(numbers(evidence["solution"])[: n - 1], 1.0), 0.0
+    start, taken = x.copy(), iter(numbers(evidence["solution"])[n - 1 :: n])
+    for arc in arcs:
+        rate, jump = (np.array([numbers(row) for row in arc[name]]) for name in ("rate", "jump"))
+        guards = np.array([numbers(row) for row in arc["guards"]])
+        if not arc["at_once"]:
+            duration = float(next(taken))
+            legs += duration
+            path = np.stack([expm(rate * t) @ x for t in np.linspace(0.0, duration, 400)])
+            values = path @ guards.T
+            early = values[1:-1].max() > 1e-9 * np.abs(values).max()
+            if early or abs(values[-1, arc["fired"]]) > 1e-9 * np.abs(values).max():
+                return False
+            x = path[-1]
+        x = jump @ x
+    low, high = numbers(claim["period"])
+    return np.allclose(x, start, rtol=1e-9, atol=1e-9) and low <= legs * (1 + 1e-12) and legs * (1 - 1e-12) <= high
+
+
+def cycles_are_these(document: Document) -> bool:
+    loop, claim = document["loop"], document["claim"]
+    (at, level), *_ = loop["element"]["jumps"]
+    element = epp.RelayDeadZone(threshold=float(Fraction(at)), level=float(Fraction(level)))
+    found = epp.find_limit_cycles(L((list(numbers(loop["num"])), list(numbers(loop["den"]))), element)).cycles
+    periods = sorted(cycle.period for cycle in found)
+    ends = [numbers(cycle["period"]) for cycle in claim["cycles"]]
+    return len(periods) == len(ends) and all(a <= t <= b for t, (a, b) in zip(periods, ends, strict=True))
+
+
+def small_gap(document: Document) -> bool:
+    """Of the elbow: more friction, or less of a gap, than that which the page proves."""
+    own, loop = MADE["elbow"]()["loop"], document["loop"]
+    worse = [n for n in own if n != "backlash" and Fraction(loop[n]) != Fraction(own[n])]
+    return Fraction(loop["backlash"]) <= Fraction(own["backlash"]) * 2 and len(worse) <= 1
+
+
+WITNESS = {
+    "roots": roots_are_as_many,
+    "balance": roots_are_as_many,
+    "absence": no_cycle_by_frequency,
+    "play": no_cycle_with_play,
+    "orbit": arcs_close,
+    "cells": cycles_are_these,
+    "elbow": small_gap,
+}
