@@ -223,8 +223,8 @@ class Search:
 
     @property
     def one_is_missing(self) -> bool:
-        """Whether the responses of one period found are even in number: all of them are odd in number, as their indices,
-        1 or -1 by the sign of det(1 - P), add up to 1 or -1 (docs/theory/driven.md, How they are found).
+        """Whether the responses of one period found are even in number, as all of them are not: their indices, 1 or -1
+        by the sign of det(1 - P), add up to 1 or -1 (docs/theory/driven.md, How they are found).
         """
         once = [orbit for n, orbit in self.found if n == 1]
         return bool(once) and len(once) % 2 == 0 and not any(orbit.one_of_many for orbit in once)
