@@ -441,7 +441,7 @@ def _elasticities(question: Question, found: ExactBound, allowed: Allowed | None
         return {}
     if found.kind is Turn.SIZE and allowed is not None:
         return size_elasticities(question, point, allowed)
-    return {} if found.kind is Turn.CORNER and point.arc is None else exact_elasticities(question, point)
+    return exact_elasticities(question, point) if found.is_solved else {}
 
 
 def _from_harmonic(value: float, bound: HarmonicBound) -> BoundCell:
@@ -469,8 +469,10 @@ def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
     # What harmonic balance knows besides, of cycles beyond the bound, say, holds whatever the tests give.
     note = cell.message.removeprefix(cell.finding.sentence).strip()
     if bound.cycle is None:
-        remark = f"Not corrected: {bound.message.removesuffix('.')}. Not verified."
-        return replace(cell, message=f"{note if cell.finding is Finding.BOUND else cell.message} {remark}".strip())
+        why = bound.message.removesuffix(".")
+        if cell.finding is not Finding.BOUND:
+            return replace(cell, message=f"{cell.message} Tried: {why}.")
+        return replace(cell, message=f"{note} Not corrected: {why}. Not verified.".strip())
     if cell.finding is not Finding.BOUND:
         # Harmonic balance saw the family go on to the end of the range, or saw nothing.
         cell = replace(cell, finding=Finding.BOUND)

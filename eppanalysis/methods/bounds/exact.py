@@ -2,7 +2,9 @@
 
 A cycle of the balance a little inside the bound gives the first exact orbit, from there the branch is followed to where
 it turns back. Branches also turn back where the orbit ceases to visit a mode, with a border collision in place of a
-smooth fold; both end the family and count, and both are solved for exactly.
+smooth fold; both end the family and count, and both are solved for exactly. Where no orbit is found that continues a
+branch (a cycle that ceases to stick and goes on without any switch), the family is known up to there: that is the bound
+of exact orbits, and the tests on both sides say whether it bounds anything.
 
 Harmonic balance is off by a per cent or so in the waveform. Along a parameter to which the cycles hardly react this may
 be more than the whole range; there exact orbits are searched for, farther and farther from where it put the bound.
@@ -10,7 +12,7 @@ be more than the whole range; there exact orbits are searched for, farther and f
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +41,9 @@ BORN = {
     Change.TURNING: Turn.CORNER,
     Change.LINEAR: Turn.LINEAR,
 }
-#: Where an orbit is looked for beyond a border collision, relative to its value, and how often.
+#: The same, and where no orbit is found that continues a family.
+_ENDS = {**BORN, Change.END: Turn.BREAK}
+#: Where an orbit is looked for beyond such a place with a kink, relative to its value, and how often.
 _BEYOND, _MOST_COLLISIONS = (2e-4, 1e-3, 4e-3), 6
 #: Values from a bound by harmonic balance to the far end of the range at which exact orbits are searched for.
 _N_SEARCHED = 7
@@ -55,6 +59,12 @@ class ExactBound:
     kind: Turn = Turn.UNKNOWN
     point: Point | None = None  # the orbit with the direction of its branch
     message: str = ""  # why there is none
+
+    @property
+    def is_solved(self) -> bool:
+        """Whether the orbit solves equations of the bound, by which that has slopes: a border needs its arc."""
+        at_border = self.kind in (Turn.CORNER, Turn.BREAK)
+        return self.point is not None and not (at_border and self.point.arc is None)
 
 
 def correct(question: Question, near: Cycle, sign: float) -> ExactBound:
@@ -102,11 +112,24 @@ def searched(question: Question, near: float, sign: float) -> ExactBound:
     end, far = (question.low, question.high) if sign > 0 else (question.high, question.low)
     if _orbits_at(question, end):
         return ExactBound(kind=Turn.END)
+    with_cycles, without = [], [end]
     for value in spread(float(np.clip(near, question.low, question.high)), far, _N_SEARCHED):
-        turn = farthest_turn(question, value, _orbits_at(question, value), sign) if value != end else None
+        orbits = _orbits_at(question, value) if value != end else []
+        turn = farthest_turn(question, value, orbits, sign)
         if turn is not None:
             return turn
-    return ExactBound(message="no family of exact orbits was found that ends within the range")
+        if value != end:
+            (with_cycles if orbits else without).append(value)
+    return ExactBound(message=_tried(question, with_cycles, without))
+
+
+def _tried(question: Question, with_cycles: list[float], without: list[float]) -> str:
+    """What the searches over the range say where no branch shows where its cycles end."""
+    none = f"the exact search finds no limit cycle at {question.in_words(sorted(without))}"
+    if not with_cycles:
+        return none
+    some = f"limit cycles at {question.in_words(sorted(with_cycles))}, whose branches could not be followed to an end"
+    return f"{none}, and {some}"
 
 
 def _orbits_at(question: Question, value: float) -> list[LimitCycle]:
@@ -114,19 +137,21 @@ def _orbits_at(question: Question, value: float) -> list[LimitCycle]:
     return list(find_limit_cycles(question.case_at(value)))
 
 
-def turn_of(question: Question, branch: Branch, stop: float, sign: float) -> ExactBound | None:
-    """The bound where a branch turns back; None where it does not before `stop`."""
-    turn = _last_turn(question, branch, stop, sign)
+def turn_of(
+    question: Question, branch: Branch, stop: float, sign: float, ends: Mapping[Change, Turn] = BORN
+) -> ExactBound | None:
+    """The bound where a branch turns back, or otherwise ends; None where it does not before `stop`."""
+    turn = _last_turn(question, branch, stop, sign, ends)
     if turn is None:
         return None
-    return ExactBound(turn.value, turn.cycle.period, turn.cycle, BORN[turn.kind], turn.point)
+    return ExactBound(turn.value, turn.cycle.period, turn.cycle, ends[turn.kind], turn.point)
 
 
 def farthest_turn(question: Question, value: float, cycles: Iterable[LimitCycle], sign: float) -> ExactBound | None:
     """The farthest bound of families of which cycles at a value are known; None where none ends within the range."""
     end = question.low if sign > 0 else question.high
     branches = (_branch(question, value, end, cycle) for cycle in cycles)
-    turns = [turn_of(question, branch, end, sign) for branch in branches if branch is not None]
+    turns = [turn_of(question, branch, end, sign, _ENDS) for branch in branches if branch is not None]
     return min((t for t in turns if t is not None), key=lambda t: sign * t.value, default=None)
 
 
@@ -139,16 +164,18 @@ def _branch(question: Question, start: float, stop: float, cycle: LimitCycle) ->
         return None
 
 
-def _last_turn(question: Question, branch: Branch, stop: float, sign: float) -> SpecialPoint | None:
-    """The farthest place at which a branch turns back.
+def _last_turn(
+    question: Question, branch: Branch, stop: float, sign: float, ends: Mapping[Change, Turn]
+) -> SpecialPoint | None:
+    """The farthest place at which a branch ends in one of these ways.
 
-    At a border collision the step on to the new sequence of events may have been taken the wrong way round. Where an
-    orbit near the one at the border collision exists beyond it, the branch goes on from there.
+    At a border collision the step on to the new sequence of events may have been taken the wrong way round, or none may
+    have been found. Where an orbit near the one at the border exists beyond it, the branch goes on from there.
     """
     for _ in range(_MOST_COLLISIONS):
-        turns = [s for s in branch.special if s.kind in BORN]
+        turns = [s for s in branch.special if s.kind in ends]
         turn = min(turns, key=lambda s: sign * s.value) if turns else None
-        if turn is None or turn.kind is not Change.TURNING:
+        if turn is None or turn.kind not in (Change.TURNING, Change.END):
             return turn
         further = None
         for share in _BEYOND:

@@ -172,7 +172,7 @@ def _outlook(question: Question, seen: Sequence[_Seen]) -> Outlook:
         # A bound is tested where it is found, so that there first order's word will do; for other answers nothing else
         # is asked.
         there = [bool(s.predicted) if s.there is None else s.there for s in seen]
-        if there[0] == there[-1]:
+        if there[0] == there[-1] and (there[0] or not any(there)):
             return Outlook(Finding.UNSURE, note=f"It is undecided at {_named_values(question, seen, None)}.")
     if not any(there):
         return Outlook(Finding.NONE)

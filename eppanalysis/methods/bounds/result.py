@@ -77,12 +77,17 @@ class Finding(StrEnum):
         "bounds it.",
     )
     BEYOND = "beyond", "The bound lies beyond the range of the limiting parameter: cycles exist down to the end of it."
-    FAILED = "failed", "The bound could not be computed: no start led to a solution."
+    FAILED = "failed", "No start led to a bound, which does not say that there is none."
 
     @property
     def answers(self) -> bool:
         """Whether it says why there is no bound, so that none is missing."""
         return self in (self.NONE, self.ALWAYS, self.BETWEEN, self.SCALES, self.IDLE, self.BEYOND)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a bound may be there that was not found."""
+        return self in (self.UNSURE, self.FAILED)
 
 
 class Known(StrEnum):
@@ -110,6 +115,8 @@ class Turn(StrEnum):
     STABILITY = "change of stability"
     #: Cycles exist up to the end of the range.
     END = "end"
+    #: No orbit was found that continues the branch: up to here the family is known.
+    BREAK = "end of the branch"
     #: No orbit was followed: the search for limit cycles answers differently on both sides.
     SEARCH = "search"
 
@@ -175,8 +182,8 @@ class BoundCell(Brief):
     error_estimate : float
         Largest relative difference of the harmonic bound from those of the orders from half of it on.
     kind : Turn
-        Fold or border collision of the branch of exact orbits; where a size is allowed also that the cycle reaches it,
-        or becomes stable.
+        Fold or border collision of the branch of exact orbits, or where no orbit was found that continues it; where a
+        size is allowed also that the cycle reaches it, or becomes stable.
     size : float
         Of the orbit at the bound, where a size is allowed [SI, in its measure].
     frequency : float
@@ -400,7 +407,10 @@ class DesignBounds(Listing[BoundCell]):
         if not found:
             places = (f"a {words(self.over)} {self._span(self.over, [c.value], 'of')}" for c in self.cells)
             why = reasons(zip(places, (c.message or c.finding.sentence for c in self.cells), strict=True))
-            return f"No bound on {words(self.limit)} for {at}. {why} {self.not_covered}".rstrip()
+            none = f"No bound on {words(self.limit)}"
+            if any(c.finding.is_open for c in self.cells):  # what was not found is not said to be none
+                none = f"Undecided: no bound on {words(self.limit)} was found"
+            return f"{none} for {at}. {why} {self.not_covered}".rstrip()
         side = "below" if found[0].sign > 0 else "above"
         verified = sum(c.verified for c in found)
         tested = f"{verified} of {count(len(found), 'bound')} verified by runs and orbits"
@@ -408,7 +418,10 @@ class DesignBounds(Listing[BoundCell]):
         doubt = (
             "" if verified == len(found) or self.not_covered else ", verified in part" if verified else ", not verified"
         )
-        none = f"; no bound at {len(self) - len(found)} of {len(self)} values" if len(found) < len(self) else ""
+        unknown = sum(c.finding.is_open for c in self.cells)
+        without = len(self) - len(found) - unknown
+        none = f"; no bound at {without} of {len(self)} values" * bool(without)
+        none += f"; undecided at {unknown} of {len(self)} values, where no bound was found" * bool(unknown)
         which = "limit cycle" if self.allowed is None else self.allowed.exceeded
         free, orbits = "Free of limit cycles" if self.allowed is None else f"No {which}", tested
         if self.not_covered:

@@ -166,8 +166,7 @@ class Frontier:
         """The bound at a place as its slopes at the nearest one foretell it."""
         value, point = near.bound.value, near.bound.point
         moves = {n: b - a for n, a, b in zip(self.widths, near.place, place, strict=True) if a != b}
-        # A border whose arc is not known has no slopes.
-        if point is None or (near.bound.kind is Turn.CORNER and point.arc is None) or self.allowed is not None:
+        if point is None or not near.bound.is_solved or self.allowed is not None:
             return value
         slopes = self.slopes(near.place, point, {name: self.widths[name] for name in moves})
         change = sum(slopes[name] * move for name, move in moves.items())

@@ -244,6 +244,7 @@ class Design(Result):
         what = {
             Turn.FOLD: "a limit cycle that is born there (fold)",
             Turn.CORNER: "a limit cycle that is born there (border collision)",
+            Turn.BREAK: "a limit cycle, which is not found beyond (end of the branch)",
             Turn.LINEAR: "an oscillation, as the loop ceases to be stable there (linear limit)",
             Turn.SIZE: "the stable limit cycle, which reaches what is allowed there",
             Turn.STABILITY: "a limit cycle that becomes stable there",

@@ -240,7 +240,7 @@ class Search:
         if pick.bound.kind is Turn.SIZE and frontier.allowed is not None:
             elastic = size_elasticities(here, point, frontier.allowed, names)
             found = {n: e * point.value / here.case.value(n) for n, e in elastic.items() if n in names}
-        elif pick.bound.kind is not Turn.CORNER or point.arc is not None:
+        elif pick.bound.is_solved:
             found = frontier.slopes(full, point, names)
         else:
             found = {}

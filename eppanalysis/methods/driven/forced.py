@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import combinations, islice
 
 import numpy as np
 
@@ -42,6 +42,9 @@ _SLOW = 0.9
 _SAME = 1e-6
 #: Responses that a range begins with at most.
 _SOME = 8
+#: How often the way between two responses is halved, and after how many of these the run between them is looked at;
+#: parting of the runs from both sides, relative to their responses' distance, up to which they are at the one between.
+_HALVINGS, _LOOKS, _TOGETHER = 30, 5, 0.05
 _FOLLOWS, _EVERY = "comes to follow the input", "repeats itself every {} periods"
 _PARTS = {
     Motion.IRREGULAR: "does not repeat itself: neighbouring motions part by a factor {0:.3g} each period of the input",
@@ -53,6 +56,11 @@ _PARTS = {
 }
 
 
+#: What is said where responses of one period are even in number.
+_EVEN = (
+    "At least one more response of one period was not found, an unstable one between those found, say: they are odd in "
+    "number."
+)
 _UNTOLD = (
     "Of that so weak a sine moves the phase by less than rounding: whether the two keep step, and at which phases, "
     "cannot be told at this size."
@@ -131,6 +139,7 @@ def forced_response(
     first = sinusoids(drive)
     motion, exponent = search.run(drive.hybrid, to_the_end=True)
     search.from_first_order(first)
+    search.from_between()
     own = search.from_own_cycles() if motion is not Motion.IRREGULAR else None
     motion = search.by_adlers_law(motion, own)
     responses = search.responses()
@@ -211,6 +220,56 @@ class Search:
                 continue
             self.closed(start, 1)
             self.run(start)
+
+    @property
+    def one_is_missing(self) -> bool:
+        """Whether the responses of one period found are even in number, as all of them are not: their indices, 1 or -1
+        by the sign of det(1 - P), add up to 1 or -1 (docs/theory/driven.md, How they are found).
+        """
+        once = [orbit for n, orbit in self.found if n == 1]
+        return bool(once) and len(once) % 2 == 0 and not any(orbit.one_of_many for orbit in once)
+
+    def from_between(self) -> None:
+        """An unstable response between two stable ones, where one is missing: on the boundary of their basins."""
+        stable = [o for n, o in self.found if n == 1 and is_stable(o.multipliers, o.one_of_many)]
+        for one, other in combinations(stable, 2):
+            if self.one_is_missing:
+                self._between(one, other)
+
+    def _between(self, one: Orbit, other: Orbit) -> None:
+        """Halve the way between two stable responses until runs from both sides lead on together to a third."""
+        ends = [begun(one), next(self._at_phase(begun(other), self.drive.phase(one.y), 1), None)]
+        if ends[1] is None:
+            return
+        known, a, b = len(self.found), 0.0, 1.0
+        x, y = ends[0].x0, ends[1].x0
+        paths = [self._path(replace(ends[0], x0=x)), self._path(replace(ends[0], x0=y))]
+        for halving in range(1, _HALVINGS + 1):
+            c = 0.5 * (a + b)
+            path = self._path(replace(ends[0], x0=(1.0 - c) * x + c * y))
+            nearer = self._away(one, path[-1].x0, x) < self._away(one, path[-1].x0, y)
+            a, b, paths = (c, b, [path, paths[1]]) if nearer else (a, c, [paths[0], path])
+            if halving % _LOOKS == 0:
+                self.closed(self._last_together(one, paths, x, y), 1)
+                if len(self.found) > known:
+                    return
+
+    def _path(self, start: HybridSystem) -> list[HybridSystem]:
+        """A run, period by period."""
+        path = [start]
+        for _ in range(_CHECKED[0]):
+            now = later(path[-1], self.drive.period)
+            if now is None:
+                break
+            path.append(now)
+        return path
+
+    def _last_together(self, size: Orbit, paths: Sequence[list[HybridSystem]], x: Array, y: Array) -> HybridSystem:
+        """The last place at which two runs are still together: there they have come to what they part at."""
+        most = _TOGETHER * self._away(size, x, y)
+        both = list(zip(*paths, strict=False))
+        near = [k for k, (p, q) in enumerate(both) if self._away(size, p.x0, q.x0) <= most]
+        return both[max(near, default=0)][0]
 
     def from_own_cycles(self) -> Entrainment | None:
         """Responses that are the loop's own oscillation, held by the input at one phase or the other.
@@ -428,9 +487,10 @@ def _sentence(
         goes_on = _PARTS[motion].format(float(np.exp(exponent)), search.reached)
     elif own is not None and by_law:
         goes_on = f"{goes_on}, {own.in_words(drive.frequency)}"
+    missing = f" {_EVEN}" * search.one_is_missing
     return (
         f"Periodic responses to a sine of {_sine(drive)}: {what}{sub}. The run from the loop's own start "
-        f"{goes_on.removesuffix('.')}."
+        f"{goes_on.removesuffix('.')}.{missing}"
     )
 
 

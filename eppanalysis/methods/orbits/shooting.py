@@ -293,43 +293,77 @@ def _repeats(orbit: Orbit, q: int) -> bool:
 
 
 def is_met(orbit: Orbit) -> bool:
-    """Whether the engine, started on the orbit, meets just its events.
-
-    A loop with dead time cannot be started in the middle of its history; its sequence is that of the run it came from.
-    """
-    if orbit.arcs.n_timers:
+    """Whether the engine, started on the orbit, meets just its events."""
+    # A turn from the middle of the longest arc, where no guard is near; an orbit that is left within a turn, or has
+    # switches on their way through a dead time, stretch by stretch.
+    begin = int(np.argmax(orbit.tau))
+    met = 0 if orbit.arcs.n_timers else _met(orbit, begin)
+    if met == orbit.arcs.n_arcs:
         return True
-    # A turn from the middle of the longest arc, where no guard is near; an orbit that is left within a turn, switch by
-    # switch.
-    p, begin = orbit.arcs.n_arcs, int(np.argmax(orbit.tau))
-    met = _met(orbit, begin, p, (1.0 - 1e-6) * orbit.period)
-    if met == p:
-        return True
+    # From one arrival of a delayed switch to the next what is delayed stands still, so that a run over that stretch
+    # needs no more of the past than this value: that switches arrive in time the orbit's own timers say.
+    model = orbit.hybrid.model
+    late = np.full_like(model.smooth_delay, 2.0 * orbit.period)
+    standing = replace(orbit.hybrid, model=model._replace(smooth_delay=late)) if late.size else orbit.hybrid
     arcs = np.flatnonzero(orbit.tau > 1e-9 * orbit.period)
-    later = np.append(arcs[1:], arcs[0] + p)
-    # Where the whole turn has left the orbit an arc fails most likely.
-    turned = np.roll(
-        np.column_stack([arcs, later]), -int(np.searchsorted(arcs, (begin + met) % p, side="right")) + 1, 0
-    )
-    return arcs.size > 1 and all(
-        _met(orbit, a, b - a, 0.5 * float(orbit.tau[a] + orbit.tau[b % p])) == b - a for a, b in turned.tolist()
-    )
+    # Where the whole turn has left the orbit a stretch fails most likely.
+    first = int(np.searchsorted(arcs, (begin + met) % orbit.arcs.n_arcs, side="right")) - 1
+    return all(_goes_on(orbit, standing, arc) for arc in np.roll(arcs, -first).tolist())
 
 
-def _met(orbit: Orbit, first: int, count: int, t_end: float) -> int:
-    """How many of the next `count` events of the orbit a run from the middle of an arc meets in time.
+def _met(orbit: Orbit, first: int) -> int:
+    """How many events of the orbit a turn from the middle of an arc meets in time; all but one that meets others too.
 
-    All but the last for one that meets others besides until `t_end`.
+    What comes just at the end of the turn is not looked at.
     """
-    whole = count == orbit.arcs.n_arcs
-    run = _from_middle(orbit, first, 1.1 * orbit.period if whole else t_end, 3)
-    arcs = (first + np.arange(min(count, run.n_kept))) % orbit.arcs.n_arcs
+    p, T = orbit.arcs.n_arcs, orbit.period
+    run = _from_middle(orbit, first, 1.1 * T, 3)
+    arcs = (first + np.arange(min(p, run.n_kept))) % p
     tau, times, guards = orbit.tau[arcs], run.time[run.order], run.guard[run.order]
     late = np.abs(times[: arcs.size] - (tau.cumsum() - 0.5 * orbit.tau[first]))
-    other = (guards[: arcs.size] != orbit.arcs.event_sequence.guards[arcs]) | ~(late < 1e-6 * orbit.period)
+    other = (guards[: arcs.size] != orbit.arcs.event_sequence.guards[arcs]) | ~(late < 1e-6 * T)
     if other.any():
         return int(other.argmax())
-    return arcs.size - int(arcs.size == count and (times[count:] < t_end).any())
+    return arcs.size - int(arcs.size == p and (times[p:] < (1.0 - 1e-6) * T).any())
+
+
+def _goes_on(orbit: Orbit, standing: HybridSystem, arc: int) -> bool:
+    """Whether runs from the middle of an arc to that of the next one that lasts meet what lies between, and no more."""
+    p, guards = orbit.arcs.n_arcs, orbit.arcs.event_sequence.guards
+    due: list[tuple[int, float]] = []
+    y, begun, time, k = middle(orbit, arc), arc, 0.5 * float(orbit.tau[arc]), arc
+    while True:
+        if guards[k % p] >= 0:
+            due.append((int(guards[k % p]), time))
+        elif not _meets(orbit, standing, y, begun, due, time - 1e-6 * orbit.period):
+            return False
+        else:
+            y, begun, time, due = orbit.starts[k % p + 1], (k + 1) % p, 0.0, []
+        k += 1
+        if orbit.tau[k % p] > 1e-9 * orbit.period:
+            return _meets(orbit, standing, y, begun, due, time + 0.5 * float(orbit.tau[k % p]))
+        time += float(orbit.tau[k % p])
+
+
+def _meets(
+    orbit: Orbit, standing: HybridSystem, y: Array, arc: int, due: Sequence[tuple[int, float]], t_end: float
+) -> bool:
+    """Whether a run from a state on an arc meets these guards in time, and no others until `t_end`."""
+    if t_end <= 0.0:
+        return not due
+    start = restarted(standing, orbit.arcs, y, orbit.arcs.event_sequence.modes[arc])
+    lines = np.flatnonzero(start.model.smooth_kind == DELAY_LINE)
+    # What never switches is the same later.
+    source = orbit.arcs.event_sequence.source
+    own = orbit.arcs.W[arc, start.model.smooth_w[lines]] @ y
+    arrived = np.where(np.isin(lines, source[source[:, 0] >= 0, 1]), y[orbit.arcs.memory.stop :], own)
+    most, base = len(due) + 1, 2.0 * start.time_scale
+    run = run_hybrid(start, t_end, _NO_SAMPLES, base, most, most, past=arrived)
+    times, met = run.time[run.order], run.guard[run.order]
+    if run.n_kept != len(due):
+        return False
+    late = np.abs(times - [time for _, time in due])
+    return met.tolist() == [guard for guard, _ in due] and bool(np.all(late < 1e-6 * orbit.period))
 
 
 def _from_middle(orbit: Orbit, arc: int, t_end: float, turns: int) -> Run:

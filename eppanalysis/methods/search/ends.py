@@ -263,7 +263,9 @@ class Ends:
         if status is Status.SETTLED:
             return self._rested(start, run)
         if status is Status.EVENT_LIMIT:
-            return self._rested(start, run) if died_out(start, run) and self._keeps_piled else End.UNDECIDED
+            # Where an element slides in a way that no run can follow, the run stops wherever it is.
+            dies = died_out(start, run) and self._keeps_piled and not self.hybrid.chatters
+            return self._rested(start, run) if dies else End.UNDECIDED
         return End.DIVERGENCE if status is Status.DIVERGED else None
 
     @cached_property

@@ -210,6 +210,8 @@ class _Search(Told):
             # was found, other periods, mirror images. Basin boundaries are bisected where a ray shows them.
             led_to = self._close_all()
             with allotted((1.0 if self.pulses is None else _FOR_RUNS) * _MOST_WORK):
+                if not np.any(self.hybrid.x0[: self.hybrid.n_plant]):  # else the loop's own start is on a ray
+                    self.outcome(self.hybrid.x0, self.hybrid.H0)
                 for ray in self.rays:
                     self._scan(ray)
                 for start in self._random():

@@ -125,8 +125,10 @@ class CycleSearch(Listing[LimitCycle]):
         # Rest and a cycle may both be there: which of them a motion comes to is for its start to say.
         begin = "Can oscillate" if self.settles else "Oscillates"
         if not self.stable:
-            unknown = any(cycle.stable is None for cycle in self.cycles)
+            unknown = [cycle for cycle in self.cycles if cycle.stable is None]
             begin = "Limit cycles of unknown stability exist" if unknown else "No stable limit cycle was found"
+            if any(cycle.multipliers is not None for cycle in unknown):
+                begin = "Neutral limit cycles exist"
         rest = " Other starts settle at rest." * self.settles + " Some starts grow without bound." * self.diverges
         return f"{begin}: {counted(self.cycles)}.{self._continua()}{rest}{open_ends}"
 

@@ -94,8 +94,8 @@ class Told(Ends):
         rests = f", and {self.n_towards} towards states of rest of single modes" if self.n_towards else ""
         return (
             f"{count(len(self.predicted), 'predicted cycle')} as seeds{balance}; {count(self.n_runs, 'run')} "
-            f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts{rests} "
-            f"({ends}); "
+            f"along {len(SCALES)} scales of each predicted and found cycle, from the loop's own start and from "
+            f"{N_RANDOM} random starts{rests} ({ends}); "
             f"{count(self.n_boundaries, 'basin boundary')} bisected for unstable cycles{self._tried()}. "
             "Cycles that no prediction is near, and neither a run nor a boundary leads to, may be missed."
             f"{self._pasts()}{self._continua()}{self._unclosed()}{self._left()}"

@@ -166,7 +166,8 @@ def tendency(hybrid: HybridSystem, signals: Mapping[str, Array]) -> str:
     if shrink and all(np.all(_SMALLER * swing[1:] <= swing[:-1]) for swing in swings.values()):
         least, size = next(iter(shrink.items()))
         shares = " and ".join(f"{100.0 * part / size[0]:.2g} %" for part in size[1:])
-        return f"{_GOING[:-1]}, but {words(least)} swung less and less, in its later thirds {shares} of the first."
+        fewer = f"{words(least)} swung less and less, in its later thirds {shares} of the first"
+        return f"{_GOING[:-1]}, but {fewer}: to a smaller motion, or to rest."
     return ""
 
 

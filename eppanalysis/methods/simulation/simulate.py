@@ -229,6 +229,17 @@ def _begin(hybrid: HybridSystem, workspace: Workspace, modes: IntArray) -> None:
     workspace.x[: hybrid.x0.size], workspace.modes[:], workspace.H[:] = hybrid.x0, modes, hybrid.H0
 
 
+def _write_past(hybrid: HybridSystem, workspace: Workspace, past: Array) -> None:
+    """What delayed outputs (lines,) have been until the start, where the engine reads what it has put out itself."""
+    from eppanalysis.kernels.engine.delays import ALWAYS
+
+    lines = np.flatnonzero(hybrid.model.smooth_kind == DELAY_LINE)
+    workspace.line_t[lines, 0], workspace.line_h[lines, 0] = (-ALWAYS, 0.0), 2.0 * ALWAYS
+    workspace.line_c[lines, 0] = 0.0
+    workspace.line_c[lines, 0, 0] = past
+    workspace.line_n[lines] = 1, 0
+
+
 def run_hybrid(
     hybrid: HybridSystem,
     t_end: float,
@@ -237,8 +248,9 @@ def run_hybrid(
     max_events: int,
     keep: int,
     max_steps: int = _MOST_STEPS,
+    past: Array | None = None,
 ) -> Run:
-    """One run of the compiled engine.
+    """One run of the compiled engine; until now delayed outputs were `past`, by default what they are at the start.
 
     Raises
     ------
@@ -264,7 +276,9 @@ def run_hybrid(
     )
     n, n_y, (past_known, cost) = hybrid.x0.size, hybrid.model.Yx.shape[0], _of_smooth(hybrid)
     _begin(hybrid, workspace, hybrid.modes0)
-    if past_known:
+    if past is not None:
+        _write_past(hybrid, workspace, past)
+    elif past_known:
         # A run of an instant with the inputs where they were settles the modes of what has no memory: what these
         # elements put out until the start is still on its way.
         before = make_progress(_INSTANT * base, base, max_events, _MOST_STEPS)
@@ -277,7 +291,7 @@ def run_hybrid(
     most = min(float(max_steps), left() / cost)
     samples = make_samples(times, n_y) if times.size else _without_samples(n_y)
     now = make_progress(t_end, base, max_events, most)
-    now["past_known"] = past_known
+    now["past_known"] = past_known or past is not None
     code = PAUSED
     while code == PAUSED:  # between the calls an interrupt is heard
         code = run(hybrid.model, compiled, work, workspace, samples, buffer, now)

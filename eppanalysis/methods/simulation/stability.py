@@ -105,10 +105,17 @@ def is_stable(values: ComplexArray, one_of_many: bool = False) -> bool:
     return bool(np.all(np.abs(others) < 1.0))
 
 
+def verdict(values: ComplexArray, one_of_many: bool, drifting: bool) -> bool | None:
+    """Whether a cycle is stable; None for a neutral one, off which a disturbance grows by as much each turn alone."""
+    stable = is_stable(values, one_of_many)
+    return None if stable and drifting else stable
+
+
 def describe(values: ComplexArray, one_of_many: bool = False, drifting: bool = False) -> str:
     """The sentence that goes with a verdict of stability."""
     if drifting:
-        return f"{describe(values)}; a disturbance moves it by as much each turn along a continuum of cycles"
+        neutral = "neutral, as " * is_stable(values, one_of_many)
+        return f"{describe(values)}; {neutral}a disturbance moves it by as much each turn along a continuum of cycles"
     if one_of_many:
         return f"{describe(values)}; one of a continuum of cycles, between which a disturbance may move it"
     if values.size == 0:

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from eppanalysis.arrays import Array
+from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import ModelError, did_you_mean
 from eppanalysis.models.diagrams.blocks import Block
 from eppanalysis.models.diagrams.blocks.control import Constant
@@ -90,6 +90,7 @@ class _Closed:
     to_elements: Rows
     places: dict[Port, int]  # rows of ports among those of `carried`
     carried: Rows  # what every port carries, on x, w, v and one
+    kicks: BoolArray  # outputs of elements that have impulses
     cuts: Cuts  # all ports of the diagram as places to cut
 
     @classmethod
@@ -117,6 +118,8 @@ class _Closed:
         for port in (*network.unseen, *(port for port, is_late in zip(from_y, late, strict=True) if is_late)):
             places.pop(port, None)
         levels = np.array(list(network.constants.values()))
+        first = {(name, network.ports[name][1][0]) for name, e in network.elements.items() if e.has_impulses}
+        kicks = np.array([port in first for port in from_w], bool)
 
         def with_constants(x: Array, w: Array, v: Array) -> Rows:
             """Constants taken out of the external inputs."""
@@ -124,7 +127,7 @@ class _Closed:
             return x, w, v[:, :last], v[:, last:] @ levels
 
         rate, seen = with_constants(inner.A, inner.B @ uw, inner.B @ uv), with_constants(*carried)
-        return cls(rate, with_constants(*z), places, seen, cuts)
+        return cls(rate, with_constants(*z), places, seen, kicks, cuts)
 
     def row(self, terms: Terms) -> list[Any]:
         """A signed sum of ports, on x, w, v and one."""
@@ -132,12 +135,17 @@ class _Closed:
         signs = np.array([sign for sign, _ in terms])
         return [signs @ part[rows] for part in self.carried]
 
+    def _jolts(self, port: Port) -> bool:
+        """Whether a port carries impulses, which have no value."""
+        return port in self.places and bool(np.any(self.carried[1][self.places[port]][self.kicks]))
+
     def signals(self, diagram: Drawn, shown: Mapping[str, Terms]) -> SignalMap:
-        """Signals that the diagram names, then those of all ports that it can tell."""
+        """Signals that the diagram names, then those of all ports that it can tell and that carry no impulses."""
         terms = dict(shown)
         if diagram.ports_as_signals:
             for name, port in signals_of_ports(diagram).items():
-                terms.setdefault(name, [(1.0, port)])
+                if not self._jolts(port):
+                    terms.setdefault(name, [(1.0, port)])
         known = {name: sums for name, sums in terms.items() if all(port in self.places for _, port in sums)}
         for name in shown:
             if name not in known:

@@ -308,6 +308,11 @@ class Nonlinearity(ABC):
         return automaton.start_mode, stored
 
     @property
+    def has_impulses(self) -> bool:
+        """Whether its first output has impulses, by which states of the loop jump: as a signal that has no value."""
+        return False
+
+    @property
     def remembers(self) -> bool:
         """Whether a start may give it a memory: a held value, a mode, or a state of its own."""
         has_states = self.own_states is not None or self.inside is not None

@@ -86,6 +86,11 @@ class AutomatonElement(Nonlinearity):
         """Whether the second of two inputs is the rate of the first, as without linear states of its own."""
         return self.n_inputs == 2 and self.own_states is None
 
+    @property
+    def has_impulses(self) -> bool:
+        """Whether a guard of its automaton has one."""
+        return self.rules.has_impulses
+
     def automaton(self) -> Automaton:
         """The automaton as it was given."""
         return self.rules

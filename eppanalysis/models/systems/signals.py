@@ -114,18 +114,21 @@ def element_signals(
     constant: Array,
     single: tuple[str, str] | None = None,
 ) -> SignalMap:
-    """Each element's first input and all outputs, named after the element (``x`` and ``y`` when there is one)."""
+    """Each element's first input and all outputs, named after the element (``x`` and ``y`` when there is one).
+
+    An output with impulses is none of them.
+    """
     names: list[str] = []
     rows_c, rows_d, rows_v, constants = [], [], [], []
     nw, nv = D.shape[1], D_input.shape[1]
     inputs, outputs = (slices([ports(e)[k] for e in elements]) for k in (0, 1))
-    for label, zs, ws in zip(labels, inputs, outputs, strict=True):
+    for element, label, zs, ws in zip(elements, labels, inputs, outputs, strict=True):
         names.append(single[0] if single else f"{label}_input")
         rows_c.append(C[zs.start])
         rows_d.append(D[zs.start])
         rows_v.append(D_input[zs.start])
         constants.append(constant[zs.start])
-        for j in range(ws.start, ws.stop):
+        for j in range(ws.start + element.has_impulses, ws.stop):
             many = ws.stop - ws.start > 1
             names.append(single[1] if single else f"{label}_output{j - ws.start + 1 if many else ''}")
             rows_c.append(np.zeros(C.shape[1]))

@@ -25,7 +25,7 @@ from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.period import advance, advances, analyse_period
 from eppanalysis.methods.simulation.rounding import left_by_rounding
 from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
-from eppanalysis.methods.simulation.stability import describe, drifts, is_stable, multipliers
+from eppanalysis.methods.simulation.stability import describe, drifts, multipliers, verdict
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import Strobe
@@ -271,7 +271,7 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
         mean=shape.mean,
         peak_to_peak=shape.peak_to_peak,
         harmonics=shape.harmonics,
-        stable=None if values is None else is_stable(values, many) and not drifting,
+        stable=None if values is None else verdict(values, many, drifting),
         stability_criterion=BORDER if values is None else describe(values, many, drifting),
         multipliers=values,
         residual=found.residual,

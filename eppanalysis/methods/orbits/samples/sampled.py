@@ -23,7 +23,7 @@ from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.samples.sample_step import Step
 from eppanalysis.methods.simulation.iterate import cycle_of_samples
-from eppanalysis.methods.simulation.stability import describe, drifts, is_stable, multipliers
+from eppanalysis.methods.simulation.stability import describe, drifts, multipliers, verdict
 from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
@@ -190,7 +190,7 @@ def _limit_cycle(step: Step, orbit: _Found) -> LimitCycle:
     return replace(
         cycle,
         method=EXACT_ORBIT,
-        stable=None if border[0] else is_stable(values, many) and not drifting,
+        stable=None if border[0] else verdict(values, many, drifting),
         stability_criterion=BORDER if border[0] else describe(values, many, drifting),
         multipliers=None if border[0] else values,
         residual=residual,

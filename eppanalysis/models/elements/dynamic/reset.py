@@ -54,6 +54,11 @@ class ResetLaw(Nonlinearity):
         """Pole of the state without what the law drives it by [rad/s]."""
         return self.pole or POLE
 
+    @property
+    def has_impulses(self) -> bool:
+        """Its resets are impulses."""
+        return True
+
     def output(self, x: Any, memory: Any = None) -> tuple[Any, Any]:
         """What drives the state, for an input and a state."""
         u, s = x

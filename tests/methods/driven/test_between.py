@@ -1,0 +1,61 @@
+"""The unstable response between two stable ones; each is held against an independent integrator over one period."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import eppanalysis as epp
+from tests.driven_loops import TURN, duffing, saturated
+
+#: Damping of the mass on a cubic spring, and the force on it.
+DAMPING, FORCE = 0.1, 0.3
+
+
+def _saturated_spring(omega: float) -> Callable[[float, np.ndarray], list[float]]:
+    return lambda t, y: [y[1], np.clip(0.35 * np.sin(omega * t) - y[0], -1.0, 1.0) - 0.2 * y[1]]
+
+
+def _cubic_spring(omega: float) -> Callable[[float, np.ndarray], list[float]]:
+    return lambda t, y: [y[1], FORCE * np.sin(omega * t) - DAMPING * y[1] - y[0] - y[0] ** 3]
+
+
+def _over(rates: Callable[[float, np.ndarray], list[float]], omega: float, start: np.ndarray) -> np.ndarray:
+    T = TURN / omega
+    return solve_ivp(rates, (0.0, T), start, "DOP853", rtol=1e-11, atol=1e-13, max_step=T / 200).y[:, -1]
+
+
+def _position_and_speed(system: epp.LureSystem, response: epp.PeriodicResponse) -> np.ndarray:
+    """The mass where the sine has phase zero: the force acts on the rate of its speed alone."""
+    assert response.phase == pytest.approx(0.0, abs=1e-9)
+    row = system.signals.C[system.signals.names.index("mass")]
+    return np.array([row @ response.cycle.state, row @ system.A @ response.cycle.state])
+
+
+@pytest.mark.parametrize(
+    ("system", "amplitude", "rates", "omegas"),
+    [
+        (saturated, 0.35, _saturated_spring, (0.868, 0.872, 0.876, 0.877, 0.879, 0.88, 0.881, 0.882, 0.883, 0.884)),
+        (lambda: duffing(1.0, DAMPING, 1.0), FORCE, _cubic_spring, (1.34, 1.42, 1.5, 1.54, 1.62, 1.66, 1.7, 1.74)),
+    ],
+    ids=["saturated spring", "cubic spring"],
+)
+def test_between_two_folds_there_are_three_responses(system, amplitude, rates, omegas):
+    loop = system()
+    for omega in omegas:
+        found = epp.forced_response(loop, amplitude=amplitude, frequency=omega / TURN, most_periods=1)
+        assert [r.stable for r in found] == [True, False, True]
+        assert "was not found" not in found.message
+        for response in found:
+            start = _position_and_speed(loop, response)
+            assert _over(rates(omega), omega, start) == pytest.approx(start, abs=1e-6)
+
+
+def test_where_one_between_is_not_found_it_is_said(monkeypatch):
+    monkeypatch.setattr("eppanalysis.methods.driven.forced.Search.from_between", lambda search: None)
+    found = epp.forced_response(saturated(), amplitude=0.35, frequency=0.877 / TURN)
+    assert [r.stable for r in found] == [True, True]
+    assert "At least one more response of one period was not found" in found.message

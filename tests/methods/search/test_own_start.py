@@ -1,0 +1,35 @@
+"""The run that a loop makes by itself, from rest at zero, is one of those of its search."""
+
+from __future__ import annotations
+
+import pytest
+
+import eppanalysis as epp
+
+
+def _tripping(band: float, trip: float, far: float) -> epp.AutomatonElement:
+    """A relay with hysteresis that is switched off for good beyond `trip`; its farthest threshold does nothing.
+
+    With three inputs it has no describing function.
+    """
+    build = epp.AutomatonBuilder(n_inputs=3)
+    high, low = build.mode("high", constant=1.0), build.mode("low", constant=-1.0)
+    off, away = (build.mode(name, from_input=[1.0, 0.0, 0.0]) for name in ("off", "away"))
+    build.guard("down", high, low, on_input=[-1.0, 0.0, 0.0], constant=-band)
+    build.guard("up", low, high, on_input=[1.0, 0.0, 0.0], constant=-band)
+    for sign in (1.0, -1.0):
+        for mode in (high, low):
+            build.guard("trips", mode, off, on_input=[sign, 0.0, 0.0], constant=-trip)
+        build.guard("goes away", off, away, on_input=[sign, 0.0, 0.0], constant=-far)
+    return epp.AutomatonElement(build.build(low))
+
+
+@pytest.mark.parametrize(("band", "trip", "far"), [(0.01, 0.02, 100.0), (0.1, 0.15, 50.0), (1e-3, 2e-3, 7.0)])
+def test_what_the_own_run_ends_on_is_found_though_no_other_start_leads_there(band, trip, far):
+    loop = epp.LureSystem.build([[0.0]], [[-1.0]], [[1.0], [0.0], [0.0]], [_tripping(band, trip, far)], x0=[0.0])
+    run = epp.simulate(loop, t_end=40.0 * band)
+    # Closed form: to and fro between the thresholds, at rate one.
+    assert run.limit_cycle is not None and run.limit_cycle.period == pytest.approx(4.0 * band, rel=1e-9)
+    found = epp.find_limit_cycles(loop)
+    assert [c.period for c in found.stable] == [pytest.approx(4.0 * band, rel=1e-9)]
+    assert found.settles and str(found).startswith("Can oscillate")
