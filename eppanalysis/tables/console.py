@@ -348,7 +348,7 @@ def rungs_table(ladder: Ladder) -> Table:
         spans = sorted(factor * (row.quantities["peak-to-peak"] or math.nan) for row in many)
         cells = [f"{cell(values[0])} to {cell(values[-1])}" for values in (periods, spans)]
         table.add_row(
-            f"{len(many)} more", many[0].method, *cells, "exact", "exact", "", "eppanalysis cycles lists them"
+            f"{len(many)} more", many[0].method, *cells, "exact", "exact", "", "the command cycles lists them"
         )
     return table
 
