@@ -188,7 +188,14 @@ def candidates_table(found: Diagnosis) -> Table:
     table = table_of(*columns, numbers=False)
     for e in found:
         about = "; ".join(text for text in (e.sizes(), e.note) if text)
-        table.add_row(e.called, f"{e.probability:.3f}", cell(e.misfit), str(e.freedom), cell(e.period), about)
+        table.add_row(
+            e.called,
+            "-" if math.isnan(e.probability) else f"{e.probability:.3f}",
+            cell(e.misfit),
+            str(e.freedom),
+            cell(e.period),
+            about,
+        )
     return table
 
 
