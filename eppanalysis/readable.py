@@ -246,28 +246,6 @@ def with_unit(text: str, unit: str) -> str:
     return f"{text} [{unit}]" if unit else text
 
 
-def cut(value: float, digits: int, *, up: bool = False) -> float:
-    """A number cut to significant digits, or brought up to them: a limit, rounded to its safe side.
-
-    Examples
-    --------
-    >>> cut(0.45977, 2), cut(0.45977, 2, up=True)
-    (0.45, 0.46)
-    """
-    if not (value > 0 and math.isfinite(value)):
-        return value
-    digit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
-    # What is a whole number of digits but for rounding errors stays one.
-    return (math.ceil(value / digit - 1e-9) if up else math.floor(value / digit + 1e-9)) * digit
-
-
-def cut_text(value: float | str, digits: int = 4, *, up: bool = False) -> str:
-    """A number as text, cut (or brought up) to significant digits; a dash where there is none, a text as it is."""
-    if isinstance(value, str):
-        return value
-    return "-" if math.isnan(value) else f"{cut(value, digits, up=up):.{digits}g}"
-
-
 def count(n: int, noun: str) -> str:
     """A number of things in words.
 

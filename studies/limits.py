@@ -9,8 +9,9 @@ import math
 from dataclasses import dataclass, field
 
 import eppanalysis as epp
+from eppanalysis.limits import cut
 from eppanalysis.methods.bounds.result import BoundCell
-from eppanalysis.readable import cut, in_print
+from eppanalysis.readable import in_print
 from studies import STORED
 
 RESULT = STORED / "limits.md"

@@ -262,16 +262,16 @@ def test_nyquist_marks_every_cycle_where_the_response_has_its_frequency():
     for mark in marks:
         np.testing.assert_allclose([mark.get_xdata()[0], mark.get_ydata()[0]], [-2.5, 0.0])
     assert [mark.get_markerfacecolor() for mark in marks] == ["none", "#009E73"]
-    # Tables print peak to peak: a legend says that it does not.
-    assert marks[0].get_label() == "1 unstable: 0.1592 Hz, theta amplitude 60.77 deg"
+    # Peak to peak as in tables and in all other pictures.
+    assert marks[0].get_label() == "1 unstable: 0.1592 Hz, theta 121.5 deg peak to peak"
     assert ax.get_xlim()[0] < -2.5 < ax.get_xlim()[1]
 
 
-def test_several_elements_are_drawn_as_loop_gain_over_amplitude():
+def test_several_elements_are_drawn_as_loop_gain_over_peak_to_peak():
     ax = plot_nyquist(prediction_of_several()).axes[0]
     marks = [(line.get_xdata()[0], line.get_ydata()[0]) for line in ax.lines if line.get_marker() == "o"]
-    np.testing.assert_allclose(marks, [(0.619061, 1.0), (1.512135, 1.0)])
-    assert ax.get_xlabel() == "amplitude at the input of play"
+    np.testing.assert_allclose(marks, [(1.238122, 1.0), (3.02427, 1.0)])
+    assert ax.get_xlabel() == "peak to peak at the input of play"
 
 
 def test_nyquist_without_cycles_says_so():
@@ -426,7 +426,7 @@ def test_the_curve_of_margins_leaves_the_window_where_the_loop_gain_goes_on(name
 
 @pytest.mark.parametrize("factor", [1.3, 2.6, 4.0])
 @pytest.mark.parametrize("unit", [0.021, 1.0, 370.0])
-def test_numbers_along_the_amplitude_do_not_run_into_one_another(factor, unit):
+def test_numbers_along_the_peak_to_peak_do_not_run_into_one_another(factor, unit):
     """However little of a power of ten the loop gain covers; two numbers at least, for one tells no scale."""
     found = prediction_of_several()
     branch = dict(found.curves["branches"][0], amplitude=np.geomspace(unit, factor * unit, 200))

@@ -136,8 +136,8 @@ def _needed(case: epp.Case) -> dict[str, dict[str, Any]]:
         "table": {"what": cycle},
         "manual_table": {"result": bounds_of(elbow, *elbow_limit, BoundCell(9.0, "bound", exact=0.015))},
         "plot_design_map": {"dataset": cells},
-        "plot_parallel": {"dataset": cells, "variables": ("amplitude",), "most": 10},
-        "plot_slices": {"dataset": cells, "variables": ("amplitude",)},
+        "plot_parallel": {"dataset": cells, "variables": ("peak_to_peak",), "most": 10},
+        "plot_slices": {"dataset": cells, "variables": ("peak_to_peak",)},
         "plot_sweep": {"dataset": cells},
     }  # fmt: skip
 

@@ -201,10 +201,10 @@ class Case(ShownCase):
 
     def _is_plain(self, name: str) -> bool:
         """Whether the file has a parameter as a plain number."""
-        return isinstance(self._held(name), int | float)
+        return isinstance(self.held(name), int | float)
 
-    def _held(self, name: str) -> Any:
-        """What the file holds in the field of a parameter."""
+    def held(self, name: str) -> Any:
+        """What the file holds in a field, as it was typed."""
         return self._raw.typed(".".join(map(str, self._path(name))))
 
     @checked
@@ -218,7 +218,7 @@ class Case(ShownCase):
         >>> servo.parameter_of("gear.gap"), servo.parameter_of("gear.stiffness")
         ('gap', 'gear.stiffness')
         """
-        held = field if field in self.parameters else self._held(field)
+        held = field if field in self.parameters else self.held(field)
         return held if isinstance(held, str) and held in self.parameters else ""
 
     @property
@@ -412,17 +412,20 @@ class Case(ShownCase):
             "parameters": {name: asdict(p) for name, p in self.parameters.items()},
         }
 
-    def _known(self) -> list[str]:
+    def fields_of_run(self) -> list[str]:
+        """The fields of its run that hold a quantity."""
         given = (self._raw.data.get("run") or {}).get("input") or {}
         input_signal = INPUTS[given["kind"]].model_fields if "kind" in given else {}
-        run = ["run.t_end", *(f"run.input.{name}" for name in input_signal if name not in _NOT_A_NUMBER)]
-        return list(dict.fromkeys([*KINDS[self.kind].fields(self.parameters), *run]))
+        return ["run.t_end", *(f"run.input.{name}" for name in input_signal if name not in _NOT_A_NUMBER)]
+
+    def _known(self) -> list[str]:
+        return list(dict.fromkeys([*KINDS[self.kind].fields(self.parameters), *self.fields_of_run()]))
 
     def _check_known(self, name: str, source: str, shown: object = None) -> None:
         known = self._known()
         if name in known:
             return
-        held = self._held(name)
+        held = self.held(name)
         if not name.endswith(".kind") and is_expression_of(held, self.parameters):
             expected = "a quantity, which can be varied; vary what it is made of, or set it to a quantity first"
             raise CaseError(source, name, held, expected)

@@ -27,7 +27,7 @@ from eppanalysis.cli.common import (
     within_of,
     write_output,
 )
-from eppanalysis.cli.manual import Manuals, Step, step_for_manual, write_manual
+from eppanalysis.cli.manual import Manuals, Step, step_for_manual, stepped, write_manual
 from eppanalysis.readable import count
 
 if TYPE_CHECKING:
@@ -95,11 +95,12 @@ def bounds(
             workers=cores() if workers is None else workers,
             progress=advance,
         )
+    result = stepped(result, rounding)
     answer("bounds", found, settings, as_json, result.to_dict, lambda: _show(found, result))
     write_output(output, result, bounds_columns)
     if certificates is not None:
         result.write_certificates(certificates)
-    write_manual(result, manuals, rounding)
+    write_manual(result, manuals)
 
 
 def bounds_columns(result: DesignBounds) -> Table:

@@ -117,10 +117,10 @@ def _show_branch(case: Case, over: str, result: Branch) -> None:
     typer.echo(f"{result.headline()}.")
     for branch in (result, *result.others):
         value = branch.points["value"]
-        low, high = (case.text(over, float(v), DIGITS) for v in (value.min(), value.max()))
+        low, high = branch.ends_of(float(value.min()), float(value.max()))
         typer.echo(f"{count(len(branch), 'orbit')} over {words(over)} between {low} and {high}. {branch.message}")
         for special in branch.special:
-            typer.echo(f"  {special.kind} at {case.text(over, special.value, DIGITS)}: {special.note}")
+            typer.echo(f"  {special.kind} at {branch.place(special)}: {special.note}")
     for gap in result.missing:
         low, high = (case.text(over, v, DIGITS) for v in (gap.low, gap.high))
         typer.echo(f"No orbit between {low} and {high}: {gap.why}.")

@@ -28,7 +28,7 @@ from eppanalysis.cli.common import (
     split_pair,
     within_of,
 )
-from eppanalysis.cli.manual import Manuals, Step, step_for_manual, write_manual
+from eppanalysis.cli.manual import Manuals, Step, step_for_manual, stepped, write_manual
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
@@ -127,12 +127,13 @@ def guide(
             prove=prove or certificates is not None,
             progress=advance,
         )
+    result = stepped(result, rounding)
     for path in outputs:
         result.write(path)
-    answer("guide", found, settings, as_json, result.to_dict, lambda: _show(result, rounding), title(result))
+    answer("guide", found, settings, as_json, result.to_dict, lambda: _show(result), title(result))
     if certificates is not None:
         result.write_certificates(certificates)
-    write_manual(result, manuals, rounding)
+    write_manual(result, manuals)
 
 
 def _check_values(case: Case, option: str, values: Mapping[str, Sequence[str]]) -> None:
@@ -155,26 +156,26 @@ def _factor(name: str, text: str) -> float:
         raise EppError(f"--margin {name}={text}: is no factor; expected a number of 1 or more.") from None
 
 
-def _show(result: Guide, step: float | None) -> None:
+def _show(result: Guide) -> None:
     """The strictest limit, all limits as a grid in the step of the manual, what they are in words, and their source."""
     from eppanalysis.guides.manual import source
 
     typer.echo(str(result))
     if any(math.isfinite(row.allowed) for row in result.rows):
-        _show_grid(result, step)
+        _show_grid(result)
         for sentence in result.sentences():
             typer.echo(sentence)
     typer.echo(source(result))
 
 
-def _show_grid(result: Guide, rounding: float | None) -> None:
+def _show_grid(result: Guide) -> None:
     """The limits by design."""
     from eppanalysis.guides.manual import limit_grid
     from eppanalysis.guides.result import in_words
     from eppanalysis.readable import with_unit
     from eppanalysis.tables.cells import table_of
 
-    cells, heads, texts, step = limit_grid(result, rounding)
+    cells, heads, texts, step = limit_grid(result)
     unit = result.case.readable(result.limit)[0]
     what = with_unit(f"{in_words(result.limit)} at {'most' if result.side == 'below' else 'least'}", unit)
     beside = [head or what for head in heads]

@@ -199,19 +199,34 @@ def diagnose(
     model_error: Annotated[
         float, typer.Option("--model-error", help="Relative error of the model's periods, sizes and harmonics.")
     ] = 0.02,
+    steps: Annotated[
+        int | None,
+        typer.Option(
+            "--steps",
+            help="Steps of the engine for the search of each candidate's cycles. [1000000]",
+            show_default=False,
+        ),
+    ] = None,
     as_json: Json = False,
     output: Output = None,
 ) -> None:
     """Say which element explains a recorded oscillation, how large it is, and what the record cannot tell."""
     from eppanalysis.cases.files import own_or_shipped
-    from eppanalysis.diagnose import diagnose as run
+    from eppanalysis.diagnose import STEPS, diagnose as run
     from eppanalysis.tables.files import diagnosis_table
 
     check_output(output)
     found = load_case(case, settings)
     chosen = _choices(columns, "signal", ("time", *found.to_system().signals.names))
     with progress(f"diagnose {found.name}") as advance:
-        result = run(found, own_or_shipped(record), columns=chosen, model_error=model_error, progress=advance)
+        result = run(
+            found,
+            own_or_shipped(record),
+            columns=chosen,
+            model_error=model_error,
+            steps=STEPS if steps is None else steps,
+            progress=advance,
+        )
     answer("diagnose", found, settings, as_json, result.to_dict, lambda: _show_diagnosis(result))
     write_output(output, result, diagnosis_table)
 

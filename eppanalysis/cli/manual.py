@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from eppanalysis.guides.guideline import Guide
     from eppanalysis.methods.bounds.result import DesignBounds
 
+R = TypeVar("R", "Guide", "DesignBounds")
 Manuals = Annotated[
     list[Path],
     typer.Option(
@@ -59,17 +60,32 @@ def step_for_manual(case: Case, limit: str, paths: Sequence[Path], step: str | N
     return found
 
 
-def write_manual(result: Guide | DesignBounds, paths: Sequence[Path], step: float | None) -> None:
+def stepped(result: R, step: float | None) -> R:
+    """The result with its limits printed in a step, where one is given, so that it is the same step everywhere.
+
+    Raises
+    ------
+    EppError
+        If the step is larger than the smallest bound.
+    """
+    if step is None:
+        return result
+    from eppanalysis.guides.manual import in_steps
+
+    return in_steps(result, step)
+
+
+def write_manual(result: Guide | DesignBounds, paths: Sequence[Path]) -> None:
     """Write the table for a manual, where one is asked for.
 
     Raises
     ------
     EppError
-        If there is no bound to print, or the step is larger than the smallest one.
+        If there is no bound to print.
     """
     if paths:
         from eppanalysis.guides.manual import manual_table
 
-        table = manual_table(result, step)
+        table = manual_table(result)
         for path in paths:
             table.write(path)

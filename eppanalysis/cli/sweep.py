@@ -167,7 +167,7 @@ def sweep(
     picture: Picture = None,
     boundaries: Boundaries = NO_KINDS,
 ) -> None:
-    """Sweep a grid or a sample of a case: outcome, amplitude and frequency of every cell.
+    """Sweep a grid or a sample of a case: outcome, peak to peak and frequency of every cell.
 
     Stop it at any moment, or kill it: with a Zarr folder as output the same command goes on where it was.
     """

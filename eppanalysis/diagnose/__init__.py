@@ -10,10 +10,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eppanalysis.diagnose.candidates import Candidates, Family, candidates_of, size_exponents
+from eppanalysis.arguments import check_counts
+from eppanalysis.diagnose.candidates import STEPS, Candidates, Family, candidates_of, size_exponents
 from eppanalysis.diagnose.fit import Fit, Yardstick, all_fits, of_family
+from eppanalysis.diagnose.questions import question
 from eppanalysis.diagnose.record import Oscillation, Record, oscillation_of, record_of
-from eppanalysis.diagnose.result import LINEAR, Diagnosis, Explanation, Verdict
+from eppanalysis.diagnose.result import LINEAR, OWN, UNTRIED, Diagnosis, Explanation, Verdict
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.orbit import CONVERGED
 from eppanalysis.models.systems.lure import LureSystem
@@ -36,14 +38,16 @@ def diagnose(
     columns: Mapping[str, tuple[str, str]] | None = None,
     model_error: float = 0.02,
     operating_point: PointLike | None = None,
+    steps: int = STEPS,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Which element of a loop explains a recorded oscillation.
 
-    Candidates are each element alone, with its size free and all others ideal (as their gains in margins), a linear
-    instability, whose gain is free, and a sine from outside, whose frequency is free. Their exact limit cycles are laid
-    against the period, growth and harmonics of all recorded signals. That two elements together make an oscillation
-    that neither makes alone is not among the candidates.
+    Candidates are each element alone, with its size free and all others ideal (as their gains in margins), the loop as
+    it is modelled, with nothing free, a linear instability, whose gain is free, and a sine from outside, whose
+    frequency is free. Their exact limit cycles are laid against the period, growth and harmonics of all recorded
+    signals. That two elements of other sizes than in the model together make an oscillation that neither makes alone is
+    not among the candidates.
 
     Parameters
     ----------
@@ -58,6 +62,9 @@ def diagnose(
         Relative standard deviation of what the model says of periods, sizes and harmonics, 0.001 to 0.5.
     operating_point : OperatingPoint or mapping of str to float, optional
         Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
+    steps : int
+        Of the engine, that the search for the limit cycles of each candidate may take. What was not sought to the end
+        is said.
     progress : callable, optional
         Told the number of candidates done, of all, and which one is being looked at.
 
@@ -70,7 +77,7 @@ def diagnose(
     EppError
         If the record is no such table or holds no oscillation, for discrete time, or inputs that do not stand still.
     ModelError
-        If an input or signal is unknown, or there is dead time behind an element.
+        If an input or signal is unknown.
 
     References
     ----------
@@ -92,12 +99,17 @@ def diagnose(
     system, at = standing(case, operating_point, "diagnose")
     given = record_of(record, system.signals.units_by_name(), columns)
     found = oscillation_of(given)
-    candidates = candidates_of(system, at)
-    for i, family in enumerate(candidates.families):
+    check_counts("diagnose", {"steps": (steps, 1)})
+    candidates = candidates_of(system, at, steps)
+    searches = [
+        *((family.name, family.cycles) for family in candidates.families),
+        (OWN, lambda: candidates.whole.cycles),
+    ]
+    for i, (name, search) in enumerate(searches):
         if progress is not None:
-            progress(i, len(candidates.families), family.name)
+            progress(i, len(searches), name)
         with suppress(EppError):  # what cannot be sought is said of the candidate
-            family.cycles()
+            search()
     return explained(candidates, case, given, found, model_error)
 
 
@@ -119,11 +131,13 @@ def explained(
     made.sort(key=lambda e: (-e.probability, np.nan_to_num(e.misfit, nan=np.inf)))
     units = candidates.system.signals.units_by_name()
     verdict, elsewhere = _verdict(made), ""
+    if verdict in (Verdict.UNEXPLAINED, Verdict.UNTRIED):
+        made = [replace(e, probability=float("nan")) for e in made]
     doubtful = verdict is Verdict.UNEXPLAINED or (verdict is Verdict.NAMED and made[0].name == LINEAR)
     if doubtful and len(found.names) == 1:
         elsewhere = _elsewhere(yard, candidates, float(weights.max()), units)
         verdict = Verdict.CANNOT_BE_TOLD if elsewhere and verdict is Verdict.NAMED else verdict
-    return Diagnosis(
+    diagnosis = Diagnosis(
         explanations=tuple(made),
         verdict=verdict,
         elsewhere=elsewhere,
@@ -144,6 +158,9 @@ def explained(
         ),
         operating_point=candidates.at,
     )
+    sizes = {name: max(some, key=lambda fit: fit.evidence).size for name, some, _ in fits if some}
+    asked = [question(case, e, found, units, sizes[e.name]) for e in diagnosis.named]
+    return replace(diagnosis, questions=tuple(filter(None, asked)))
 
 
 def _evidence(fits: list[Fit]) -> float:
@@ -157,6 +174,8 @@ def _verdict(made: list[Explanation]) -> Verdict:
     from scipy.stats import chi2
 
     fitting = [e for e in made if np.isfinite(e.misfit)]
+    if not fitting and all(e.note.startswith(UNTRIED) for e in made):
+        return Verdict.UNTRIED
     if not fitting or not any(chi2.sf(e.misfit, e.freedom) > _NO_CHANCE for e in fitting if e.probability > 0.01):
         return Verdict.UNEXPLAINED
     return Verdict.NAMED if made[0].probability >= _NAMED else Verdict.CANNOT_BE_TOLD
@@ -187,7 +206,7 @@ def _elsewhere(yard: Yardstick, candidates: Candidates, evidence: float, units: 
 
 
 def _untried(made: list[Explanation]) -> bool:
-    return any(e.note.startswith(("could not", "cannot be tried")) for e in made)
+    return any(e.note.startswith(UNTRIED) for e in made)
 
 
 def _explanation(
@@ -200,7 +219,8 @@ def _explanation(
     best = max(fits, key=lambda fit: fit.evidence)
     made = Explanation(
         name, kind, share, best.misfit, best.freedom, best.period,
-        note=f"comes in at {best.place}" if best.place else "", harmonics=best.harmonics,
+        note=f"comes in at {best.place}" if best.place else why if why.startswith(UNTRIED) else "",
+        harmonics=best.harmonics,
     )  # fmt: skip
     if family is not None:
         return _with_sizes(made, family, case, best)

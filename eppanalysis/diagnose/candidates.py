@@ -1,11 +1,14 @@
-"""What may explain an oscillation of a loop: each of its elements alone, the others being the gains of their ideals.
+"""What may explain an oscillation of a loop: the loop as it is modelled, or one of its elements alone.
 
-An element's size is a factor on those of its fields that are measured in the units of its signals: with the factor s
+Beside an element that is taken alone the others are the gains of their ideals. An element's size is a factor on those
+of its fields that are measured in the units of its signals: with the factor s
 its map is s f(x/s). Where the rest of the loop is linear and rests at zero, its limit cycles grow in proportion.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, fields as fields_of, replace
 from functools import cached_property
 from numbers import Real
@@ -14,7 +17,9 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.errors import ModelError
 from eppanalysis.methods.search.find import find_limit_cycles
+from eppanalysis.methods.simulation.effort import Spent, allotted, left
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.absorbed import with_gains
 from eppanalysis.models.systems.lure import LureSystem, with_own_states
@@ -24,6 +29,8 @@ from eppanalysis.results import LimitCycle
 
 #: Constant terms of a loop, relative to its other numbers, that are rounding.
 _ROUNDING = 1e-12
+#: Steps of the engine that the search for the cycles of one candidate may take.
+STEPS = 1_000_000
 
 
 def size_exponents(element: Nonlinearity) -> dict[str, int]:
@@ -71,10 +78,18 @@ class Linear:
         """The loop with the gains in place."""
         return with_gains(self.loop, self.gains)
 
-    @property
-    def complete(self) -> bool:
-        """Whether a gain stands for every element."""
-        return len(self.gains) == len(self.loop.elements)
+    @cached_property
+    def refusal(self) -> str:
+        """Why the loop has no linear form; empty where it has one."""
+        names = self.loop.element_names
+        kept = [names[i] for i in range(len(names)) if i not in self.gains]
+        if kept:
+            return f"{', '.join(kept)} cannot be taken as linear"
+        try:
+            self.closed  # noqa: B018
+        except ModelError as error:
+            return str(error).rstrip(".")
+        return ""
 
     @cached_property
     def poles(self) -> ComplexArray:
@@ -108,12 +123,61 @@ def _parts(system: LureSystem, active: int, size: float) -> LureSystem:
 
 
 @dataclass(frozen=True, eq=False)
-class Family:
-    """The limit cycles of a loop with one of its elements, over the size of that element."""
+class Sought:
+    """Limit cycles that are sought with a bound of effort."""
 
     system: LureSystem
-    number: int  # of the element
     at: OperatingPoint
+    steps: float  # of the engine, for one search
+
+    @cached_property
+    def begun(self) -> set[float]:
+        """Sizes at which cycles were sought."""
+        return set()
+
+    @cached_property
+    def finished(self) -> set[float]:
+        """Sizes at which the search was done before it had taken all of its steps."""
+        return set()
+
+    def sought(self, loop: LureSystem, size: float = 1.0) -> tuple[LimitCycle, ...]:
+        """The limit cycles of a loop that are not unstable, as far as the steps of a search lead.
+
+        Raises
+        ------
+        EppError
+            If they cannot be sought.
+        """
+        found: Iterable[LimitCycle] = ()
+        self.begun.add(size)
+        with allotted(self.steps), suppress(Spent):
+            found = find_limit_cycles(loop, self.at)
+            if left():
+                self.finished.add(size)
+        return tuple(c for c in found if c.stable is not False)
+
+
+@dataclass(frozen=True, eq=False)
+class Whole(Sought):
+    """The limit cycles of the loop as it is modelled."""
+
+    @cached_property
+    def cycles(self) -> tuple[LimitCycle, ...]:
+        """Those that are not unstable.
+
+        Raises
+        ------
+        EppError
+            If they cannot be sought.
+        """
+        return self.sought(self.system)
+
+
+@dataclass(frozen=True, eq=False)
+class Family(Sought):
+    """The limit cycles of a loop with one of its elements, over the size of that element."""
+
+    number: int  # of the element
     gains: dict[int, Array]  # of the other elements; those without a gain stay as they are
 
     @property
@@ -132,6 +196,11 @@ class Family:
         return with_gains(_parts(self.system, self.number, size), others)
 
     @cached_property
+    def alone(self) -> bool:
+        """Whether a gain stands for every other element."""
+        return len(self.loop().elements) == 1
+
+    @cached_property
     def in_proportion(self) -> bool:
         """Whether its limit cycles grow in proportion to its size."""
         loop = self.loop()
@@ -140,7 +209,7 @@ class Family:
             loop.B_input @ v + loop.constant_state, loop.D_input @ v + loop.constant_input,
         ])  # fmt: skip
         size = max(np.abs(loop.A).max(initial=1.0), 1.0)
-        return len(loop.elements) == 1 and bool(np.all(np.abs(offsets) <= _ROUNDING * size))
+        return self.alone and bool(np.all(np.abs(offsets) <= _ROUNDING * size))
 
     @cached_property
     def _known(self) -> dict[float, tuple[LimitCycle, ...]]:
@@ -156,8 +225,7 @@ class Family:
         """
         size = 1.0 if self.in_proportion else size
         if size not in self._known:
-            found = find_limit_cycles(self.loop(size), self.at)
-            self._known[size] = tuple(c for c in found if c.stable is not False)
+            self._known[size] = self.sought(self.loop(size), size)
         return self._known[size]
 
 
@@ -167,31 +235,27 @@ class Candidates:
 
     system: LureSystem
     at: OperatingPoint
-    families: tuple[Family, ...]  # of the elements that a gain stands for
+    whole: Whole
+    families: tuple[Family, ...]  # of the elements that have a size
     linear: Linear
     left_out: dict[str, str]  # elements that are no candidate of their own, and why
 
 
-def candidates_of(system: LureSystem, at: OperatingPoint) -> Candidates:
-    """The candidates of a loop.
+def candidates_of(system: LureSystem, at: OperatingPoint, steps: float = STEPS) -> Candidates:
+    """The candidates of a loop; each search for their cycles takes so many steps of the engine at most.
 
     Raises
     ------
     EppError
-        If the loop is in discrete time, or has no element that could be taken alone.
-    ModelError
-        If there is dead time behind an element, or the loop of gains has no unique solution.
+        If the loop is in discrete time.
     """
     require_continuous(system, "diagnose")
     linear = Linear.of(system, at)
-    linear.closed  # noqa: B018  (refuses dead time)
     base = system.given or system
     families, left_out = [], {}
     for i, (name, element) in enumerate(zip(base.element_names, base.elements, strict=True)):
-        if i not in linear.gains:
-            left_out[name] = "stays as the model has it, for no gain stands for it"
-        elif not size_exponents(element):
+        if not size_exponents(element):
             left_out[name] = "has no size in the model, or none that can be varied"
         else:
-            families.append(Family(system, i, at, linear.gains))
-    return Candidates(system, at, tuple(families), linear, left_out)
+            families.append(Family(system, at, steps, i, linear.gains))
+    return Candidates(system, at, Whole(system, at, steps), tuple(families), linear, left_out)

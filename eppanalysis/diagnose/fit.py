@@ -14,17 +14,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eppanalysis.arrays import Array, ComplexArray
-from eppanalysis.diagnose.candidates import Candidates, Family, Linear
+from eppanalysis.diagnose.candidates import Candidates, Family, Linear, Sought, Whole
 from eppanalysis.diagnose.record import Oscillation
-from eppanalysis.diagnose.result import DISTURBANCE, LINEAR
+from eppanalysis.diagnose.result import DISTURBANCE, LINEAR, OWN
 from eppanalysis.errors import EppError
 from eppanalysis.models.systems.absorbed import gain_matrix
 from eppanalysis.results import LimitCycle
 
 #: Growth per period of a steady oscillation that a record may still show, as a share of the model error.
 _SETTLING = 0.1
-#: Range of a disturbance's frequency (a decade) and standard deviation of the loop's gain, both as logarithms.
-_ANY_FREQUENCY, _GAIN = float(np.log(10.0)), 0.5
+#: Range of a disturbance's frequency, and of the size of what may have any (a decade), and standard deviation of the
+#: loop's gain, all as logarithms.
+_ANY_FREQUENCY, _ANY_SIZE, _GAIN = float(np.log(10.0)), float(np.log(10.0)), 0.5
+#: Chance below which two candidates are told apart by the record.
+_APART = 1e-3
 #: Phases at which a cycle is laid against the record, sizes that are tried for a loop that is not in proportion, and
 #: how near the last of them must be.
 _PHASES, _SIZES, _NEAR = 256, 6, 0.003
@@ -43,7 +46,8 @@ class Fit:
     freedom: int
     period: float  # that the candidate has [s]
     harmonics: ComplexArray  # (signals, K): that it has, laid against those of the record
-    #: size, size_error: factor on the model's element (or gain), and the standard deviation of its logarithm.
+    #: size, size_error: factor on the model's element (or gain), or the amplitude of a disturbance [SI], and the
+    #: standard deviation of its logarithm.
     size: float = float("nan")
     size_error: float = float("nan")
     cycle: LimitCycle | None = None
@@ -157,6 +161,36 @@ def _of_cycle(yard: Yardstick, family: Family, cycle: LimitCycle) -> Fit | None:
     return Fit(evidence, misfit, yard.count - 2, cycle.period, harmonics, size, error / abs(exponent), cycle)
 
 
+def of_whole(yard: Yardstick, whole: Whole) -> list[Fit]:
+    """How the limit cycles of the loop as it is modelled explain an oscillation; nothing but their phase is free.
+
+    Raises
+    ------
+    EppError
+        If they cannot be sought.
+    """
+    fits = []
+    for cycle in whole.cycles:
+        laid, size, error = yard.laid(_harmonics(yard.found, cycle))
+        if size > 0.0:
+            harmonics = laid / size
+            misfit = yard.of_shape(harmonics) + yard.of_frequency(cycle.omega) + yard.of_growth(0.0)
+            # All other candidates choose a size: they fit by choosing, and are less likely by as much.
+            evidence = -0.5 * misfit - np.log(yard.period) - np.log(yard.growth) - 3 * _ROOT
+            evidence += np.log(_ANY_SIZE / error)
+            fits.append(Fit(evidence, misfit, yard.count - 1, cycle.period, harmonics, cycle=cycle))
+    return fits
+
+
+def told_apart(yard: Yardstick, one: Fit, other: Fit) -> bool:
+    """Whether a record tells two ways of explaining it apart."""
+    from scipy.stats import chi2
+
+    shape = float(np.sum(np.abs((one.harmonics - other.harmonics) / yard.each) ** 2))
+    period = float((np.log(one.period / other.period) / yard.period) ** 2)
+    return bool(chi2.sf(shape + period, yard.count - 1) < _APART)
+
+
 def _nearest(cycles: tuple[LimitCycle, ...], cycle: LimitCycle) -> LimitCycle | None:
     return min(cycles, key=lambda c: abs(np.log(c.period / cycle.period)), default=None)
 
@@ -232,11 +266,12 @@ def of_disturbance(yard: Yardstick, linear: Linear) -> Iterator[Fit]:
     """How a sine that comes in at some place of the linear loop explains an oscillation, for every place."""
     for place, seen in _responses(yard.found, linear):
         harmonics = _one_harmonic(yard, seen)
+        size = float(np.linalg.norm(harmonics[:, 0]) / np.linalg.norm(seen))
         misfit = yard.of_shape(harmonics) + yard.of_growth(0.0)
         # A disturbance may have any frequency of a decade, and is
         # less likely by as much than what has to have this one.
         evidence = -0.5 * misfit - np.log(_ANY_FREQUENCY) - np.log(yard.growth) - _ROOT
-        yield Fit(evidence, misfit, yard.count - 4, yard.found.period, harmonics, place=place)
+        yield Fit(evidence, misfit, yard.count - 4, yard.found.period, harmonics, size, place=place)
 
 
 def _responses(found: Oscillation, linear: Linear) -> Iterator[tuple[str, ComplexArray]]:
@@ -267,8 +302,29 @@ def _one_harmonic(yard: Yardstick, seen: ComplexArray) -> ComplexArray:
     return out
 
 
+def _in_part(sought: Sought) -> str:
+    """That the cycles of a candidate were not sought to the end; empty where they were."""
+    return (
+        f"was tried in part: its search took all of {sought.steps:.0f} steps" if sought.begun - sought.finished else ""
+    )
+
+
+def _of_own(yard: Yardstick, whole: Whole, alone: dict[str, list[Fit]]) -> tuple[list[Fit], str]:
+    """Of the loop as it is modelled, but for cycles that the record does not tell from those of an element alone."""
+    try:
+        found, why = of_whole(yard, whole), "has no limit cycle that does not grow"
+    except EppError as error:
+        return [], f"could not be tried: {error}"
+    same = [n for n, fits in alone.items() if any(not told_apart(yard, one, own) for one in fits for own in found)]
+    own = [o for o in found if all(told_apart(yard, one, o) for fits in alone.values() for one in fits)]
+    if same and not own:
+        why = f"has the cycle of {same[0]}"
+    return own, (_in_part(whole) if not found else "") or why
+
+
 def all_fits(yard: Yardstick, candidates: Candidates) -> Iterator[tuple[str, list[Fit], str]]:
     """Name of every candidate, its fits, and why there are none."""
+    alone: dict[str, list[Fit]] = {}
     for family in candidates.families:
         try:
             fits, why = of_family(yard, family), "has no limit cycle in the loop by itself"
@@ -276,10 +332,12 @@ def all_fits(yard: Yardstick, candidates: Candidates) -> Iterator[tuple[str, lis
                 why = "has no limit cycle of the recorded size"
         except EppError as error:
             fits, why = [], f"could not be tried: {error}"
-        yield family.name, fits, why
-    kept = [n for n in candidates.left_out if n in candidates.linear.closed.element_names]
-    unknown = f"cannot be tried: {', '.join(kept)} cannot be taken as linear"
-    if not candidates.linear.complete:
+        if fits and family.alone:
+            alone[family.name] = fits
+        yield family.name, fits, _in_part(family) or why
+    yield OWN, *_of_own(yard, candidates.whole, alone)
+    if candidates.linear.refusal:
+        unknown = f"cannot be tried: {candidates.linear.refusal}"
         yield LINEAR, [], unknown
         yield DISTURBANCE, [], unknown
         return

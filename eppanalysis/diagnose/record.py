@@ -6,7 +6,7 @@ Pereyra, SIAM J Numer Anal 10, 1973). How uncertain a harmonic is follows from w
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,6 +25,9 @@ _PARTS = (1, 2, 3)
 _STILL = 1e-10
 #: Share of the variance that the harmonics must explain, of the signal that they explain best.
 _EXPLAINED = 0.5
+#: Lines of the spectrum within which a sine is not told from another; chance below which a line is no noise, and share
+#: of the oscillation from which on it is told: a model's waveform may be off by as much.
+_NEAREST, _CHANCE, _SEEN = 2.0, 1e-6, 0.05
 #: Places between two harmonics at which the noise is read, in multiples of the fundamental.
 _BETWEEN = np.array([-0.45, -0.35, -0.25, 0.25, 0.35, 0.45])
 
@@ -37,6 +40,15 @@ class Record:
     time: Array  # (n,): [s], ascending
     signals: dict[str, Array]  # (n,): by the loop's names, in SI units
     notes: tuple[str, ...] = ()  # what happened to the rows of the file
+
+
+@dataclass(frozen=True)
+class Line:
+    """A sine in a record beside its oscillation."""
+
+    signal: str
+    frequency: float  # [Hz]
+    share: float  # its amplitude over that of the largest harmonic of the oscillation
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +70,7 @@ class Oscillation:
     #: mean, drift: what is taken off each signal: at `middle`, and per second.
     mean: dict[str, float] = field(default_factory=dict)
     drift: dict[str, float] = field(default_factory=dict)
+    others: tuple[Line, ...] = ()  # the largest sine in each signal that stands out of what the harmonics leave
 
     @property
     def period(self) -> float:
@@ -158,7 +171,28 @@ def oscillation_of(record: Record) -> Oscillation:
         dict(zip(names, (size * rest.std(axis=0)).tolist(), strict=True)),
         float(0.5 * (record.time[0] + record.time[-1])), span / period,
         dict(zip(names, trend[0].tolist(), strict=True)), dict(zip(names, trend[1].tolist(), strict=True)),
+        tuple(_lines_beside(t, rest, omega, c, names)),
     )  # fmt: skip
+
+
+def _lines_beside(t: Array, rest: Array, omega: float, c: ComplexArray, names: Sequence[str]) -> Iterator[Line]:
+    """The largest sine of each signal in what the harmonics leave, where noise has none so large.
+
+    As wide as a line of so short a record is, what lies about a multiple of the fundamental belongs to that.
+    """
+    width = 2.0 * np.pi / float(np.ptp(t))
+    places = np.arange(_NEAREST, 0.5 * len(t), 0.25) * width
+    places = places[np.abs(places - omega * np.round(places / omega)) > _NEAREST * width]
+    found = np.abs(_amplitudes(t, rest, places)) if places.size else np.zeros((0, len(names)))
+    for i, name in enumerate(names):
+        if not places.size:
+            return
+        k = int(np.argmax(found[:, i]))
+        # The power of a line in white noise is exponential: the chance that the largest of n has so much.
+        power = len(t) * found[k, i] ** 2 / (4.0 * max(float(rest[:, i].var()), 1e-300))
+        share = float(found[k, i] / np.abs(c[i]).max(initial=1e-300))
+        if len(t) * np.exp(-power) < _CHANCE and share > _SEEN:
+            yield Line(name, float(places[k] / (2.0 * np.pi)), share)
 
 
 def _trend_coefficients(t: Array, Y: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from eppanalysis.arguments import checked
 from eppanalysis.arrays import ComplexArray
 from eppanalysis.diagnose.record import Oscillation, Record
-from eppanalysis.readable import listed, number, quantity, words
+from eppanalysis.readable import listed, number, percent, quantity, words
 from eppanalysis.results import Listing, PlainData, Status
 from eppanalysis.shown import frame_of
 
@@ -30,7 +30,9 @@ _MECHANISMS = {
     "rate_limited_servo": "rate limit",
 }
 #: Candidates that are no elements.
-LINEAR, DISTURBANCE = "linear instability", "external disturbance"
+LINEAR, DISTURBANCE, OWN = "linear instability", "external disturbance", "loop as modelled"
+#: How notes begin that say that a candidate was not tried, or not to the end.
+UNTRIED = ("could not", "cannot be tried", "was tried in part")
 
 
 class Verdict(StrEnum):
@@ -39,6 +41,7 @@ class Verdict(StrEnum):
     NAMED = "named"
     CANNOT_BE_TOLD = "cannot be told"
     UNEXPLAINED = "unexplained"
+    UNTRIED = "nothing tried"
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,7 @@ class Explanation(PlainData):
     name, kind : str
         What the loop calls the element, and what such an element is called; both the same for what is no element.
     probability : float
-        Among the candidates, each as likely as the other before the record.
+        Among the candidates, each as likely as the other before the record; nan where none of them explains it.
     misfit, freedom : float, int
         Sum of squares of differences in units of their standard deviations, and how many are free.
     period : float
@@ -109,9 +112,9 @@ class Diagnosis(Listing[Explanation]):
     ----------
     explanations : tuple of Explanation
         Of all candidates, likeliest first.
-    verdict : {"named", "cannot be told", "unexplained"}
+    verdict : {"named", "cannot be told", "unexplained", "nothing tried"}
         "named" where one candidate has at least the probability `threshold`, "unexplained" where none fits the record,
-        "cannot be told" where several together have it.
+        "cannot be told" where several together have it, "nothing tried" where none could be laid against the record.
     threshold : float
         Probability from which on a candidate is named.
     oscillation : Oscillation
@@ -131,6 +134,8 @@ class Diagnosis(Listing[Explanation]):
     elsewhere : str
         Where a linear instability fits best, or nothing does: that an element explains the oscillation far better,
         if the record is of the other signal, in words; empty where none does.
+    questions : tuple of str
+        What to ask next of those that are named, each with the command that answers it.
     """
 
     explanations: tuple[Explanation, ...]
@@ -144,6 +149,7 @@ class Diagnosis(Listing[Explanation]):
     units: dict[str, str]
     status: Status
     elsewhere: str = ""
+    questions: tuple[str, ...] = ()
 
     parts = "explanations"
     in_json = (
@@ -164,7 +170,7 @@ class Diagnosis(Listing[Explanation]):
     @property
     def named(self) -> tuple[Explanation, ...]:
         """The fewest candidates that together have at least the probability `threshold`; none where none fits."""
-        if self.verdict is Verdict.UNEXPLAINED:
+        if self.verdict not in (Verdict.NAMED, Verdict.CANNOT_BE_TOLD):
             return ()
         total = np.cumsum([e.probability for e in self.explanations])
         return self.explanations[: int(np.searchsorted(total, self.threshold)) + 1]
@@ -176,8 +182,11 @@ class Diagnosis(Listing[Explanation]):
 
     def headline(self) -> str:
         """The verdict in a few words."""
+        if self.verdict is Verdict.UNTRIED:
+            return "Nothing could be tried"
         if self.verdict is Verdict.UNEXPLAINED:
-            return "None of the candidates explains it"
+            tried = " that could be tried" if any(e.note.startswith(UNTRIED) for e in self) else ""
+            return f"None of the candidates{tried} explains it"
         if self.verdict is Verdict.NAMED:
             return f"Explained by {self.named[0].called}"
         another = [f"another signal than {self.oscillation.names[0]}"] if self.elsewhere else []
@@ -187,19 +196,38 @@ class Diagnosis(Listing[Explanation]):
         """The verdict with its numbers: period of the record and of the candidate, size, what comes next."""
         begin = f"{self.headline()}: the record has a period of {number(self.period)} s"
         another = f" But {self.elsewhere}: is it attached to the right signal?" if self.elsewhere else ""
+        if self.verdict is Verdict.UNTRIED:
+            return f"{begin}. {self._not_tried()}{self._beside()}"
         if self.verdict is Verdict.UNEXPLAINED:
             near = next((e for e in self.explanations if np.isfinite(e.misfit)), None)
             best = "" if near is None else (
                 f", and the nearest, {near.called} with {number(near.period)} s, differs by a sum of squares of "
                 f"{number(near.misfit)} where {near.freedom} is usual"
             )  # fmt: skip
-            return f"{begin}{best}.{another}"
+            return f"{begin}{best}.{another}{self._beside()}{self._not_tried()}"
         parts = [f"{e.called} has {number(e.period)} s{f', {e.sizes()}' * bool(e.fields)}" for e in self.named]
         others = [e for e in self.explanations[len(self.named) :] if e.probability > 0.0]
         rest = ""
         if others:
             rest = f" Next is {others[0].called}, {_odds(self.named[0], others[0])}."
-        return f"{begin}; {'; '.join(parts)}.{rest}{another}{self._remedy()}"
+        told = f"{begin}; {'; '.join(parts)}.{rest}{another}{self._remedy()}"
+        return f"{told}{self._beside()}{self._not_tried()}"
+
+    def _not_tried(self) -> str:
+        """Which candidates were not tried, or not to the end, and why."""
+        why = [(e.name, e.note) for e in self.explanations if e.note.startswith(UNTRIED)]
+        by_note: dict[str, list[str]] = {}
+        for name, note in [*why, *self.left_out.items()] if self.verdict is Verdict.UNTRIED else why:
+            by_note.setdefault(note, []).append(name)
+        return "".join(f" {_capital(listed(names))} {note.rstrip('.')}." for note, names in by_note.items())
+
+    def _beside(self) -> str:
+        """What the record holds beside the oscillation that is explained."""
+        lines = [
+            f"{words(line.signal)} holds a line at {number(line.frequency)} Hz, {percent(line.share)} as large"
+            for line in self.oscillation.others
+        ]
+        return f" Beside it {listed(lines)}: no candidate is of both." if lines else ""
 
     def _remedy(self) -> str:
         """What becomes of the oscillation with the size of what is named."""
@@ -209,22 +237,8 @@ class Diagnosis(Listing[Explanation]):
         return f"{begin}: a smaller one makes less of it, and only without any it ends."
 
     def remedies(self) -> list[str]:
-        """What to ask next of each candidate that is named, with the command that answers it."""
-        return [line for e in self.named if (line := self._next(e))]
-
-    def _next(self, e: Explanation) -> str:
-        signal = self.oscillation.names[0]
-        if e.name == DISTURBANCE:
-            place = e.note.removeprefix("comes in at ")
-            asked = f": eppanalysis response {self.case} --input {place}" if not place.startswith("behind ") else ""
-            return f"How the loop answers what {e.note}{asked}"
-        if e.name == LINEAR:
-            return f"How far the gain is from its limit: eppanalysis margins {self.case}"
-        if not (e.parameter and e.over):
-            return ""
-        allow = f' --allow "{signal} SIZE"' if e.in_proportion else ""
-        command = f"eppanalysis bounds {self.case} --limit {e.parameter} --over {e.over}{allow}"
-        return f"How large {e.parameter} may be beside the model's other elements: {command}"
+        """What to ask next of each candidate that is named, with the command that answers it at the end of the line."""
+        return list(self.questions) if self.named else []
 
     def to_frame(self) -> pandas.DataFrame:
         """The candidates, one a row: probability, misfit, period [s], and the factor on the first of their fields."""
@@ -245,7 +259,8 @@ class Diagnosis(Listing[Explanation]):
         """The candidates, their probabilities in per cent."""
         frame = self.to_frame()
         frame["probability"] = [
-            "< 0.01 %" if share < 1e-4 else f"{number(100.0 * share)} %" for share in frame["probability"].tolist()
+            "-" if np.isnan(share) else "< 0.01 %" if share < 1e-4 else f"{number(100.0 * share)} %"
+            for share in frame["probability"].tolist()
         ]
         return frame
 
@@ -253,6 +268,10 @@ class Diagnosis(Listing[Explanation]):
     def plot(self, ax: Axes | None = None) -> Axes:
         """The record folded to one period, and the waveform of the best candidates, one panel a signal."""
         return self.drawn("plot_diagnosis", ax)
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _odds(best: Explanation, other: Explanation) -> str:

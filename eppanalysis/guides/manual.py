@@ -7,21 +7,26 @@ come to rest, or lies on the safe side of what was. See ``docs/howto/bounds.md``
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from decimal import Decimal
+from typing import TypeVar
 
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError, shown
-from eppanalysis.guides.result import GAIN, Guide, GuideRow, Region, in_words
+from eppanalysis.guides.result import Guide, GuideRow, Region, Side, in_words
+from eppanalysis.limits import Limit, Printed
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Known
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.readable import number, with_unit, words
 from eppanalysis.results.provenance import Provenance
-from eppanalysis.tables.manual import ManualTable, Shade, drawing_step, to_step
+from eppanalysis.tables.manual import ManualTable, Shade
 
 _DASH = "-"
 _OSCILLATION = "self-sustained oscillation"
+#: Digits of a computed limit beside the one that is printed.
+_COMPUTED = 3
+R = TypeVar("R", Guide, DesignBounds)
 #: The shade of a limit, by how it is known; the words stand beside it.
 _SHADES = {
     Known.PROVED: Shade.SURE,
@@ -72,35 +77,56 @@ def manual_table(result: Guide | DesignBounds, step: float | None = None) -> Man
     """
     if step is not None and not (math.isfinite(step) and step > 0):
         raise EppError(f"manual_table: step is {shown(step)}; expected a positive number in the unit of the table.")
-    return _of_guide(result, step) if isinstance(result, Guide) else _of_bounds(result, step)
+    if isinstance(result, Guide):
+        return _of_guide(in_steps(result, step))
+    return _of_bounds(in_steps(result, step))
 
 
-def _of_guide(guide: Guide, given: float | None) -> ManualTable:
+def in_steps(result: R, step: float | None) -> R:
+    """The result with its limits printed in a step, where one is given.
+
+    Raises
+    ------
+    EppError
+        If the step is larger than the smallest limit.
+    """
+    if step is None:
+        return result
+    printed, rows = result.printed, result.rows if isinstance(result, Guide) else result.cells
+    limits = [row.printed for row in rows if math.isfinite(row.printed.value)]
+    least = min((printed.factor * limit.safe for limit in limits), default=math.inf)
+    if step > least and not any(limit.holds_above for limit in limits):
+        shortest = f"{number(least)} {printed.unit}".rstrip()
+        raise EppError(f"manual_table: step is {number(step)}; expected at most the smallest bound, {shortest}.")
+    return replace(result, step=step)
+
+
+def _of_guide(guide: Guide) -> ManualTable:
     """The limit by design, rounded; beside it an elbow's backlash at the pulley, or what happens beyond the limit."""
     up = _holds_from_below(row.cell for row in guide.rows)
-    limits, step = _limits(guide, given, up=up)
-    unit = guide.case.readable(guide.limit)[0]
-    beside = [_under_tolerances(guide, step, up)] if any(row.tolerance is not None for row in guide.rows) else []
+    _require_a_limit(row.printed for row in guide.rows)
+    printed = guide.printed
+    beside = [_under_tolerances(guide)] if any(row.tolerance is not None for row in guide.rows) else []
     if guide.of_backlash:
         pulley, force = _at_the_pulley(guide)
         beside = [pulley, *(beside or [force])]
     else:
-        struck = _rests_unless_struck(guide, step, up)
+        struck = _rests_unless_struck(guide)
         beside = beside or [struck] * any(cell != _DASH for cell in struck.cells)
         beside = [*beside, _frequencies(row.cell for row in guide.rows)]
     name = "Backlash at the elbow" if guide.of_backlash else _capital(in_words(guide.limit))
     heads = (
         "Design",
-        with_unit(f"{name}, {'at least' if up else 'at most'}", unit),
+        with_unit(f"{name}, {'at least' if up else 'at most'}", printed.unit),
         *(c.head for c in beside),
         "Checked",
     )
     cells = zip(*(c.cells for c in beside), strict=True)
     rows = [
-        (_design(guide, row), limit, *more, _checked(row.cell))
-        for row, limit, more in zip(guide.rows, limits, cells, strict=True)
+        (_design(guide, row), printed.number(row.printed), *more, _checked(row.cell))
+        for row, more in zip(guide.rows, cells, strict=True)
     ]
-    steps = dict.fromkeys([f"{step} {unit}".rstrip(), *(c.step for c in beside if c.step)])
+    steps = dict.fromkeys([printed.in_steps, *(c.step for c in beside if c.step)])
     factors = [f"{number(value)} on {words(name)}" for name, value in guide.margins.items()]
     more = [f"Factors of safety that are taken off already: {', '.join(factors)}."] if factors else []
     what = "Largest" if not up else "Smallest"
@@ -133,15 +159,14 @@ def limit_grid(
     step : str
         That step with its unit.
     """
-    limits, step = _limits(guide, rounding, up=_holds_from_below(row.cell for row in guide.rows))
-    printed = {id(row): str(limit) for row, limit in zip(guide.rows, limits, strict=True)}
+    _holds_from_below(row.cell for row in guide.rows)
+    printed = in_steps(guide, rounding).printed
     groups = guide.variants()
     values = list(dict.fromkeys(row.values[guide.over] for row in guide.rows))
     by_place = [{row.values[guide.over]: row for row in rows} for rows in groups.values()]
     cells = [[rows.get(value) for rows in by_place] for value in values]
-    texts = [[_DASH if cell is None else printed[id(cell)] for cell in row] for row in cells]
-    unit = guide.case.readable(guide.limit)[0]
-    return cells, [guide.variant_in_words(variant) for variant in groups], texts, f"{step} {unit}".rstrip()
+    texts = [[_DASH if cell is None else printed.digits(cell.printed) for cell in row] for row in cells]
+    return cells, [guide.variant_in_words(variant) for variant in groups], texts, printed.in_steps
 
 
 @dataclass(frozen=True)
@@ -154,44 +179,30 @@ class _Column:
     note: str = ""
 
 
-def _limits(guide: Guide, given: float | None, *, up: bool) -> tuple[list[Decimal | str], Decimal]:
-    """The limits from where the designs were tested, rounded to the safe side, and the step of it."""
-    unit, factor = guide.case.readable(guide.limit)
-    values = [factor * row.allowed * _share(row) for row in guide.rows]
-    step = _step(values, given, unit, up=up)
-    return [_rounded(value, step, up=up) for value in values], step
-
-
-def _share(row: GuideRow) -> float:
-    """How much of a limit is left where the design was tested."""
-    return _tested(row.allowed, row.cell) / row.allowed
-
-
 def _at_the_pulley(guide: Guide) -> tuple[_Column, _Column]:
     """The limit on an elbow's backlash as a play of the cable and as a force."""
-    unit, factor = guide.case.readable(GAIN)
-    heads = ("Play of the cable at the pulley, at most", "mm"), ("Change of the cable's force, at most", unit)
-    values = [1e3 * _share(r) * r.pulley for r in guide.rows], [factor * _share(r) * r.force for r in guide.rows]
+    heads = ("Play of the cable at the pulley, at most", "pulley"), ("Change of the cable's force, at most", "force")
     made = []
-    for (head, one), column in zip(heads, values, strict=True):
-        step = drawing_step(column)
-        made.append(_Column(with_unit(head, one), [_rounded(v, step) for v in column], f"{step} {one}"))
+    for (head, name), printed in zip(heads, guide.at_the_pulley()[:2], strict=True):
+        cells = [printed.number(guide.lesser(row, name)) for row in guide.rows]
+        made.append(_Column(with_unit(head, printed.unit), cells, printed.in_steps))
     return made[0], made[1]
 
 
-def _under_tolerances(guide: Guide, step: Decimal, up: bool) -> _Column:
-    unit, factor = guide.case.readable(guide.limit)
-    side = "at least" if up else "at most"
-    head = with_unit(f"{_capital(in_words(guide.limit))} with all tolerances used up, {side}", unit)
-    cells = [_rounded(factor * _worst(guide, row), step, up=up) for row in guide.rows]
-    return _Column(head, cells, f"{step} {unit}".rstrip())
+def _under_tolerances(guide: Guide) -> _Column:
+    printed = guide.printed
+    side = "at least" if guide.side is Side.ABOVE else "at most"
+    head = with_unit(f"{_capital(in_words(guide.limit))} with all tolerances used up, {side}", printed.unit)
+    return _Column(head, [printed.number(guide.worst(row)) for row in guide.rows], printed.in_steps)
 
 
-def _rests_unless_struck(guide: Guide, step: Decimal, up: bool) -> _Column:
+def _rests_unless_struck(guide: Guide) -> _Column:
     """Up to where beyond the limit the case's own run comes to rest."""
-    unit, factor = guide.case.readable(guide.limit)
+    printed = guide.printed
     cells = [
-        _rounded(factor * row.rests_to, step, up=up) if row.cell.sign * (row.rests_to - row.cell.bound) > 0 else _DASH
+        printed.number(row.printed.beside(row.rests_to))
+        if row.cell.sign * (row.rests_to - row.cell.bound) > 0
+        else _DASH
         for row in guide.rows
     ]
     larger, rest, came = "", "rest", "came to rest"
@@ -202,7 +213,7 @@ def _rests_unless_struck(guide: Guide, step: Decimal, up: bool) -> _Column:
         f"{struck}: beyond the limit an oscillation{larger} exists beside {rest}; up to this value the ordinary run of "
         f"the case {came} wherever it was tried. A blow may start the oscillation."
     )
-    head = with_unit(f"{struck} {'down' if up else 'up'} to", unit)
+    head = with_unit(f"{struck} {'down' if guide.side is Side.ABOVE else 'up'} to", printed.unit)
     return _Column(head, cells, note=note)
 
 
@@ -230,18 +241,22 @@ def _shades(cells: Iterable[BoundCell]) -> tuple[Shade, ...]:
     return tuple(_SHADES[cell.known] for cell in cells)
 
 
-def _of_bounds(bounds: DesignBounds, given: float | None) -> ManualTable:
+def _of_bounds(bounds: DesignBounds) -> ManualTable:
     """The limit for each value of the other parameter, as it is rounded and as it was computed."""
-    (x_unit, x), (y_unit, y) = bounds.readable[bounds.over], bounds.readable[bounds.limit]
+    (x_unit, x), (y_unit, _) = bounds.readable[bounds.over], bounds.readable[bounds.limit]
     up = _holds_from_below(bounds)
-    found = [cell for cell in bounds if cell.known is not Known.NONE]
-    step = _step([y * _tested(cell.bound, cell) for cell in found], given, y_unit, up=up)
-    rows = []
-    for cell in bounds:
-        limit = _rounded(y * _tested(cell.bound, cell), step, up=up)
-        rows.append(
-            (_printed(x * cell.value), limit, _about(y * cell.bound, 3), _about(cell.frequency, 2), _checked(cell))
+    _require_a_limit(cell.printed for cell in bounds)
+    found, printed = [cell for cell in bounds if cell.known is not Known.NONE], bounds.printed
+    rows = [
+        (
+            _printed(x * cell.value),
+            printed.number(cell.printed),
+            _figures(printed, cell.printed),
+            _about(cell.frequency, 2),
+            _checked(cell),
         )
+        for cell in bounds
+    ]
     side = "at least" if up else "at most"
     name = words(bounds.limit)
     heads = (
@@ -253,7 +268,7 @@ def _of_bounds(bounds: DesignBounds, given: float | None) -> ManualTable:
     )
     cycle = _OSCILLATION if bounds.allowed is None else bounds.allowed.exceeded
     title = f"Limits on {name} without a {cycle}: {words(bounds.case)}"
-    said = _how_rounded(f"{_capital(name)}, {side}", found, up, [f"{step} {y_unit}".rstrip()])
+    said = _how_rounded(f"{_capital(name)}, {side}", found, up, [printed.in_steps])
     notes = (*_notes(list(bounds), said, bounds.allowed), *([bounds.not_covered] if bounds.not_covered else []))
     made_by = _source(bounds.provenance, bounds.case)
     return ManualTable(title, heads, tuple(rows), (*notes, made_by), _shades(bounds))
@@ -263,35 +278,16 @@ def _is_tested(cell: BoundCell) -> bool:
     return math.isfinite(cell.safe_value)
 
 
-def _tested(limit: float, cell: BoundCell) -> float:
-    """A limit, or where the design was tested on the safe side of it."""
-    if not _is_tested(cell) or not math.isfinite(limit):
-        return limit
-    return min(limit, cell.safe_value) if cell.sign > 0 else max(limit, cell.safe_value)
-
-
-def _worst(guide: Guide, row: GuideRow) -> float:
-    """The limit with all tolerances used up and the factors of safety taken off; never above the one without."""
-    if row.tolerance is None:
-        return math.nan
-    safest = min if row.cell.sign > 0 else max
-    return safest(guide.less_margin(row.tolerance.worst_case), row.allowed)
-
-
-def _step(values: Sequence[float], given: float | None, unit: str, *, up: bool = False) -> Decimal:
-    known = [value for value in values if math.isfinite(value)]
-    if not known:
+def _require_a_limit(limits: Iterable[Limit]) -> None:
+    """Refuse a table without any limit."""
+    if not any(math.isfinite(limit.value) for limit in limits):
         raise EppError("manual_table: no bound was found; expected at least one to print.")
-    if given is None:
-        return drawing_step(known)
-    if given > min(known) and not up:
-        least = f"{number(min(known))} {unit}".rstrip()
-        raise EppError(f"manual_table: step is {number(given)}; expected at most the smallest bound, {least}.")
-    return Decimal(f"{given:.12g}")
 
 
-def _rounded(value: float, step: Decimal, *, up: bool = False) -> Decimal | str:
-    return to_step(value, step, up=up) if math.isfinite(value) else _DASH
+def _figures(printed: Printed, limit: Limit) -> Decimal | str:
+    """Where a limit was computed to be, always with so many digits, cut to the safe side."""
+    text = printed.figures(limit, _COMPUTED)
+    return text if text == _DASH else Decimal(f"{float(text):#.{_COMPUTED}g}")
 
 
 def _printed(value: float) -> Decimal | str:

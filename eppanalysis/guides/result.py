@@ -9,7 +9,8 @@ nothing here formats one by hand.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -17,10 +18,11 @@ from typing import TYPE_CHECKING, Any
 
 from eppanalysis.arguments import checked
 from eppanalysis.cases import Case
+from eppanalysis.limits import Limit, Printed, cut_text
 from eppanalysis.methods.bounds.result import BoundCell, write_proofs
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.tolerances.result import ToleranceBound
-from eppanalysis.readable import DIGITS, count, cut, cut_text, quantity, reasons, with_unit, words
+from eppanalysis.readable import DIGITS, count, quantity, reasons, with_unit, words
 from eppanalysis.results import PlainData, Result
 
 if TYPE_CHECKING:
@@ -112,6 +114,16 @@ class GuideRow(PlainData):
     in_json = "values bound=cell allowed pulley force tolerance from_rest rests_to own trigger struck missing"
 
     @property
+    def printed(self) -> Limit:
+        """What is allowed as a limit that is printed: where it is, and where the design was tested."""
+        return replace(self.cell.printed, value=self.allowed)
+
+    @property
+    def shortened(self) -> float:
+        """How much of what is allowed is left where the design was tested."""
+        return self.printed.safe / self.allowed
+
+    @property
     def within(self) -> bool:
         """Whether the case's own value is on the safe side of what is allowed."""
         return self.cell.sign * (self.allowed - self.own) >= 0
@@ -150,6 +162,9 @@ class Guide(Result):
         What the bounds of a sampled loop do not cover, in a sentence; empty for other loops.
     allowed : Allowed or None
         The largest stable cycle that is allowed; None where no cycle is allowed.
+    step : float or None
+        Step in which limits are printed, rounded to their safe side, in the unit that people use; by default the
+        largest 1, 2 or 5 of a decimal place that gives away 2 % of the smallest at most.
     """
 
     case: Case
@@ -160,6 +175,7 @@ class Guide(Result):
     margins: dict[str, float]
     not_covered: str = ""
     allowed: Allowed | None = None
+    step: float | None = None
 
     in_json = "over limit varied margins allowed not_covered rows sentences provenance"
 
@@ -172,6 +188,28 @@ class Guide(Result):
     def side(self) -> Side:
         """On which side of the limits the design is free of oscillation."""
         return Side.ABOVE if any(row.cell.sign < 0 and math.isfinite(row.allowed) for row in self.rows) else Side.BELOW
+
+    @property
+    def printed(self) -> Printed:
+        """How its limits are printed."""
+        return Printed.of([row.printed for row in self.rows], self.case.readable(self.limit), self.step)
+
+    def at_the_pulley(self) -> tuple[Printed, Printed, Printed]:
+        """How the limits on an elbow's backlash are printed as a play of the cable [mm] and as a force [lbf, N]."""
+        plays, forces = ([self.lesser(row, of) for row in self.rows] for of in ("pulley", "force"))
+        lbf = self.case.readable(GAIN)
+        return Printed.of(plays, ("mm", 1e3)), Printed.of(forces, lbf), Printed.of(forces, ("N", 1.0))
+
+    def lesser(self, row: GuideRow, name: str) -> Limit:
+        """What a limit on backlash is at the pulley, where the design was tested."""
+        return row.printed.beside(row.shortened * getattr(row, name))
+
+    def worst(self, row: GuideRow) -> Limit:
+        """The limit with all tolerances used up and the margins taken off; never beyond the one without."""
+        if row.tolerance is None:
+            return row.printed.beside(_NAN)
+        safest = min if row.cell.sign > 0 else max
+        return row.printed.beside(safest(self.less_margin(row.tolerance.worst_case), row.allowed))
 
     def says(self, region: Region) -> str:
         """A region in words."""
@@ -197,30 +235,35 @@ class Guide(Result):
         """The table, in the units that people use, with the unit of every column in its name."""
         import pandas
 
-        return pandas.DataFrame([self._line(row) for row in self.rows])
+        return pandas.DataFrame([self._line(row, _figure) for row in self.rows])
 
     def rounded(self) -> pandas.DataFrame:
         """The table as texts, its numbers of four significant digits on the safe side; a dash where there is none."""
-        return self.to_frame().map(partial(cut_text, up=self.side is Side.ABOVE))
+        import pandas
 
-    def _line(self, row: GuideRow) -> dict[str, Any]:
+        frame = pandas.DataFrame([self._line(row, Printed.digits) for row in self.rows])
+        return frame.map(partial(cut_text, up=self.side is Side.ABOVE))
+
+    def _line(self, row: GuideRow, figure: Callable[[Printed, Limit], float | str]) -> dict[str, Any]:
         line: dict[str, Any] = {}
         for name, value in row.values.items():
             unit, factor = self.case.readable(name)
             line[with_unit(in_words(name), unit)] = factor * value
         unit, factor = self.case.readable(self.limit)
         side = "largest" if self.side is Side.BELOW else "smallest"
-        line[with_unit(f"{side} {in_words(self.limit)}", unit)] = factor * row.allowed
+        line[with_unit(f"{side} {in_words(self.limit)}", unit)] = figure(self.printed, row.printed)
         if self.of_backlash:
-            line["at the pulley [mm]"] = 1e3 * row.pulley
-            line["force change [lbf]"] = self.case.readable(GAIN)[1] * row.force
-            line["force change [N]"] = row.force
+            heads = ("at the pulley [mm]", "pulley"), ("force change [lbf]", "force"), ("force change [N]", "force")
+            for (head, name), printed in zip(heads, self.at_the_pulley(), strict=True):
+                line[head] = figure(printed, self.lesser(row, name))
+        line[with_unit("as computed", unit)] = factor * row.cell.bound
         if row.tolerance is not None:
             shown = {"worst case": row.tolerance.worst_case}
             for q in row.tolerance.quantiles:
                 name = f"{100 * q.probability:g} %"
                 shown |= {name: q.value, f"{name} from": q.low, f"{name} to": q.high}
             line |= {with_unit(name, unit): factor * self.less_margin(value) for name, value in shown.items()}
+            line[with_unit("worst case", unit)] = figure(self.printed, self.worst(row))
         if row.cell.proved is not None:
             line[with_unit("proved free at", unit)] = factor * row.cell.proved.free
             line[with_unit("proved to oscillate at", unit)] = factor * row.cell.proved.cycle
@@ -283,11 +326,17 @@ class Guide(Result):
             rows.append(f"Allowed is a stable limit cycle up to {self.allowed}.")
         return [*rows, self.not_covered] if self.not_covered else rows
 
-    def _kept(self, value: float, sign: float) -> str:
-        """On which side of a value the limited parameter is to be kept, rounded to the safe side as in tables."""
-        factor = self.case.readable(self.limit)[1]
-        shown = cut(factor * value, DIGITS, up=sign < 0)
-        return f"{'under' if sign > 0 else 'above'} {self.case.text(self.limit, shown / factor, DIGITS)}"
+    def _kept(self, row: GuideRow, *beside: str) -> str:
+        """On which side of its limit the limited parameter is to be kept, and in brackets where that was computed."""
+        printed, bound = self.printed, row.cell.printed
+        computed = f"{bound.how} {printed.computed(bound)}"
+        return f"{bound.side} {printed.text(row.printed)} ({'; '.join([computed, *beside])})"
+
+    def _at_worst(self, limits: Sequence[Limit]) -> str:
+        """On which side of the strictest limit under tolerances the limited parameter is to be kept."""
+        above = limits[0].holds_above
+        strictest = (max if above else min)(limits, key=lambda limit: limit.value)
+        return f"; {strictest.side} {self.printed.text(strictest)} where every tolerance is used up"
 
     def _place(self, row: GuideRow) -> str:
         """The design of a row in words."""
@@ -297,17 +346,15 @@ class Guide(Result):
         place = self._place(row)
         if not math.isfinite(row.allowed):
             return f"At {place}: {row.cell.message}"
-        sign = row.cell.sign
-        out = f"At {place} keep {in_words(self.limit)} {self._kept(row.allowed, sign)}"
+        beside = []
         if self.of_backlash:
-            lbf = self.case.readable(GAIN)[1]
-            out += (
-                f" ({cut(1e3 * row.pulley, 2):.2g} mm at the pulley, "
-                f"{cut(lbf * row.force, 2):.2g} lbf or {cut(row.force, 2):.2g} N of cable force)"
-            )
+            names = ("pulley", "force", "force")
+            parts = zip(self.at_the_pulley(), names, strict=True)
+            play, lbf, newton = (printed.text(self.lesser(row, name)) for printed, name in parts)
+            beside = [f"{play} at the pulley, {lbf} or {newton} of cable force"]
+        out = f"At {place} keep {in_words(self.limit)} {self._kept(row, *beside)}"
         if row.tolerance is not None:
-            worst = self._kept(self.less_margin(row.tolerance.worst_case), sign)
-            out += f"; {worst} where every tolerance is used up"
+            out += self._at_worst([self.worst(row)])
         if row.missing:
             out += f" (no bound under tolerances: {row.missing})"
         # That the cycle grows to what is allowed is what anybody expects.
@@ -355,17 +402,12 @@ class Guide(Result):
         alone = len(known) == 1
         how = ("verified" if tested else "not verified") if alone else f"{tested} of them verified"
         how = "found by search" if self.not_covered else how
-        safe = strictest.cell.safe_value
-        says = math.isfinite(safe) and not self._applied
-        where = f", tested at {self.case.text(self.limit, safe, DIGITS)}" if says else ""
         sized = "" if self.allowed is None else f", with {self.allowed} allowed"
-        sign = strictest.cell.sign
-        off = [sign * self.less_margin(row.tolerance.worst_case) for row in known if row.tolerance is not None]
-        worst = f"; {self._kept(sign * min(off), sign)} where every tolerance is used up" if off else ""
+        off = [self.worst(row) for row in known if row.tolerance is not None]
         return (
-            f"Keep {name} {self._kept(strictest.allowed, sign)}"
-            f"{'' if alone else f', the strictest of {len(known)} bounds'} (at {self._place(strictest)})"
-            f"{sized}{where}; {how}{missing}{worst}."
+            f"Keep {name} {self._kept(strictest)}"
+            f"{'' if alone else f', the strictest of {len(known)} bounds'}, at {self._place(strictest)}"
+            f"{sized}; {how}{missing}{self._at_worst(off) if off else ''}."
         )
 
     @checked
@@ -382,6 +424,12 @@ class Guide(Result):
             If the ending is not known or the file cannot be written.
         """
         self.by("files", "write_guide", path)
+
+
+def _figure(printed: Printed, limit: Limit) -> float:
+    """A limit as it is printed, as a number; nan where there is none."""
+    found = printed.number(limit)
+    return _NAN if isinstance(found, str) else float(found)
 
 
 def in_words(name: str) -> str:

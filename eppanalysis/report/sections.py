@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from eppanalysis.cases import Case, variation_of
+from eppanalysis.cases.command_line import Asking, called
 from eppanalysis.cases.variation import time_of_maps
 from eppanalysis.methods.bounds.searched import in_samples
 from eppanalysis.models.systems.sampled.strobe import sampled_among
@@ -84,7 +85,7 @@ try:
     proof = epp.certify(case, "absence") if cycle is None else epp.certify_orbit(case, cycle)
 except epp.EppError as refusal:
     proof = refusal
-epp.first_page(case, run, ladder, cycles, branch, proof)"""
+epp.first_page(case, run, ladder, cycles, branch, proof, called={called})"""
 
 _START = """\
 epp.table(case)"""
@@ -161,7 +162,7 @@ else:
     display(branch.plot({signal}at=case.value("{name}")).figure)
     turning = [special for special in branch.special if special.kind != "change of sequence"]
     for special in turning:
-        print(special.kind.capitalize(), "at", case.text("{name}", special.value, 4) + ":", special.note + ".")
+        print(special.kind.capitalize(), "at", branch.place(special) + ":", special.note + ".")
     if others := len(branch.special) - len(turning):
         print("Squares: changes of the sequence of events,", str(others) + ".")
     print(branch.message)"""
@@ -184,7 +185,7 @@ except epp.EppError as reason:
 #: What a map of a sampled loop says of its grid.
 _COARSE = """
         print("The map has {n} by {n} cells, because each run goes through every sample;")
-        print("eppanalysis sweep makes a finer one.")"""
+        print({finer!r})"""
 
 _GUIDELINE = """\
 try:
@@ -193,7 +194,7 @@ try:
     display(shown[~shown.isin(["", "-"]).all(axis="columns")])
     for sentence in guide.sentences():
         print(sentence)
-    print("eppanalysis report --full has this table at several gains.")
+    print({full!r})
 except epp.EppError as reason:
     print(reason)"""
 
@@ -231,9 +232,10 @@ def _first(case: Case, *, full: bool = False) -> str:
     """All that the first page needs: the ladder, the exact cycles, and a branch where there is one to follow."""
     name = _followed(case, full=full)
     if not name:
-        return _FIRST.format(branch="branch = None\n")
+        return _FIRST.format(branch="branch = None\n", called=called(case))
     places = zip(("near", "far", "stop"), variation_of(case).branch(name), strict=True)
-    return _FIRST.format(branch=_FOLLOW.format(name=name, **{key: case.text(name, at) for key, at in places}))
+    follow = _FOLLOW.format(name=name, **{key: case.text(name, at) for key, at in places})
+    return _FIRST.format(branch=follow, called=called(case))
 
 
 def _branch(case: Case, *, full: bool = False) -> str:
@@ -259,7 +261,8 @@ def _map(case: Case) -> str:
     factors = [case.readable(name)[1] for name in axes]
     x, y = (f'case.value("{name}") * {factor!r}' for name, factor in zip(axes, factors, strict=True))
     mark = f'figure.axes[0].plot({x}, {y}, "k*", markersize=12)'
-    coarse = _COARSE.format(n=n) if n < max(_POINTS) else ""
+    finer = f"A finer one: {Asking.of(case).sweep(variation_of(case).axes(max(_POINTS)))}"
+    coarse = _COARSE.format(n=n, finer=finer) if n < max(_POINTS) else ""
     return _MAP.format(axes=repr(axes), mark=mark, coarse=coarse, t_end=repr(time_of_maps(case)))
 
 
@@ -270,10 +273,20 @@ def _points(case: Case) -> int:
     return next((n for n in _POINTS if n * n * samples <= _MOST_SAMPLES), _POINTS[-1])
 
 
+def _guideline(case: Case) -> str:
+    """At the case's own gain, and how to have it at others."""
+    more = Asking.of(case).command("guide", "-o", "guide.html") or f"epp.design_guide(case, {_gains(case)!r})"
+    return _GUIDELINE.format(full=f"At other gains: {more}")
+
+
+def _gains(case: Case) -> list[str]:
+    own = case.value("bands.range")
+    return [case.text("bands.range", factor * own, 4) for factor in _GAINS]
+
+
 def _full_guideline(case: Case) -> str:
     """At the case's own gain and at others on both sides of it."""
-    own = case.value("bands.range")
-    return _FULL_GUIDELINE.format(gains=[case.text("bands.range", factor * own, 4) for factor in _GAINS])
+    return _FULL_GUIDELINE.format(gains=_gains(case))
 
 
 SECTIONS: tuple[Section, ...] = (
@@ -317,9 +330,8 @@ SECTIONS: tuple[Section, ...] = (
     Section("Design map", "Where the design settles and where it oscillates; the star is the case.", _map),
     Section(
         "Bounds and guideline",
-        "How much backlash a gain bears before any limit cycle exists, put to the test on both sides. The commands "
-        "eppanalysis bounds and eppanalysis guide give whole curves and tables.",
-        lambda case: _GUIDELINE if variation_of(case).guided else "",
+        "How much backlash a gain bears before any limit cycle exists, put to the test on both sides.",
+        lambda case: _guideline(case) if variation_of(case).guided else "",
         lambda case: _full_guideline(case) if variation_of(case).guided else "",
     ),
     Section(

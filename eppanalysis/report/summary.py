@@ -4,34 +4,27 @@ from __future__ import annotations
 
 import base64
 import html
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from eppanalysis.cases import Case, variation_of
+from eppanalysis.cases import Case
+from eppanalysis.cases.command_line import Asking, commands_in
 from eppanalysis.errors import EppError
+from eppanalysis.limits import Printed
 from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
 from eppanalysis.methods.certificates.result import Certificate
 from eppanalysis.methods.comparison.ladder import Ladder
-from eppanalysis.methods.continuation.labels import Change
-from eppanalysis.methods.continuation.result import Branch, SpecialPoint
+from eppanalysis.methods.continuation.result import CEASES, Branch, SpecialPoint
 from eppanalysis.methods.search.result import CycleSearch
-from eppanalysis.readable import DIGITS, cut, in_print, lasting, quantity, words
+from eppanalysis.readable import in_print, lasting, quantity, words
+from eppanalysis.report.advice import Found, limit_of
 from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
 from eppanalysis.shown import html_row, png
 
 #: Size of the picture [inch], and its dots per inch.
 _SIZE, _DOTS = (5.6, 2.8), 180
-#: Where the cycles of a branch cease to exist.
-_ENDS = (Change.FOLD, Change.TURNING, Change.INFINITE, Change.LINEAR)
-#: Letters of a name that is a symbol, before which stands no article.
-_SYMBOL = 2
-#: An end this near to the case's own value, relative to it, is taken to be at it.
-_AT = 1e-9
-#: A run that came to no end is to be so many times as long.
-_LONGER = 10
-
 #: What is this near to the least or largest value of a branch, relative to the largest, is its end there.
 _OUTERMOST = 1e-6
 
@@ -45,13 +38,13 @@ class FirstPage:
 
     verdict: str  # what the loop does, in one or two sentences
     numbers: tuple[tuple[str, str, str], ...]  # three at most: what, its value with unit, and how it is known
-    advice: str  # what to do about it
+    advice: str  # what to do about it, in lines; a command stands at the end of a line, and runs as it is printed
     known: tuple[tuple[str, str], ...]  # what each method says: predicted, exact, simulated, proved
     picture: bytes = b""  # PNG; empty where there is none
 
     def __str__(self) -> str:
         """All of it but the picture, a line each."""
-        numbers = [f"{what}: {value} ({how})" for what, value, how in self.numbers]
+        numbers = [f"{what}: {value}; {how}" for what, value, how in self.numbers]
         known = [f"{how}: {what}" for how, what in self.known]
         return "\n".join([self.verdict, *numbers, f"What to do: {self.advice}", *known])
 
@@ -65,9 +58,19 @@ class FirstPage:
         picture = f'<img alt="{html.escape(self.verdict)}" src="data:image/png;base64,{shown}">' if shown else ""
         return (
             f'<div class="first"><p class="verdict"><strong>{html.escape(self.verdict)}</strong></p>{picture}'
-            f'<div class="numbers">{numbers}</div><p><strong>What to do.</strong> {html.escape(self.advice)}</p>'
+            f'<div class="numbers">{numbers}</div><p><strong>What to do.</strong> {_with_commands(self.advice)}</p>'
             f"<p><strong>How it is known.</strong></p><table>{known}</table></div>"
         )
+
+
+def _with_commands(advice: str) -> str:
+    """What to do as HTML: each line by itself, its command as it is typed."""
+    lines = []
+    for line in advice.splitlines():
+        command = next(iter(commands_in([line])), "")
+        said = html.escape(line.removesuffix(command))
+        lines.append(f"{said}<br><code>{html.escape(command)}</code>" if command else said)
+    return "<br>".join(lines)
 
 
 def first_page(
@@ -77,6 +80,7 @@ def first_page(
     cycles: CycleSearch | None = None,
     branch: Branch | None = None,
     proof: Certificate | CertifiedOrbit | EppError | None = None,
+    called: Sequence[str] | None = None,
 ) -> FirstPage:
     """The first page of a report, from what has been computed for it.
 
@@ -94,6 +98,9 @@ def first_page(
     proof : Certificate, CertifiedOrbit or EppError, optional
         The proof that was attempted, or the error that refused it. Where the proof succeeds, its sentence is a theorem,
         and the page says that no other is.
+    called : sequence of str, optional
+        The words by which the command line finds the case, for the commands of the page; by default the case's own
+        file or the name by which it ships. Of a case that has neither, what to ask next is given in Python.
 
     Returns
     -------
@@ -110,10 +117,11 @@ def first_page(
     signal = case.expected.signal or next(iter(run.signals), "")
     largest = _largest(run, cycles, signal)
     end = _nearest_end(case, branch)
+    asking = Asking.of(case) if called is None else Asking(case, tuple(called))
     return FirstPage(
         verdict=_verdict(run, cycles, largest, signal),
         numbers=tuple(_numbers(case, run, largest, branch, end, signal))[:3],
-        advice=_advice(case, run, cycles, branch, end, proof),
+        advice=Found(asking, run, cycles, branch, end, proof).advice(),
         known=tuple(_known(case, run, ladder, cycles, proof)),
         picture=_picture(run, ladder, signal),
     )
@@ -171,14 +179,14 @@ def _numbers(
         name = branch.parameter
         yield (
             f"{words(name)} at which {'the oscillation ends' if largest is not None else 'oscillations begin'}",
-            in_print(_limit(case, branch, end)),
-            f"exact: {end.kind} of its branch",
+            in_print(Printed.of([limit_of(branch, end)], case.readable(name)).whole(limit_of(branch, end))),
+            f"{end.kind} of its exact branch",
         )
     elif branch is None and largest is not None:
         yield "period of the oscillation", lasting(largest.period, largest.units), how
     elif branch is not None:
         values = branch.points["value"]
-        low, high = (in_print(case.text(branch.parameter, float(v), DIGITS)) for v in (values.min(), values.max()))
+        low, high = branch.ends_of(float(values.min()), float(values.max()))
         how = (
             "exact branch; what is beyond was not followed" if branch.missing else "exact branch, without an end in it"
         )
@@ -194,82 +202,11 @@ def _nearest_end(case: Case, branch: Branch | None) -> SpecialPoint | None:
     if branch is None or branch.not_covered:
         return None
     own = case.value(branch.parameter)
-    ends = [special for special in branch.special if special.kind in _ENDS]
+    ends = [special for special in branch.special if special.kind in CEASES]
     values = np.array([*branch.points["value"], *(end.value for end in ends)])
     near = _OUTERMOST * np.abs(values).max()
     low, high = values.min() + near, values.max() - near
     return min((end for end in ends if not low < end.value < high), key=lambda end: abs(end.value - own), default=None)
-
-
-def _advice(
-    case: Case,
-    run: Trajectory,
-    cycles: CycleSearch | None,
-    branch: Branch | None,
-    end: SpecialPoint | None,
-    proof: Certificate | CertifiedOrbit | EppError | None,
-) -> str:
-    if run.limit_cycle is None and not cycles:
-        keep = "" if branch is None or end is None else f" {_beside(case, branch, end)}"
-        rests, opened = run.status is Status.SETTLED, cycles is not None and cycles.left_open
-        if opened or not rests:
-            own = "Nothing from its own start; what others lead to is left open. " if rests else ""
-            if cycles is not None and not opened:
-                own = "No start of the search oscillates; its own run is not at rest by its end, and may creep on. "
-            search = ", or ask eppanalysis cycles" if cycles is None else ""
-            longer = f'--set run.t_end="{quantity(_LONGER * case.t_end, "s")}"'
-            return f"{own}Simulate for longer, {longer}{search}.{keep}"
-        # What was asked and refused is not advised.
-        asks = ": eppanalysis certify --statement absence asks for one" if proof is None else ""
-        proved = not isinstance(proof, EppError | None) and proof.proved
-        searched = "" if cycles is None or proved else f" The search is thorough and no proof{asks}."
-        return f"Nothing, at these values.{keep}{searched}"
-    if run.limit_cycle is None and run.status is not Status.SETTLED and not (cycles and cycles.stable):
-        return (
-            "Change the loop until its own run settles (eppanalysis design looks for such values), or simulate for "
-            "longer (run.t_end) to see where it ends."
-        )
-    if branch is None:
-        limit, over = [*variation_of(case).over()[:2], "FIELD", "FIELD"][:2]
-        far = f"eppanalysis bounds {case.name} --over {over} --limit {limit}, or eppanalysis design"
-        return f"Ask how far a parameter must go: {far}."
-    if end is None:
-        return (
-            f"{_the(branch).replace('the ', 'The ', 1)} alone does not end it where its branch was followed: change "
-            "another parameter (eppanalysis design), or ask eppanalysis bounds for a wider range."
-        )
-    return _beside(case, branch, end)
-
-
-def _the(branch: Branch) -> str:
-    """The parameter of a branch in a sentence; a symbol has no article."""
-    name = words(branch.parameter)
-    return name if len(name) <= _SYMBOL or name != name.lower() else f"the {name}"
-
-
-def _beside(case: Case, branch: Branch, end: SpecialPoint) -> str:
-    """On which side of where its cycles end the parameter of a branch is to be, or to stay."""
-    the, own, above = _the(branch), case.value(branch.parameter), _lies_above(branch, end)
-    side = f"{'under' if above else 'above'} {_limit(case, branch, end)}"
-    now = case.text(branch.parameter, own)
-    if (own - end.value) * (1 if above else -1) < -_AT * abs(own):
-        return f"Keep {the} {side}; it is {now} now."
-    return (
-        f"Bring {the} from {now} {side}, where this oscillation ceases to exist, with a margin. Others may "
-        "remain: eppanalysis bounds tests for them."
-    )
-
-
-def _lies_above(branch: Branch, end: SpecialPoint) -> bool:
-    """Whether the cycles, which lie on one side of where they end, are at larger values."""
-    return float(branch.points["value"].mean()) > end.value
-
-
-def _limit(case: Case, branch: Branch, end: SpecialPoint) -> str:
-    """Where the cycles end, rounded to the side without them."""
-    factor = case.readable(branch.parameter)[1]
-    safe = cut(factor * end.value, DIGITS, up=not _lies_above(branch, end)) / factor
-    return case.text(branch.parameter, safe, DIGITS)
 
 
 def _known(
@@ -287,7 +224,7 @@ def _known(
     moving = " and ".join(f"{name} {why}" for name, why in case.operating_point.moving.items())
     held = f" Proofs are of inputs that are held; here {moving}." if moving else ""
     if proof is None:
-        told = "Nothing: no proof was asked for, or none covers this loop; eppanalysis certify says which."
+        told = "Nothing: no proof was asked for, or none covers this loop."
         yield "Proved", f"{told}{held}"
     elif isinstance(proof, EppError):
         yield "Proved", f"Nothing: no sentence here is a theorem. The reason: {proof}{held}"

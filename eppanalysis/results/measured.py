@@ -43,13 +43,17 @@ class MeasuredCycle(LimitCycle):
         return float(next(iter(self.elements.values()))["amplitude"])
 
     def with_intervals(self) -> str:
-        """Amplitude and frequency with their intervals, and how far the data reach, in a sentence."""
-        values = {"amplitude": (self.amplitude_of_first, ""), "frequency": (self.frequency, " Hz")}
+        """Peak to peak and frequency with their intervals, and how far the data reach, in a sentence."""
+        at_input = self.amplitude_of_first
+        values = (
+            ("amplitude", at_input, 2.0, "peak to peak", ""),
+            ("frequency", self.frequency, 1.0, "frequency", " Hz"),
+        )
         parts = []
-        for name, (value, unit) in values.items():
-            low, high = self.intervals.get(name, (value, value))
+        for name, value, factor, said, unit in values:
+            low, high = (factor * end for end in self.intervals.get(name, (value, value)))
             between = f" ({low:.4g} to {high:.4g})" if low < high else ""
-            parts.append(f"{name} {value:.4g}{between}{unit}")
+            parts.append(f"{said} {factor * value:.4g}{between}{unit}")
         doubt = "; at a fold within the noise, so that it may not exist" * self.at_a_fold
         return f"{', '.join(parts)}{doubt}; the data reach harmonic {self.highest_harmonic}"
 

@@ -214,9 +214,9 @@ def plot_nyquist(prediction: Prediction, ax: Axes | None = None) -> Figure:
     """Nyquist plot: the loop's response, the -1/N locus with growing amplitude, and the cycles where they meet.
 
     A filled circle is a stable cycle, an open one any other; grey is one that may not exist. Loops with several
-    elements have no single -1/N locus; for them the picture is the loop gain over the amplitude at the principal
+    elements have no single -1/N locus; for them the picture is the loop gain over the peak to peak at the principal
     element, cut there, at the frequency at which the loop's phase closes and with all other balances met. A cycle is
-    where it is one: where it rises with amplitude an oscillation grows away from the cycle, where it falls it returns
+    where it is one: where it rises with the size an oscillation grows away from the cycle, where it falls it returns
     to it.
 
     Parameters
@@ -232,7 +232,9 @@ def plot_nyquist(prediction: Prediction, ax: Axes | None = None) -> Figure:
         _draw_loop_gain(ax, prediction)
     else:
         ax.set_axis_off()
-        ax.text(0.5, 0.5, "The phase closes at no amplitude.", transform=ax.transAxes, ha="center", color=DARK)
+        ax.text(
+            0.5, 0.5, "The phase closes at no size of an oscillation.", transform=ax.transAxes, ha="center", color=DARK
+        )
     return figure
 
 
@@ -256,12 +258,12 @@ def _draw_loop_gain(ax: Axes, prediction: Prediction) -> None:
     unit, factor = readable(curves.get("unit", ""))
     ax.axhline(1.0, color=GREY, linewidth=0.8)
     for branch in curves.get("branches", ()):
-        ax.plot(factor * np.asarray(branch["amplitude"]), branch["loop_gain"], color=BLUE, linewidth=1.3)
-    points = [complex(factor * point["amplitude"], 1.0) for point in curves.get("intersections", ())]
+        ax.plot(2.0 * factor * np.asarray(branch["amplitude"]), branch["loop_gain"], color=BLUE, linewidth=1.3)
+    points = [complex(2.0 * factor * point["amplitude"], 1.0) for point in curves.get("intersections", ())]
     ax.set_xscale("log")
     ax.set_yscale("log")
     _mark_cycles(ax, points, prediction.cycles)
-    ax.set_xlabel(with_unit(f"amplitude at the input of {element}", unit))
+    ax.set_xlabel(with_unit(f"peak to peak at the input of {element}", unit))
     ax.set_ylabel("loop gain (one at a cycle)")
     number_powers(ax.xaxis, (2.0, 5.0))  # numbers side by side need more room
     number_powers(ax.yaxis, (2.0, 3.0, 5.0))
@@ -278,8 +280,8 @@ def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycl
         face, size = (colour, 7) if cycle.stable else ("none", 11)
         name = next(iter(cycle.harmonics))
         unit, factor = readable(cycle.units.get(name, ""))
-        amplitude = f"{name.replace('_', ' ')} amplitude {number(factor * cycle.amplitude(name))} {unit}"
-        text = f"{STABILITY[cycle.stable]}: {number(cycle.frequency)} Hz, {amplitude}".strip()
+        large = f"{words(name)} {number(factor * cycle.peak_to_peak[name])} {unit}".strip()
+        text = f"{STABILITY[cycle.stable]}: {number(cycle.frequency)} Hz, {large} peak to peak"
         text += "\n(may not exist)" * cycle.may_not_exist
         style: dict[str, Any] = {
             "mfc": face,

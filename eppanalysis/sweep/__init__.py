@@ -64,8 +64,8 @@ def sweep(
         what is proved, which needs the extra "proof" and is left out of "all". With "simulate" and "predict" together
         the first-order error is reported.
     signals : str or sequence of str, optional
-        Signals whose amplitude and mean are reported, the first one under plain names; by default that of `allow`, else
-        the case's own one. "all" for every signal.
+        Signals whose peak to peak and mean are reported, the first one under plain names; by default that of `allow`,
+        else the case's own one. "all" for every signal.
     allow : str, optional
         A limit cycle that is allowed, as :func:`design_bounds` takes it ("theta 0.3 deg"). Cells then also have their
         `size`, and in `allowed` whether they settle, have stable cycles within what is allowed, or exceed it. Runs have

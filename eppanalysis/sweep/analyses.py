@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.cases import Case
 from eppanalysis.errors import EppError, require_packages
+from eppanalysis.readable import words
 from eppanalysis.results import Status
 from eppanalysis.sweep.axes import Axes
 
@@ -189,8 +190,8 @@ class Task:
                 found |= {} if self.allowed is None else _size_variables(analysis, self.allowed)
         if self.judge is not None:
             whom = "run" if self.judge is Analysis.SIMULATE else "exact cycle"
-            for name in ("amplitude", "frequency"):
-                text = f"relative error of the first-order {name} against the {whom}: predicted / true - 1"
+            for name in ("peak_to_peak", "frequency"):
+                text = f"relative error of the first-order {words(name)} against the {whom}: predicted / true - 1"
                 found[f"first_order_error_{name}"] = Variable("f8", "1", text)
         found["status"] = Variable("i1", "", "how the computation of the cell ended", STATUS_NAMES)
         found["message"] = Variable("text", "", "why a cell failed")
@@ -246,31 +247,31 @@ def _allowed(case: Case, allow: str) -> Allowed:
 def _size_variables(analysis: Analysis, allowed: Allowed) -> dict[str, Variable]:
     """What there is to say beside a limit cycle that is allowed."""
     prefix = PREFIX[analysis]
-    words = prefix.replace("_", " ")
-    size = f"{words}{allowed.measure} of {allowed.signal} (of the largest stable cycle that counts)"
+    method = words(prefix)
+    size = f"{method}{allowed.measure} of {allowed.signal} (of the largest stable cycle that counts)"
     return {
-        f"{prefix}allowed": Variable("i1", "", f"{words}outcome, {allowed} allowed", Allowance.words()),
+        f"{prefix}allowed": Variable("i1", "", f"{method}outcome, {allowed} allowed", Allowance.words()),
         f"{prefix}size": Variable("f8", allowed.unit, size),
     }
 
 
 def _analysis_variables(analysis: Analysis, signals: Sequence[str], units: Mapping[str, str]) -> dict[str, Variable]:
-    prefix, words = PREFIX[analysis], PREFIX[analysis].replace("_", " ")
-    found = {f"{prefix}outcome": Variable("i1", "", f"{words}outcome", Outcome.words())}
+    prefix, method = PREFIX[analysis], words(PREFIX[analysis])
+    found = {f"{prefix}outcome": Variable("i1", "", f"{method}outcome", Outcome.words())}
     for i, name in enumerate(signals):
         tail = f"_{name}" if i else ""
-        half = f"{words}amplitude of {name} (half of its peak-to-peak)"
-        found[f"{prefix}amplitude{tail}"] = Variable("f8", units[name], half)
-        found[f"{prefix}mean{tail}"] = Variable("f8", units[name], f"{words}mean of {name} (bias), or where it rests")
-    found[f"{prefix}frequency"] = Variable("f8", "Hz", f"{words}frequency of the limit cycle")
+        size = f"{method}peak to peak of {name} (zero at rest)"
+        found[f"{prefix}peak_to_peak{tail}"] = Variable("f8", units[name], size)
+        found[f"{prefix}mean{tail}"] = Variable("f8", units[name], f"{method}mean of {name} (bias), or where it rests")
+    found[f"{prefix}frequency"] = Variable("f8", "Hz", f"{method}frequency of the limit cycle")
     if analysis is Analysis.SIMULATE:
         found["events"] = Variable("i4", "", "switches of all elements in the run")
         found["last_event"] = Variable("f8", "s", "time of the last switch")
         found["change"] = Variable("f8", "1", "change of the cycle still to come, relative to its size")
     else:
-        found[f"{prefix}stable_cycles"] = Variable("i4", "", f"number of {words}stable limit cycles")
-        found[f"{prefix}unstable_cycles"] = Variable("i4", "", f"number of {words}limit cycles not known to be stable")
-        found[f"{prefix}error"] = Variable("f8", "1", f"estimated relative error of the {words}cycle")
+        found[f"{prefix}stable_cycles"] = Variable("i4", "", f"number of {method}stable limit cycles")
+        found[f"{prefix}unstable_cycles"] = Variable("i4", "", f"number of {method}limit cycles not known to be stable")
+        found[f"{prefix}error"] = Variable("f8", "1", f"estimated relative error of the {method}cycle")
     if analysis is Analysis.CYCLES:
         found["exact_stability"] = Variable(
             "i1", "", "whether an exact cycle is stable, or all are not", Stability.words()

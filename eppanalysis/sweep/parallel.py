@@ -30,7 +30,7 @@ _LINES: dict[bool, tuple[Line, ...]] = {
 
 
 def plot_parallel(
-    dataset: xarray.Dataset, variables: Sequence[str] = ("amplitude", "frequency"), *, most: int = 2000
+    dataset: xarray.Dataset, variables: Sequence[str] = ("peak_to_peak", "frequency"), *, most: int = 2000
 ) -> Figure:
     """Parallel coordinates: a line for each cell through its parameters and its results, by outcome.
 

@@ -72,7 +72,7 @@ _DASHES: dict[str, Literal["-", "--", ":"]] = {"run": "-", "predicted": "--", "e
 #: Height of a panel of slices [inch].
 _SLICES = 2.0
 #: Variables that are those of the signal of the case, and the mark at the foot of cells that no curve has.
-_OF_SIGNAL = ("amplitude", "mean", "size")
+_OF_SIGNAL = ("peak_to_peak", "mean", "size")
 _UNKNOWN: dict[str, Any] = {"color": GREY, "marker": "x", "markersize": 6, "linestyle": "none", "clip_on": False}
 #: A marker at every cell, for a curve may be broken on both sides of one.
 _MARKERS = {"run": ".", "predicted": "x", "exact": "+"}
@@ -84,13 +84,13 @@ def plot_design_map(
     y: str | None = None,
     *,
     at: Mapping[str, int] | None = None,
-    amplitude: bool = True,
+    lines: bool = True,
     curves: Sequence[Boundary] | Mapping[str, tuple[Any, Any]] = (),
     ax: Axes | None = None,
 ) -> Figure:
     """Where a design settles and where it oscillates, over two axes of a sweep.
 
-    Shaded regions are outcomes, or what is proved, thin lines the amplitude of the cycle. Where the sweep has
+    Shaded regions are outcomes, or what is proved, thin lines the peak to peak of the cycle. Where the sweep has
     predictions, the describing function's boundary is dashed; curves from elsewhere are drawn on top. Where a limit
     cycle is allowed, regions and dashed lines say what exceeds it, thin lines the size that is compared.
 
@@ -102,8 +102,8 @@ def plot_design_map(
         Axes of the picture; by default the last two dimensions, the last one upwards.
     at : mapping of str to int, optional
         Place along every other dimension; the first one by default.
-    amplitude : bool
-        Whether to draw lines of equal amplitude.
+    lines : bool
+        Whether to draw lines of equal peak to peak.
     curves : sequence of Boundary, or mapping of str to (x values, y values)
         Boundaries of :func:`eppanalysis.outcome_boundary` and :func:`eppanalysis.fold_boundary`, or curves by their
         name in the legend, in SI units.
@@ -143,7 +143,7 @@ def plot_design_map(
         figure = ax.figure
     (across, x_label), (up, y_label) = (readable_axis(plane, name) for name in (x, y))
     handles = _regions(ax, across, up, plane[names[0]])
-    if amplitude and _size_of(dataset) in plane:
+    if lines and _size_of(dataset) in plane:
         handles += _contours(ax, across, up, plane[_size_of(dataset)])
     for name in names[1:]:
         handles += _boundary(ax, across, up, plane[name], *_BORDERS[name])
@@ -157,7 +157,7 @@ def plot_design_map(
 
 def _size_of(dataset: xarray.Dataset) -> str:
     """The variable that says how large a cycle is."""
-    return "size" if is_sized(dataset) else "amplitude"
+    return "size" if is_sized(dataset) else "peak_to_peak"
 
 
 def _axes_of(dataset: xarray.Dataset, x: str | None, y: str | None) -> tuple[str, str]:
@@ -205,10 +205,10 @@ def _edges(centres: np.ndarray) -> np.ndarray:
     return np.concatenate([[2 * centres[0] - middle[0]], middle, [2 * centres[-1] - middle[-1]]])
 
 
-def _contours(ax: Axes, x: np.ndarray, y: np.ndarray, amplitude: xarray.DataArray) -> list[Any]:
-    """Lines of equal amplitude, with what they are lines of for the legend."""
-    unit, factor = readable(str(amplitude.attrs.get("units", "")))
-    values = np.where(amplitude.values > 0, factor * amplitude.values, np.nan)
+def _contours(ax: Axes, x: np.ndarray, y: np.ndarray, size: xarray.DataArray) -> list[Any]:
+    """Lines of cycles of equal size, with what they are lines of for the legend."""
+    unit, factor = readable(str(size.attrs.get("units", "")))
+    values = np.where(size.values > 0, factor * size.values, np.nan)
     if min(values.shape) < 2 or not np.any(np.isfinite(values)) or np.nanmax(values) <= np.nanmin(values):
         return []
     style: dict[str, Any] = {"linewidth": 0.8, "color": "#000000"}
@@ -216,7 +216,7 @@ def _contours(ax: Axes, x: np.ndarray, y: np.ndarray, amplitude: xarray.DataArra
     places = _label_places(lines.allsegs, np.array([x.min(), y.min()]), np.array([np.ptp(x), np.ptp(y)]))
     if places:
         ax.clabel(lines, fontsize=SMALL, fmt=lambda v: f"{v:.3g} {unit}".rstrip(), manual=places)
-    name = words(str(amplitude.attrs.get("long_name", "amplitude")).partition(" (")[0])
+    name = words(str(size.attrs.get("long_name", "peak to peak")).partition(" (")[0])
     return [Line2D([], [], **style, label=with_unit(name, unit))]
 
 
@@ -274,8 +274,8 @@ def plot_slices(
     by : str, optional
         Axis whose values get a line each (at most six, spread evenly); by default the first other dimension, if any.
     variables : sequence of str, optional
-        One panel each; by default amplitude and frequency, and where a limit cycle is allowed the size that is compared
-        in place of the amplitude.
+        One panel each; by default peak to peak and frequency, and where a limit cycle is allowed the size that is
+        compared in place of the peak to peak.
     at : mapping of str to int, optional
         Place along every dimension that is neither; the first one by default.
 
@@ -296,7 +296,7 @@ def plot_slices(
     ...     epp.sweep(epp.case("fig8a_original"), axes, progress=False)
     ... )
     >>> [ax.get_ylabel() for ax in figure.axes]
-    ['amplitude of theta [deg]', 'frequency [Hz]']
+    ['peak to peak of theta [deg]', 'frequency [Hz]']
     """
     dims = [str(d) for d in dataset.dims if d in dataset.coords]
     if not dims:

@@ -124,7 +124,7 @@ class Work:
         ):
             out[name][rows] = values
         for tail, signal in self.task.named_signals():
-            out[f"amplitude{tail}"][rows] = 0.5 * result.peak_to_peak[signal]
+            out[f"peak_to_peak{tail}"][rows] = result.peak_to_peak[signal]
             out[f"mean{tail}"][rows] = result.mean[signal]
         out["status"][rows] = [STATUS_CODE[s] for s in result.status]
         out["outcome"][rows] = [_OUTCOME_OF.get(s, 0) for s in result.status]
@@ -193,10 +193,10 @@ class _Cell:
             self.put("change", cycle.error_estimate)
         for tail, signal in self.task.named_signals():
             if cycle is not None:
-                self.put(f"amplitude{tail}", 0.5 * cycle.peak_to_peak[signal])
+                self.put(f"peak_to_peak{tail}", cycle.peak_to_peak[signal])
                 self.put(f"mean{tail}", cycle.mean[signal])
             elif signal in run.settled_at:
-                self.put(f"amplitude{tail}", 0.0)
+                self.put(f"peak_to_peak{tail}", 0.0)
                 self.put(f"mean{tail}", run.settled_at[signal])
 
     def predict(self) -> None:
@@ -286,7 +286,7 @@ class _Cell:
         self.put(f"{prefix}frequency", cycle.frequency)
         self.put(f"{prefix}error", cycle.error_estimate)
         for tail, signal in self.task.named_signals():
-            self.put(f"{prefix}amplitude{tail}", 0.5 * cycle.peak_to_peak[signal])
+            self.put(f"{prefix}peak_to_peak{tail}", cycle.peak_to_peak[signal])
             self.put(f"{prefix}mean{tail}", cycle.mean[signal])
         return cycle
 
@@ -301,7 +301,7 @@ def _judge(truth: str, out: Columns) -> None:
     """Errors of the first-order cycle where both it and the true one are there."""
     both = (out[f"{truth}outcome"] == Outcome.OSCILLATES) & (out["predicted_outcome"] == Outcome.OSCILLATES)
     with np.errstate(all="ignore"):
-        for name in ("amplitude", "frequency"):
+        for name in ("peak_to_peak", "frequency"):
             ratio = out[f"predicted_{name}"] / out[f"{truth}{name}"] - 1.0
             out[f"first_order_error_{name}"] = np.where(both & np.isfinite(ratio), ratio, np.nan)
 

@@ -188,7 +188,14 @@ def candidates_table(found: Diagnosis) -> Table:
     table = table_of(*columns, numbers=False)
     for e in found:
         about = "; ".join(text for text in (e.sizes(), e.note) if text)
-        table.add_row(e.called, f"{e.probability:.3f}", cell(e.misfit), str(e.freedom), cell(e.period), about)
+        table.add_row(
+            e.called,
+            "-" if math.isnan(e.probability) else f"{e.probability:.3f}",
+            cell(e.misfit),
+            str(e.freedom),
+            cell(e.period),
+            about,
+        )
     return table
 
 
@@ -348,7 +355,7 @@ def rungs_table(ladder: Ladder) -> Table:
         spans = sorted(factor * (row.quantities["peak-to-peak"] or math.nan) for row in many)
         cells = [f"{cell(values[0])} to {cell(values[-1])}" for values in (periods, spans)]
         table.add_row(
-            f"{len(many)} more", many[0].method, *cells, "exact", "exact", "", "eppanalysis cycles lists them"
+            f"{len(many)} more", many[0].method, *cells, "exact", "exact", "", "the command cycles lists them"
         )
     return table
 

@@ -83,7 +83,7 @@ def join(tables: Sequence[tuple[str, Table]]) -> Table:
 
 
 def cycle_table(cycles: Sequence[LimitCycle]) -> Table:
-    """One row a cycle: method, frequency, stability; mean, amplitude and peak-to-peak of every signal in SI units."""
+    """One row a cycle: method, frequency, stability; mean, peak-to-peak and fundamental of every signal in SI units."""
     rows, units = [], {"frequency": "Hz", "period": "s"}
     for cycle in cycles:
         row: dict[str, Any] = {
@@ -97,7 +97,7 @@ def cycle_table(cycles: Sequence[LimitCycle]) -> Table:
             quantities = {
                 f"mean {name}": cycle.mean[name],
                 f"peak_to_peak {name}": cycle.peak_to_peak.get(name),
-                f"amplitude {name}": cycle.amplitude(name) if name in cycle.harmonics else None,
+                f"fundamental amplitude {name}": cycle.amplitude(name) if name in cycle.harmonics else None,
             }
             row.update(quantities)
             units.update(dict.fromkeys(quantities, cycle.units.get(name, "")))

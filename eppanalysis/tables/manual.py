@@ -20,8 +20,6 @@ from eppanalysis.errors import EppError
 from eppanalysis.readable import one_line
 from eppanalysis.tables.files import atomic, check_target
 
-#: Most that is given away by rounding, relative to the smallest value of a column.
-_GIVEN_AWAY = 0.02
 #: Letters in a column of a workbook.
 _LETTERS = 24
 _LATEX = {c: f"\\{c}" for c in "&%$#_{}"} | {
@@ -124,36 +122,6 @@ def check_manual(path: Path) -> None:
         If the ending is not known, the folder does not exist, or a library that the ending needs is not there.
     """
     check_target(path, MANUALS, _NEEDED)
-
-
-def drawing_step(values: Sequence[float]) -> Decimal:
-    """The step in which values are rounded for a drawing: 1, 2 or 5 of a decimal place, at most 2 % of the smallest.
-
-    Examples
-    --------
-    >>> print(drawing_step([0.6875, 0.98]), drawing_step([14.2]))
-    0.01 0.2
-    """
-    known = [abs(value) for value in values if math.isfinite(value) and value]
-    most = _GIVEN_AWAY * min(known, default=1.0)
-    place = math.floor(math.log10(most))
-    digit = max(d for d in (1, 2, 5) if d * 10.0**place <= most * (1 + 1e-12))
-    return Decimal(digit).scaleb(place)
-
-
-def to_step(value: float, step: Decimal, *, up: bool = False) -> Decimal:
-    """A value rounded down (or up) to a whole number of steps; what is one but for rounding errors stays.
-
-    Examples
-    --------
-    >>> step = Decimal("0.05")
-    >>> print(to_step(0.6875, step), to_step(0.6875, step, up=True), to_step(0.3, step))
-    0.65 0.70 0.30
-    """
-    number = value / float(step)
-    whole = math.ceil(number - 1e-9) if up else math.floor(number + 1e-9)
-    found = whole * step
-    return found.quantize(Decimal(1)) if found.as_tuple().exponent > 0 else found  # type: ignore[operator]
 
 
 def _printed(cell: Decimal | str) -> str:

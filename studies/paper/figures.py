@@ -308,7 +308,7 @@ def paper_mass() -> Figure:
         figure.subplots(2, 1), ("forearm.inertia", "cable.stiffness"), (inertia, stiffness), strict=True
     ):
         found = sweep(case, {name: share * nominal, "harness.step": steps}, progress=False)
-        plot_design_map(found, name, "harness.step", amplitude=False, ax=ax)
+        plot_design_map(found, name, "harness.step", lines=False, ax=ax)
         if name == "cable.stiffness":
             ax.set_xlabel("cable stiffness [kN/m]")
             ax.set_xticks(ax.get_xticks(), [f"{1e-3 * x:g}" for x in ax.get_xticks()])

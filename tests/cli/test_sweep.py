@@ -46,7 +46,7 @@ def test_settings_hold_in_every_cell(tmp_path) -> None:
     run(*SHORT, "-o", str(tmp_path / "map.nc"))
     with xarray.open_dataset(tmp_path / "map.nc") as found:
         assert json.loads(found.attrs["provenance"])["settings"]["t_end"] == 0.5
-        assert found["amplitude"].dims == ("bands.range", "lock_pin.backlash")
+        assert found["peak_to_peak"].dims == ("bands.range", "lock_pin.backlash")
 
 
 @pytest.mark.parametrize(

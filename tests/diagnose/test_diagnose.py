@@ -149,7 +149,8 @@ t_end = "10 s"
     found = epp.diagnose(epp.case_from_text(servo, name="servo"), record)
     named = "width" if "width" in gap else "gear.gap"
     assert found[0].fields["gap"][0] == pytest.approx(2e-3, rel=0.01) and found[0].sizes().count(" mm") == 3
-    assert f"eppanalysis bounds servo --limit {named} --over K" in found.remedies()[0]
+    (asked,) = found.remedies()
+    assert f"epp.design_bounds(case, 'K', '{named}', at=['5'], allow='x " in asked
 
 
 def test_a_waveform_that_no_candidate_has_stays_unexplained():

@@ -18,10 +18,11 @@ import eppanalysis as epp
 from eppanalysis.cli.commands import app
 from eppanalysis.errors import EppError
 from eppanalysis.guides.result import Guide, GuideRow
+from eppanalysis.limits import drawing_step, to_step
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding
 from eppanalysis.methods.bounds.tolerances.result import Quantile
 from eppanalysis.results.provenance import Provenance
-from eppanalysis.tables.manual import MANUALS, drawing_step, to_step
+from eppanalysis.tables.manual import MANUALS
 from tests.made_bounds import bounds_of
 
 PAIR = ("bands.range", "lock_pin.backlash")

@@ -95,7 +95,7 @@ def test_one_signal_and_its_size_are_reported_by_default() -> None:
     case = epp.case("fig8a_original").with_values({"run.t_end": "1 s"})
     found = epp.sweep(case, {"lock_pin.backlash": ["2 deg"]}, allow="drive_angle 3 deg", progress=False)
     assert found.attrs["signal"] == "drive_angle" and found["size"].attrs["units"] == "rad"
-    np.testing.assert_allclose(found["size"], 2.0 * found["amplitude"], rtol=1e-12)
+    np.testing.assert_allclose(found["size"], found["peak_to_peak"], rtol=1e-12)
 
 
 def test_other_units_are_the_same_sweep_and_another_size_is_not(tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def test_labels_of_contours_lie_within_the_frame_and_not_on_each_other(law) -> N
     axes = {"bands.range": "2:3:12:lbf", "lock_pin.backlash": "0.5:2.5:12:deg"}
     cells = epp.sweep(SHORT.with_values({"run.t_end": "0.1 s"}), axes, progress=False)
     x, y = np.meshgrid(*2 * [np.linspace(0.0, 1.0, 12)])
-    figure = plot_design_map(cells.assign(amplitude=cells["amplitude"].copy(data=law(x, y) * DEG)))
+    figure = plot_design_map(cells.assign(peak_to_peak=cells["peak_to_peak"].copy(data=law(x, y) * DEG)))
     figure.draw_without_rendering()
     ax = figure.axes[0]
     labels = [text.get_window_extent() for text in ax.texts]
@@ -94,17 +94,17 @@ def test_a_map_of_more_axes_says_where_it_is() -> None:
 
 def test_slices_have_a_line_for_every_value_of_the_other_axis(grid) -> None:
     figure = plot_slices(grid)
-    amplitude, frequency = figure.axes
-    assert [ax.get_ylabel() for ax in figure.axes] == ["amplitude of theta [deg]", "frequency [Hz]"]
+    size, frequency = figure.axes
+    assert [ax.get_ylabel() for ax in figure.axes] == ["peak to peak of theta [deg]", "frequency [Hz]"]
     assert frequency.get_xlabel() == "lock pin backlash [deg]"
     assert texts(figure) == [*(f"bands range {v} lbf" for v in ("2", "2.5", "3")), "unknown"]
     backlash = grid["lock_pin.backlash"].values / DEG
-    for line, i in zip(amplitude.lines[:3], range(3), strict=True):
+    for line, i in zip(size.lines[:3], range(3), strict=True):
         drawn = np.asarray(line.get_ydata(), float)
-        values = grid["amplitude"].values[i] / DEG
+        values = grid["peak_to_peak"].values[i] / DEG
         np.testing.assert_allclose(drawn[np.isin(line.get_xdata(), backlash)], values)
     # Dark to light, so that the lines keep apart in print.
-    brightness = [float(np.mean(line.get_color()[:3])) for line in amplitude.lines[:3]]
+    brightness = [float(np.mean(line.get_color()[:3])) for line in size.lines[:3]]
     assert brightness == sorted(brightness)
 
 
@@ -132,7 +132,7 @@ def test_slices_are_broken_between_rest_and_oscillation(relays) -> None:
 
 def test_pictures_name_their_case(grid, relays) -> None:
     sample = epp.sweep(RELAY, epp.Sobol({"relay_dead_zone.threshold": (0.5, 2.0)}, 2), run="predict", progress=False)
-    names = ["predicted_amplitude", "predicted_frequency"]
+    names = ["predicted_peak_to_peak", "predicted_frequency"]
     above = [said_above(f) for f in (plot_design_map(grid), plot_slices(relays), plot_parallel(sample, names))]
     assert [details for _, details in above] == ["fig8a_original", "relay_deadzone", "relay_deadzone"]
     # The counts are of all designs that are drawn.
@@ -156,7 +156,7 @@ def test_parallel_coordinates_run_through_every_parameter_and_result() -> None:
         "bands range\n[lbf]",
         "lock pin\nbacklash\n[deg]",
         "forearm\ninertia\n[kg·m²]",
-        "amplitude\n[deg]",
+        "peak to\npeak [deg]",
         "frequency\n[Hz]",
     ]
     settles, oscillates = ax.collections
@@ -167,7 +167,7 @@ def test_parallel_coordinates_run_through_every_parameter_and_result() -> None:
     assert len(oscillates.get_segments()) == n
     assert len(settles.get_segments()) == 16 - n
     assert texts(figure) == [f"settles ({16 - n})", f"oscillates ({n})"]
-    # A cell at rest has no frequency: its line ends at the amplitude.
+    # A cell at rest has no frequency: its line ends at the peak to peak.
     assert {len(s) for s in settles.get_segments()} == {4}
     assert {len(s) for s in oscillates.get_segments()} == {5}
     heights = np.array([s[0, 1] for s in oscillates.get_segments()])
@@ -192,7 +192,7 @@ def test_colours_of_outcomes_differ_without_hue(grid) -> None:
 
 def test_every_sweep_has_its_picture(grid, relays) -> None:
     assert plot_sweep(grid).axes[0].get_ylabel() == "lock pin backlash [deg]"
-    assert plot_sweep(relays).axes[0].get_ylabel() == "amplitude of x"
+    assert plot_sweep(relays).axes[0].get_ylabel() == "peak to peak of x"
     sample = epp.sweep(RELAY, epp.Sobol({"relay_dead_zone.threshold": (0.5, 2.0)}, 2), run="predict", progress=False)
     assert plot_sweep(sample).axes[0].get_xticklabels()[-1].get_text() == "predicted\nfrequency [Hz]"
 

@@ -46,7 +46,7 @@ def test_what_is_not_finished_is_joined_later(wanted, tmp_path) -> None:
     part = join(store).load()
     there = part["status"] != NOT_RUN
     assert 0 < int(there.sum()) < there.size
-    assert part["amplitude"].where(there, drop=False).equals(wanted["amplitude"].where(there))
+    assert part["peak_to_peak"].where(there, drop=False).equals(wanted["peak_to_peak"].where(there))
     share(store, "1/2", chunk=4)
     assert wanted.identical(join(store).load())
 
@@ -54,7 +54,7 @@ def test_what_is_not_finished_is_joined_later(wanted, tmp_path) -> None:
 def test_a_share_that_was_damaged_is_not_taken_over(tmp_path) -> None:
     store = tmp_path / "map.zarr"
     share(store, "1/1", chunk=4)
-    file = next(f for f in sorted((tmp_path / "map.1-of-1.zarr" / "amplitude" / "c").rglob("*")) if f.is_file())
+    file = next(f for f in sorted((tmp_path / "map.1-of-1.zarr" / "peak_to_peak" / "c").rglob("*")) if f.is_file())
     file.write_bytes(file.read_bytes()[:-1] + b"?")
     assert int((join(store)["status"] == NOT_RUN).sum()) == 4
 

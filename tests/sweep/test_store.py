@@ -67,7 +67,7 @@ def test_a_store_holds_the_same_bits(wanted, tmp_path, chunk) -> None:
 
 def test_anyone_can_read_a_store(wanted, finished) -> None:
     found = xarray.open_zarr(finished, chunks=None, consolidated=False)
-    assert found["amplitude"].equals(wanted["amplitude"])
+    assert found["peak_to_peak"].equals(wanted["peak_to_peak"])
     assert found["status"].dtype == np.int8
 
 
@@ -363,20 +363,20 @@ def test_what_is_damaged_is_computed_again_or_said_and_never_read(tmp_path, shar
 def test_numbers_that_are_damaged_after_opening_are_refused_as_they_are_read(tmp_path) -> None:
     path = tmp_path / "map.zarr"
     found = sweep(CASE, {"lock_pin.backlash": "1:3:4:deg"}, store=path, chunk=2, progress=False)
-    (path / "amplitude" / "c" / "1").unlink()
-    with pytest.raises(EppError, match=r"amplitude/c/1 is damaged; the command .* computes what is damaged anew"):
-        found["amplitude"].load()
-    assert np.any(np.isfinite(found["amplitude"][:2]))
+    (path / "peak_to_peak" / "c" / "1").unlink()
+    with pytest.raises(EppError, match=r"peak_to_peak/c/1 is damaged; the command .* computes what is damaged anew"):
+        found["peak_to_peak"].load()
+    assert np.any(np.isfinite(found["peak_to_peak"][:2]))
 
 
 def test_any_reader_of_zarr_hears_of_a_flipped_bit(tmp_path) -> None:
     path = tmp_path / "map.zarr"
     sweep(CASE, {"lock_pin.backlash": "1:3:4:deg"}, store=path, chunk=2, progress=False)
-    chunk = path / "amplitude" / "c" / "0"
+    chunk = path / "peak_to_peak" / "c" / "0"
     content = chunk.read_bytes()
     chunk.write_bytes(content[:-5] + bytes([content[-5] ^ 1]) + content[-4:])
     with pytest.raises(ValueError, match="checksum"):
-        xarray.open_zarr(path, chunks=None, consolidated=False)["amplitude"].load()
+        xarray.open_zarr(path, chunks=None, consolidated=False)["peak_to_peak"].load()
 
 
 def test_blocks_of_another_sweep_are_not_taken_for_its_own(tmp_path) -> None:

@@ -41,13 +41,13 @@ def test_cells_equal_single_runs(found) -> None:
         assert int(cell["events"]) == len(run.events)
         if run.limit_cycle is not None:
             assert float(cell["frequency"]) == pytest.approx(run.limit_cycle.frequency, rel=1e-9)
-            assert float(cell["amplitude"]) == pytest.approx(run.limit_cycle.peak_to_peak["theta"] / 2, rel=1e-5)
+            assert float(cell["peak_to_peak"]) == pytest.approx(run.limit_cycle.peak_to_peak["theta"], rel=1e-5)
             assert float(cell["mean"]) == pytest.approx(run.limit_cycle.mean["theta"], rel=1e-6)
 
 
 def test_the_dataset_says_what_it_is(found) -> None:
-    assert found["amplitude"].dims == tuple(AXES)
-    assert found["amplitude"].attrs["units"] == "rad"
+    assert found["peak_to_peak"].dims == tuple(AXES)
+    assert found["peak_to_peak"].attrs["units"] == "rad"
     assert found["frequency"].attrs["units"] == "Hz"
     assert found["bands.range"].attrs["units"] == "N"
     assert found["status"].attrs["flag_meanings"].split() == list(STATUS_NAMES)
@@ -85,7 +85,7 @@ def test_the_batch_kernel_gives_the_same_bits(found) -> None:
     cells = [hybrid_of(CASE.with_values(design.at(place))) for place in np.ndindex(design.shape)]
     result = simulate_batch(HybridStack.of(cells, CASE.to_system().signals.names), 6.0)
     assert found["frequency"].values.tobytes() == (1.0 / result.period).tobytes()
-    assert found["amplitude"].values.tobytes() == (0.5 * result.peak_to_peak["theta"]).tobytes()
+    assert found["peak_to_peak"].values.tobytes() == result.peak_to_peak["theta"].tobytes()
 
 
 def test_failing_cells_are_statuses_with_a_sentence() -> None:
@@ -96,7 +96,7 @@ def test_failing_cells_are_statuses_with_a_sentence() -> None:
     assert set(np.unique(wrong["message"].values.astype(object))) == {
         "sweep: forearm.inertia is -1.0; expected a positive number."
     }
-    assert np.all(np.isnan(wrong["amplitude"].values))
+    assert np.all(np.isnan(wrong["peak_to_peak"].values))
     right = found.isel({"forearm.inertia": [0, 2]})
     assert FAILED not in right["status"].values
     alone = sweep(SHORT, axes | {"forearm.inertia": [0.0465, 0.03]}, progress=False)
@@ -118,14 +118,14 @@ def test_predictions_beside_runs() -> None:
     cell = found.isel({"lock_pin.backlash": 1})
     stable = [c for c in epp.predict_limit_cycles(CASE) if c.stable]
     assert float(cell["predicted_frequency"]) == pytest.approx(stable[-1].frequency, rel=1e-12)
-    assert float(cell["predicted_amplitude_sensor_force"]) == pytest.approx(
-        stable[-1].peak_to_peak["sensor_force"] / 2, rel=1e-12
+    assert float(cell["predicted_peak_to_peak_sensor_force"]) == pytest.approx(
+        stable[-1].peak_to_peak["sensor_force"], rel=1e-12
     )
     assert float(cell["first_order_error_frequency"]) == pytest.approx(
         float(cell["predicted_frequency"] / cell["frequency"]) - 1.0
     )
-    assert found["amplitude_sensor_force"].attrs["units"] == "N"
-    assert np.isnan(found["first_order_error_amplitude"].values[0])
+    assert found["peak_to_peak_sensor_force"].attrs["units"] == "N"
+    assert np.isnan(found["first_order_error_peak_to_peak"].values[0])
 
 
 RELAY = epp.case("relay_deadzone")
@@ -144,7 +144,7 @@ def test_every_analysis_says_what_its_own_call_says(relays) -> None:
     assert relays["exact_stability"].values.tolist() == [2, 1]
     assert relays["exact_unstable_cycles"].values.tolist() == [1, 0]
     assert relays["exact_frequency"].values[0] == stable.frequency
-    assert relays["exact_amplitude"].values[0] == stable.peak_to_peak["x"] / 2
+    assert relays["exact_peak_to_peak"].values[0] == stable.peak_to_peak["x"]
     assert relays["exact_multiplier"].values[0] == pytest.approx(np.abs(stable.multipliers).max())
     assert 0 < relays["exact_multiplier"].values[0] < 1
     assert relays["predicted_outcome"].values.tolist() == [2, 1]

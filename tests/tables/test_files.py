@@ -65,7 +65,7 @@ def test_netcdf_of_a_prediction_has_one_row_a_cycle(tmp_path):
     export.write_result(prediction(), export.prediction_table, path)
     with xarray.open_dataset(path) as dataset:
         np.testing.assert_array_equal(dataset["stable"], [0.0, 1.0])
-        np.testing.assert_allclose(dataset["amplitude theta"], [1.0606, 3.0012])
+        np.testing.assert_allclose(dataset["fundamental amplitude theta"], [1.0606, 3.0012])
         assert dataset["frequency"].attrs["units"] == "Hz"
 
 

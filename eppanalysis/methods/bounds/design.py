@@ -18,6 +18,7 @@ import numpy as np
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
+from eppanalysis.limits import MARGIN
 from eppanalysis.methods.bounds.elasticity import elasticities, exact_elasticities, size_elasticities
 from eppanalysis.methods.bounds.exact import ExactBound, correct, farthest_turn, searched, turn_of
 from eppanalysis.methods.bounds.fold import Cycle
@@ -53,7 +54,7 @@ class Settings:
 
     exact: bool = True
     verify: bool = True
-    margin: float = 0.01
+    margin: float = MARGIN
     starts: int = 1000
     seed: int = _SEED
     allowed: Allowed | None = None
@@ -73,7 +74,7 @@ def design_bounds(
     own_run: bool = False,
     exact: bool = True,
     verify: bool = True,
-    margin: float = 0.01,
+    margin: float = MARGIN,
     starts: int = 1000,
     seed: int = _SEED,
     prove: bool = False,

@@ -14,6 +14,7 @@ import numpy as np
 from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
+from eppanalysis.limits import Limit, Printed
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.readable import count, percent, reasons, span, with_unit, words
 from eppanalysis.results import Brief, LimitCycle, Listing, Status
@@ -255,6 +256,12 @@ class BoundCell(Brief):
         return next((v for v in (self.exact, self.searched) if math.isfinite(v)), self.harmonic)
 
     @property
+    def printed(self) -> Limit:
+        """The bound as a limit that is printed: where it was tested, and where it is."""
+        how = {Known.BALANCED: "by harmonic balance", Known.SEARCHED: "by search"}.get(self.known, "exact")
+        return Limit(self.bound, self.sign < 0, self.safe_value, how)
+
+    @property
     def known(self) -> Known:
         """How the bound is known."""
         if math.isnan(self.bound):
@@ -328,6 +335,9 @@ class DesignBounds(Listing[BoundCell]):
         The largest stable cycle that is allowed; None where no cycle is allowed.
     not_covered : str
         What the bounds of a sampled loop do not cover, in a sentence; empty for other loops.
+    step : float or None
+        Step in which bounds are printed, rounded to their safe side, in the unit that people use; by default the
+        largest 1, 2 or 5 of a decimal place that gives away 2 % of the smallest at most.
     operating_point : OperatingPoint or None
         Where the case holds the external inputs; with a parameter that moves them, at the case's own value of it.
     """
@@ -343,6 +353,7 @@ class DesignBounds(Listing[BoundCell]):
     margin: float = _NAN
     allowed: Allowed | None = None
     not_covered: str = ""
+    step: float | None = None
 
     parts = "cells"
     in_json = "over limit units within allowed status not_covered cells operating_point provenance"
@@ -357,6 +368,11 @@ class DesignBounds(Listing[BoundCell]):
         if good and self.not_covered:
             return Status.INCOMPLETE
         return Status.CONVERGED if good else Status.UNDECIDED
+
+    @property
+    def printed(self) -> Printed:
+        """How its bounds are printed."""
+        return Printed.of([c.printed for c in self.cells], self.readable[self.limit], self.step)
 
     def array(self, name: str) -> Array:
         """The number called `name` of every cell, nan where it has none."""
@@ -411,7 +427,7 @@ class DesignBounds(Listing[BoundCell]):
             if any(c.finding.is_open for c in self.cells):  # what was not found is not said to be none
                 none = f"Undecided: no bound on {words(self.limit)} was found"
             return f"{none} for {at}. {why} {self.not_covered}".rstrip()
-        side = "below" if found[0].sign > 0 else "above"
+        side = " or ".join(name for name, sign in (("below", 1.0), ("above", -1.0)) if sign in {c.sign for c in found})
         verified = sum(c.verified for c in found)
         tested = f"{verified} of {count(len(found), 'bound')} verified by runs and orbits"
         # A picture shows in large letters what stands in front of the first semicolon.
@@ -427,7 +443,7 @@ class DesignBounds(Listing[BoundCell]):
         if self.not_covered:
             free = f"No {which} was found"
             orbits = f"a cycle was found just beyond {verified} of {count(len(found), 'bound')}"
-        limit = self._span(self.limit, [c.bound for c in found], "of", "in the range")
+        limit = self.printed.span([c.printed for c in found])
         return (
             f"{free} {side} a {words(self.limit)} {limit}, for {at}{doubt}; {orbits}{none}. {self.not_covered}"
         ).rstrip() + f" {self.in_theorems}".rstrip()
@@ -490,12 +506,14 @@ class DesignBounds(Listing[BoundCell]):
     def in_brief(self) -> pandas.DataFrame:
         """The bounds in the units that people use for both parameters."""
         (x_unit, x), (y_unit, y) = self.readable[self.over], self.readable[self.limit]
-        first, best = (with_unit(text, y_unit) for text in ("first order", f"bound on {words(self.limit)}"))
+        heads = ("first order", f"bound on {words(self.limit)}", "as computed")
+        first, best, computed = (with_unit(text, y_unit) for text in heads)
         rows = [
             {
                 with_unit(words(self.over), x_unit): x * c.value,
                 first: y * c.first_order,
-                best: y * c.bound,
+                best: self.printed.digits(c.printed),
+                computed: self.printed.figures(c.printed),
                 "verified": c.verified if c.finding is Finding.BOUND else None,
             }
             for c in self.cells

@@ -40,7 +40,7 @@ _SQUARE: dict[str, Any] = {"marker": "s", "color": GREY, "markerfacecolor": "non
 def plot_branch(
     branch: Branch, signal: str | None = None, at: float | None = None, given: Axes | None = None
 ) -> Figure:
-    """Bifurcation diagram: amplitude and frequency over the parameter; stable solid, unstable dashed.
+    """Bifurcation diagram: peak to peak and frequency over the parameter; stable solid, unstable dashed.
 
     Folds are filled diamonds, period doublings triangles, other special points open squares that are named where all
     are alike, simulated runs crosses on top. Parts of the range asked for that no branch covers are hatched, with the
@@ -53,7 +53,7 @@ def plot_branch(
     at : float, optional
         Value of the parameter that a dotted line marks [SI].
     given : matplotlib.axes.Axes, optional
-        Where to draw the amplitude; it and the frequency on a figure of its own by default.
+        Where to draw the peak to peak; it and the frequency on a figure of its own by default.
 
     Raises
     ------

@@ -9,16 +9,23 @@ import numpy as np
 
 from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array
+from eppanalysis.limits import Limit, Printed
 from eppanalysis.methods.continuation.cover import Gap, covered
 from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.steps import Point
-from eppanalysis.readable import count, listed, number, readable, span, words
+from eppanalysis.readable import count, listed, quantity, readable, words
 from eppanalysis.results import Brief, LimitCycle, Result, Status
 from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
+
+
+#: Where the cycles of a branch cease to exist.
+CEASES = (Change.FOLD, Change.TURNING, Change.INFINITE, Change.LINEAR)
+#: What is this near to a special point, relative to it and to the branch, is at it.
+_AT = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,15 +126,10 @@ class Branch(Result):
     def __str__(self) -> str:
         """Over which part of the range there are cycles, where they fold, and what the branches leave."""
         branches = (self, *self.others)
-        folds = [fold.value for one in branches for fold in one.folds]
+        folds = [one.place(fold) for one in branches for fold in one.folds]
         # A fold lies a little beyond the points beside it.
         parts = covered([np.append(one.points["value"], [fold.value for fold in one.folds]) for one in branches])
-        unit, factor = self.shown_in
-
-        def listed_at(found: list[float]) -> str:
-            return listed([f"{number(factor * value)} {unit}".rstrip() for value in found])
-
-        places = f", at {listed_at(folds)}" if folds else ""
+        places = f", at {listed(folds)}" if folds else ""
         known = f"; {count(len(folds), 'fold')}{places}"
         for kind, name in (
             (Change.INFINITE, "infinite period"),
@@ -135,13 +137,36 @@ class Branch(Result):
             (Change.CONTINUA, "continuum at each value, met"),
             (Change.LINEAR, "linear limit"),
         ):
-            found = [s.value for one in (self, *self.others) for s in one.special if s.kind is kind]
-            known += f"; {name} at {listed_at(found)}" if found else ""
+            found = [one.place(s) for one in branches for s in one.special if s.kind is kind]
+            known += f"; {name} at {listed(found)}" if found else ""
         left = f" {self.message}" if self.missing or not self.status.ok else ""
         if self.not_covered:
             known, left = "", f"{left} {self.not_covered}"
-        where = listed([span(part, self.unit, self.shown_in) for part in parts])
+        where = listed([self._span(*part) for part in parts])
         return f"Limit cycles exist for {words(self.parameter)} {where}{known}.{left}"
+
+    def place(self, special: SpecialPoint) -> str:
+        """Where a special point is; one at which cycles cease to exist is rounded to the side without them."""
+        printed = Printed(*self.shown_in)
+        if special.kind in CEASES:
+            return printed.computed(Limit(special.value, not self.lies_above(special)))
+        return quantity(special.value, self.unit, shown=self.shown_in)
+
+    def lies_above(self, special: SpecialPoint) -> bool:
+        """Whether the cycles beside a special point at which they cease to exist are at larger values."""
+        values = self.points["value"]
+        near = values[max(special.index - 1, 0) : special.index + 1] - special.value
+        beside = near[np.abs(near) > _AT * max(abs(special.value), np.ptp(values))]
+        return bool(np.mean(beside if beside.size else values - special.value) > 0.0)
+
+    def ends_of(self, low: float, high: float) -> tuple[str, str]:
+        """From where to where there are cycles, both ends rounded to the side without them."""
+        printed = Printed(*self.shown_in)
+        return printed.computed(Limit(low)), printed.computed(Limit(high, holds_above=True))
+
+    def _span(self, low: float, high: float) -> str:
+        first, last = self.ends_of(low, high)
+        return f"at {first}" if low == high else f"from {first} to {last}"
 
     def to_frame(self) -> pandas.DataFrame:
         """The orbits along the branch and then along the others, one a row, with what is special at each."""
@@ -169,5 +194,5 @@ class Branch(Result):
 
     @checked
     def plot(self, ax: Axes | None = None, signal: str | None = None, at: float | None = None) -> Axes:
-        """Amplitude and frequency against the parameter, with a dotted line at its value `at` [SI]."""
+        """Peak to peak and frequency against the parameter, with a dotted line at its value `at` [SI]."""
         return self.drawn("plot_branch", ax, signal, at)

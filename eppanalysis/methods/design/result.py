@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eppanalysis.arrays import Array
+from eppanalysis.limits import Limit, Printed
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.design.goal import Kept, Sense
@@ -209,10 +210,10 @@ class Design(Result):
         rule = "no limit cycle" if self.allowed is None else f"no stable limit cycle above {self.allowed}"
         if not best.feasible:
             return f"No design within these ranges has {rule}: {best.message}"
-        others = ", ".join(f"{words(n)} {self.text(n, v)}" for n, v in best.at.items() if n != self.objective)
+        others = ", ".join(f"{words(n)} {self.inside(best, n)}" for n in best.at if n != self.objective)
         where = f", at {others}" if others else ""
         kept = "".join(f" and a {k} {k.side}" for k in self.kept)
-        value = self.text(self.objective, self.value_of(best))
+        value = self.inside(best, self.objective)
         told = f"The {self.goal} {words(self.objective)} with {rule}{kept} is {value}{where}. {self._limits(best)}"
         if best.at_end:
             told += f" {best.at_end}."
@@ -220,6 +221,16 @@ class Design(Result):
         if len(self.tune) > 2:
             told += " It was found by going uphill from what first order proposes; a better one is not excluded."
         return f"{told} {self._tests(best)}"
+
+    def inside(self, found: Optimum, name: str) -> str:
+        """A tuned parameter or the objective at an optimum, rounded to the side on which there is no cycle."""
+        at = found.at.get(name, found.objective)
+        away = found.values.get(name, at) - at  # the design to be built is inside by the margin
+        unit, factor = self.readable[name]
+        up = away > 0 or (away == 0 and name == self.objective and self.goal is Sense.SMALLEST)
+        if away == 0 and name != self.objective:
+            return self.text(name, at)
+        return Printed(unit, factor).computed(Limit(at, up))
 
     def value_of(self, found: Optimum) -> float:
         """The objective of an optimum [SI]."""

@@ -35,9 +35,9 @@ _STABLE = ((BLUE, "-"), (GREEN, "-."), (DARK_SKY, ":"))
 
 
 def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None) -> Figure:
-    """Amplitude and phase of the output over the frequency, or the amplitude, of the input.
+    """Peak to peak and phase of the output over the frequency, or the amplitude, of the input.
 
-    The upper panel is half the peak-to-peak of the output, the lower one the phase of its component at the input's
+    The upper panel is the peak to peak of the output, the lower one the phase of its component at the input's
     frequency. Stable responses are solid, unstable ones dashed, first order is thin and dotted; folds are diamonds, and
     arrows show where the motion jumps to. Units are those that the case types.
     """
@@ -47,17 +47,17 @@ def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None)
     for branch in response.first_order:
         x = across * getattr(branch, response.over)
         thin: dict[str, Any] = {"color": "black", "linewidth": 1.0, "label": "first order", "zorder": 2.5}
-        upper.plot(x, 0.5 * factor * branch.peak_to_peak, ":", **thin)
+        upper.plot(x, factor * branch.peak_to_peak, ":", **thin)
         for lower in below:
             lower.plot(x, _phase(branch), ":", **thin)
     for branch in response.branches:
         x = across * getattr(branch, response.over)
-        _draw(upper, branch, x, 0.5 * factor * branch.peak_to_peak)
-        _mark(upper, branch, x, 0.5 * factor * branch.peak_to_peak)
+        _draw(upper, branch, x, factor * branch.peak_to_peak)
+        _mark(upper, branch, x, factor * branch.peak_to_peak)
         for lower in below:
             _draw(lower, branch, x, _phase(branch))
             _mark(lower, branch, x, _phase(branch))
-    upper.set_ylabel(with_unit(f"{words(response.output)}\nhalf peak to peak", shown))
+    upper.set_ylabel(with_unit(f"{words(response.output)}\npeak to peak", shown))
     for lower in below:
         lower.set_ylabel("phase at the input's\nfrequency [deg]")
     for panel in (upper, *below):

@@ -9,7 +9,8 @@ import numpy as np
 
 from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array
-from eppanalysis.readable import listed, number, quantity, words
+from eppanalysis.limits import Limit, Printed
+from eppanalysis.readable import listed, number, words
 from eppanalysis.results import Result, Status
 from eppanalysis.shown import frame_of
 
@@ -81,9 +82,10 @@ class ToleranceBound(Result):
     def __str__(self) -> str:
         """The bound in the worst case, beside the nominal one and those that hold with a probability."""
         side = "below" if self.sign > 0 else "above"
-        worst, nominal = (quantity(value, self.unit, shown=self.readable) for value in (self.worst_case, self.nominal))
+        printed = Printed(*self.readable)
+        worst, nominal = (printed.computed(Limit(value, self.sign < 0)) for value in (self.worst_case, self.nominal))
         shares = [
-            f"{side} {quantity(q.value, self.unit, shown=self.readable)} in {number(100 * q.probability)} %"
+            f"{side} {printed.computed(Limit(q.value, self.sign < 0))} in {number(100 * q.probability)} %"
             for q in self.quantiles
             if np.isfinite(q.value)
         ]

@@ -1,0 +1,71 @@
+"""What to ask next of what a diagnosis names, each question with the command that answers it as it is printed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from eppanalysis.cases import Case
+from eppanalysis.cases.command_line import Asking
+from eppanalysis.diagnose.record import Oscillation, waveform
+from eppanalysis.diagnose.result import DISTURBANCE, LINEAR, OWN, Explanation
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.subject import CaseLike
+from eppanalysis.readable import DIGITS, number, readable, written
+
+#: Points of a period on which a waveform is measured.
+_POINTS = 400
+
+
+def question(
+    case: LureSystem | CaseLike, e: Explanation, found: Oscillation, units: Mapping[str, str], size: float
+) -> str:
+    """What to ask next of a candidate that is named; empty where nothing is.
+
+    Parameters
+    ----------
+    size : float
+        Amplitude of a disturbance, as it explains the record [SI].
+    """
+    asking = Asking.of(case) if isinstance(case, Case) else None
+    if e.name == DISTURBANCE:
+        return _of_disturbance(asking, e, found, size)
+    if e.name == LINEAR:
+        asked = (asking and asking.command("margins")) or f"epp.margins({'case' if asking else 'loop'})"
+        return f"How far the gain is from its limit: {asked}"
+    if asking is None:
+        return ""
+    if e.name == OWN:
+        return next((f"How far {n} must go for it to end: {q}" for n in asking.over if (q := asking.bounds(n))), "")
+    if not (e.parameter and e.over):
+        return ""
+    if not e.in_proportion:
+        asked = asking.bounds(e.parameter, e.over)
+        return f"How large {e.parameter} may be beside the model's other elements: {asked}"
+    half = _half(found, units)
+    asked = asking.bounds(e.parameter, e.over, "--allow", half) if asking.words else ""
+    asked = asked or f"{asking.bounds(e.parameter, e.over).removesuffix(')')}, allow={half!r})"
+    return f"How large {e.parameter} may be for an oscillation of half the size ({half} peak to peak): {asked}"
+
+
+def _half(found: Oscillation, units: Mapping[str, str]) -> str:
+    """Half of the first recorded signal's oscillation, as what is allowed is written."""
+    name = found.names[0]
+    shape = waveform(found, found.harmonics[0], np.linspace(0.0, found.period, _POINTS))
+    unit = units.get(name, "")
+    return f"{name} {number(0.5 * readable(unit)[1] * float(np.ptp(shape)), DIGITS - 1)} {written(unit)}".rstrip()
+
+
+def _of_disturbance(asking: Asking | None, e: Explanation, found: Oscillation, size: float) -> str:
+    place = e.note.removeprefix("comes in at ")
+    if place.startswith("behind ") or not np.isfinite(size):
+        return f"How the loop answers what {e.note}"
+    rate = found.omega / (2.0 * np.pi)
+    sine = (f"{size:.{DIGITS}g}", f"{rate:.{DIGITS}g}")
+    asked = (
+        asking.command("response", "--input", place, "--amplitude", sine[0], "--frequency", sine[1]) if asking else ""
+    )
+    subject = "case" if asking else "loop"
+    asked = asked or f"epp.forced_response({subject}, {place!r}, amplitude={sine[0]}, frequency={sine[1]})"
+    return f"How the loop answers what {e.note}: {asked}"
