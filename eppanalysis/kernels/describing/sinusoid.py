@@ -1,9 +1,9 @@
 """Compiled: the describing function of any automaton by quadrature, its switches located.
 
 The input is ``b + a sin(phi)``; peaks stand on the grid of phases, between which guards on the input alone are
-monotone. Within a step the first guard that rises is located by bisection, and the output is integrated on either side
-by Gauss's rule of four points, in as many panels as smooth functions need. Periods follow each
-other until what the element remembers repeats.
+monotone. Within a step the first guard that rises is located, and the output is integrated on either side: in closed
+form where it is affine in a sinusoid, else by Gauss's rule of four points, in as many panels as smooth functions need.
+Periods follow each other until what the element remembers repeats.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from eppanalysis.kernels.simd.tuples import by_address
 
 #: Steps in a period (a multiple of four), most periods, most events in a step.
 STEPS, PERIODS, MOST_EVENTS = 64, 6, 64
+#: Steps after which periods are counted: what starts at a phase switches there, and a turn later to rounding.
+RUN_IN = 11
 #: Change of memory over a period, relative to it and the input, of an answer that repeats itself, rounding aside.
 REPEATS = 1e-9
 _PLACE, _WEIGHT = np.polynomial.legendre.leggauss(4)
@@ -104,6 +106,48 @@ def _guard(rules, g, mode, a, b, omega, phi, memory, z, rate, w):
 
 
 @njit(**PART)
+def _output_wave(rules, mode, i, a, b, omega, memory):
+    """An output without smooth functions as ``level + sine sin(phi) + cosine cos(phi)``."""
+    level = rules.constant[mode, i] + rules.from_input[mode, i, 0] * b
+    sine, cosine = rules.from_input[mode, i, 0] * a, 0.0
+    if rules.from_input.shape[2] > 1:
+        cosine = rules.from_input[mode, i, 1] * a * omega
+    for j in range(memory.size):
+        level += rules.from_memory[mode, i, j] * memory[j]
+    return level, sine, cosine
+
+
+@njit(**PART)
+def _guard_wave(rules, g, mode, a, b, omega, memory):
+    """A guard as ``level + sine sin(phi) + cosine cos(phi)``; not a number where a smooth function acts on it."""
+    level = rules.guard_constant[g] + rules.on_input[g, 0] * b
+    sine, cosine = rules.on_input[g, 0] * a, rules.on_rate[g, 0] * a * omega
+    if rules.on_input.shape[1] > 1:
+        cosine += rules.on_input[g, 1] * a * omega
+        sine -= rules.on_rate[g, 1] * a * omega * omega
+    for j in range(memory.size):
+        level += rules.on_memory[g, j] * memory[j]
+    for i in range(rules.constant.shape[1]):
+        share = rules.on_output[g, i]
+        if share != 0.0:
+            for j in range(rules.smooth_kind.size):
+                if rules.from_smooth[mode, i, j] != 0.0:
+                    return math.nan, math.nan, math.nan
+            more = _output_wave(rules, mode, i, a, b, omega, memory)
+            level, sine, cosine = level + share * more[0], sine + share * more[1], cosine + share * more[2]
+    return level, sine, cosine
+
+
+@njit(**PART)
+def _rise(level, sine, cosine, low, high):
+    """Where ``level + sine sin(phi) + cosine cos(phi)`` rises through zero, which it does between two phases."""
+    turned = math.atan2(cosine, sine)
+    phi = math.asin(min(max(-level / math.hypot(sine, cosine), -1.0), 1.0)) - turned
+    phi += 2.0 * math.pi * math.floor((0.5 * (low + high) - phi) / (2.0 * math.pi) + 0.5)
+    return min(max(phi, low), high)
+
+
+@njit(**PART)
 def _next_event(rules, mode, a, b, omega, low, high, memory, z, rate, w):
     """The guard of a mode that rises first in a step, and the phase behind its rise; -1 for none."""
     best, where = -1, high
@@ -115,6 +159,19 @@ def _next_event(rules, mode, a, b, omega, low, high, memory, z, rate, w):
         left, right = low, where
         if _guard(rules, g, mode, a, b, omega, low, memory, z, rate, w) > 0.0:
             right = low
+        level, sine, cosine = _guard_wave(rules, g, mode, a, b, omega, memory)
+        if right > left and abs(sine) + abs(cosine) > 0.0:
+            # An arc sine says where a sinusoid is zero, but for its last digits: these are bisected.
+            near, reach = _rise(level, sine, cosine, left, right), 4e-16 * (1.0 + abs(right))
+            while near + reach < right:
+                if _guard(rules, g, mode, a, b, omega, near + reach, memory, z, rate, w) > 0.0:
+                    right = near + reach
+                reach *= 4.0
+            reach = 4e-16 * (1.0 + abs(right))
+            while near - reach > left:
+                if not _guard(rules, g, mode, a, b, omega, near - reach, memory, z, rate, w) > 0.0:
+                    left = near - reach
+                reach *= 4.0
         while right - left > 4e-16 * (1.0 + abs(right)):
             middle = 0.5 * (left + right)
             if middle <= left or middle >= right:
@@ -136,23 +193,37 @@ def _panel(rules, mode, a, b, omega, low, high, memory, z, rate, w, total):
         weight = 0.5 * (high - low) * _WEIGHT[k]
         _inputs(a, b, omega, phi, z, rate)
         _outputs(rules, mode, z, memory, w)
+        sine, cosine = math.sin(phi), math.cos(phi)
         for i in range(w.size):
             total[0, i] += weight * w[i]
-            total[1, i] += weight * w[i] * math.sin(phi)
-            total[2, i] += weight * w[i] * math.cos(phi)
+            total[1, i] += weight * w[i] * sine
+            total[2, i] += weight * w[i] * cosine
             largest = max(largest, abs(w[i]))
     return largest
+
+
+@njit(**PART)
+def _add_waves(rules, mode, a, b, omega, low, high, memory, total):
+    """Add the integrals of outputs, these times sine and times cosine, that are affine in a sinusoid."""
+    width, s_low, c_low, s_high, c_high = high - low, math.sin(low), math.cos(low), math.sin(high), math.cos(high)
+    of_sine, of_cosine = c_low - c_high, s_high - s_low
+    both, turned = 0.5 * (s_high * s_high - s_low * s_low), 0.5 * (s_high * c_high - s_low * c_low)
+    for i in range(total.shape[1]):
+        level, sine, cosine = _output_wave(rules, mode, i, a, b, omega, memory)
+        total[0, i] += level * width + sine * of_sine + cosine * of_cosine
+        total[1, i] += level * of_sine + sine * (0.5 * width - turned) + cosine * both
+        total[2, i] += level * of_cosine + sine * both + cosine * (0.5 * width + turned)
 
 
 @njit(**PART)
 def _integrate(rules, mode, a, b, omega, low, high, memory, z, rate, w, total, once, twice):
     """Add the integrals of output, output times sine and times cosine from phase to phase, shape (3, w).
 
-    One panel is exact to rounding where the output is affine in a sinusoid. Smooth functions may vary within a small
-    part of a step: there panels are halved until two halves give what the whole gives, and grow again behind.
+    Those of an output that is affine in a sinusoid are closed forms. Smooth functions may vary within a small part of a
+    step: their panels are halved until two halves give what the whole gives, and grow again behind.
     """
     if rules.smooth_kind.size == 0:
-        _panel(rules, mode, a, b, omega, low, high, memory, z, rate, w, total)
+        _add_waves(rules, mode, a, b, omega, low, high, memory, total)
         return
     left, width = low, high - low
     while left < high:
@@ -189,23 +260,23 @@ def _write(rules, g, a, b, omega, phi, z, rate, memory, before):
 
 
 @njit(**PART)
-def _period(rules, mode, a, b, omega, memory, z, rate, w, before, total, once, twice):
-    """Integrals over one period into `total`, (3, w); returns the mode at its end, -1 where switches never end."""
+def _steps(rules, mode, a, b, omega, first, last, memory, z, rate, w, before, total, once, twice):
+    """Integrals over some steps into `total`, (3, w); the mode at their end, -1 where switches never end, and these."""
     total[:, :] = 0.0
-    step = 2.0 * math.pi / STEPS
-    for i in range(STEPS):
+    step, switches = 2.0 * math.pi / STEPS, 0
+    for i in range(first, last):
         phi, stop = i * step, (i + 1) * step
         for events in range(MOST_EVENTS + 1):
             if events == MOST_EVENTS:
-                return -1
+                return -1, switches
             g, where = _next_event(rules, mode, a, b, omega, phi, stop, memory, z, rate, w)
             _integrate(rules, mode, a, b, omega, phi, where, memory, z, rate, w, total, once, twice)
             if g < 0:
                 break
             phi = where
             _write(rules, g, a, b, omega, phi, z, rate, memory, before)
-            mode = rules.target[g]
-    return mode
+            mode, switches = rules.target[g], switches + 1
+    return mode, switches
 
 
 @njit(**KERNEL)
@@ -220,16 +291,23 @@ def describe(rules, start_mode, a, b, omega, mean, gain):
     for p in range(a.size):
         mode, repeats = start_mode, False
         fill(memory, rules.start)
+        given = (a[p], b[p], omega[p])
+        mode, _ = _steps(rules, mode, *given, 0, RUN_IN, memory, z, rate, w, before, total, once, twice)
         for _ in range(PERIODS):
+            if mode < 0:
+                break
             first = mode
             fill(begin, memory)
-            mode = _period(rules, mode, a[p], b[p], omega[p], memory, z, rate, w, before, total, once, twice)
+            ends = (RUN_IN, RUN_IN + STEPS)
+            mode, switches = _steps(rules, mode, *given, *ends, memory, z, rate, w, before, total, once, twice)
             # The integrals are those of the last period: of an answer that has not come back they would be of one turn.
             same = repeats = mode >= 0 and mode == first
             for h in range(n_h):
                 moved, size = abs(memory[h] - begin[h]), abs(memory[h]) + a[p]
-                same, repeats = same and moved <= 1e-14 * size, repeats and moved <= REPEATS * (size + abs(b[p]))
-            if same or mode < 0:
+                # Each switch is where it is to rounding, and so is what it writes.
+                same = same and moved <= 1e-14 * size * (1 + switches)
+                repeats = repeats and moved <= REPEATS * (size + abs(b[p]))
+            if same:
                 break
         for i in range(n_w):
             mean[p, i] = total[0, i] / (2.0 * math.pi) if repeats else math.nan
