@@ -6,9 +6,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eppanalysis.engine._engine import lines_before, rounding_of_motion, run, run_cells, spans, verdict_of_run
+from eppanalysis.engine._engine import (
+    ALWAYS,
+    lines_before,
+    rounding_of_motion,
+    run,
+    run_cells,
+    spans,
+    verdict_of_run,
+)
 
 __all__ = [
+    "ALWAYS",
     "CYCLE",
     "GROWS",
     "SAMPLES",

@@ -254,7 +254,7 @@ def _stick_slip(balance: Balance) -> Iterator[str]:
 
 def _is_dragged(balance: Balance, element: int) -> bool:
     """Whether no mean force holds an element's input at zero: what moves under it, a belt or a disc, goes on."""
-    others = np.hstack([balance.on_bias[:, balance.owner != element], balance.on_mean])
+    others = np.hstack([np.delete(balance.on_bias, element, axis=1), balance.on_mean])
     left = balance.prescribed - others @ np.linalg.lstsq(others, balance.prescribed)[0]
     return bool(np.abs(left).max(initial=0.0) > _UNDAMPED * np.abs(balance.prescribed).max(initial=0.0))
 
@@ -263,16 +263,18 @@ def _winds_up(balance: Balance, element: int) -> bool:
     """Whether the force that holds an element's input at rest grows without end.
 
     It does where the response from the force to the input falls at least as ``s**2`` towards ``s = 0``: one zero there
-    is that of a speed, the others are the loop's integrators.
+    is that of a speed, the others are the loop's integrators. Those of a law whose integrator is held at a limit are
+    there within the limits alone: the others are what they are at rest, or in large motions.
     """
-    return _slow_slope(balance, element) > 1.5
+    return any(_slow_slope(balance, element, gains) > 1.5 for gains in (_large_gains(balance), _steepest(balance)))
 
 
 def _drift(balance: Balance) -> Iterator[str]:
     """On-off elements with a dead zone through which the loop drifts undamped, at whatever speed it has."""
     system = balance.system
     off = {i: levels for i, e in enumerate(system.elements) if (levels := _levels_beside_off(e))}
-    if not off or np.any(balance.prescribed) or not all(_slow_slope(balance, i, tuple(off)) < -1.5 for i in off):
+    idle = np.where(np.isin(balance.owner, [*off])[:, None], 0.0, _large_gains(balance))
+    if not off or np.any(balance.prescribed) or not all(_slow_slope(balance, i, idle) < -1.5 for i in off):
         return
     # Levels of one side each turn a drift about together.
     first = next(iter(off))
@@ -333,7 +335,8 @@ def _locked(balance: Balance, points: Sequence[Point]) -> Iterator[str]:
 def _misses_between_samples(balance: Balance, element: int, bias: float, n: int) -> float:
     """How far the loop gain is from one, in logarithms, for sines of n samples a turn at their best phase and size."""
     system = balance.system
-    e, L = system.elements[element], _response(balance, element, 2.0 * np.pi / (n * float(system.time_step or 1.0)))
+    e, omega = system.elements[element], 2.0 * np.pi / (n * float(system.time_step or 1.0))
+    L = _response(balance, element, omega, _large_gains(balance))
     sizes = e.thresholds(bias)
     sizes = sizes[np.isfinite(sizes)][:6, None] * _SIZES
     if not sizes.size:
@@ -348,12 +351,12 @@ def _misses_between_samples(balance: Balance, element: int, bias: float, n: int)
     return float(np.abs(np.log(np.where(gain * L == 0.0, 1e-300, gain * L))).min())
 
 
-def _slow_slope(balance: Balance, element: int, off: tuple[int, ...] = ()) -> float:
+def _slow_slope(balance: Balance, element: int, gains: ComplexArray) -> float:
     """Power of s with which the response from an element's output to its input begins at ``s = 0``; zero if unknown."""
     if balance.system.time_step:
         return 0.0
     slow = np.array([1e-5, 1e-4]) * _slowest(balance.system, element)
-    size = np.array([abs(_response(balance, element, w, off)) for w in slow])
+    size = np.array([abs(_response(balance, element, w, gains)) for w in slow])
     return float(np.log10(size[1] / size[0])) if np.all(size > 0) else 0.0
 
 
@@ -367,15 +370,28 @@ def _slowest(system: LureSystem, element: int) -> float:
     return float(scales.min()) if scales.size else 1.0
 
 
-def _response(balance: Balance, element: int, omega: float, off: tuple[int, ...] = ()) -> complex:
-    """From an element's output to its input, the loop closed by gains of the others (which ones does not matter).
+def _response(balance: Balance, element: int, omega: float, gains: ComplexArray) -> complex:
+    """From an element's output to its input, the loop closed by gains (nw, nz) of the others."""
+    mine = balance.owner == element
+    G = balance.system.frequency_response(np.array([omega]))[0]
+    others = np.where(mine[:, None], 0.0, gains)
+    closed = np.linalg.solve(np.eye(len(G)) - G @ others, G[:, mine].sum(1))
+    return complex(closed[balance.rows[element]])
 
-    Those that are `off` have none.
-    """
-    mine, silent = balance.owner == element, np.isin(balance.owner, [element, *off])
-    L = balance.linear(np.array([omega]))[0]
+
+def _large_gains(balance: Balance) -> ComplexArray:
+    """Gains (nw, nz) from the first inputs of all elements in motions twice as large as their thresholds."""
     spans = [np.abs(np.asarray(e.thresholds(), float)).max(initial=0.0) or 1.0 for e in balance.system.elements]
     gain = np.nan_to_num(balance.evaluate(2.0 * np.array([spans]), np.zeros((1, balance.m)), np.ones(1))[1][0])
-    selector = (balance.owner[:, None] == np.arange(balance.m)) * np.where(silent, 0.0, gain)[:, None]
-    closed = np.linalg.solve(np.eye(balance.m) - L @ selector, L[:, mine].sum(1))
-    return complex(closed[element])
+    gains = np.zeros((balance.owner.size, balance.system.C.shape[0]), complex)
+    gains[np.arange(balance.owner.size), balance.rows[balance.owner]] = gain
+    return gains
+
+
+def _steepest(balance: Balance) -> ComplexArray:
+    """The same of motions that are small, as margins have them; where these have none, those of large ones."""
+    gains, system = _large_gains(balance), balance.system
+    for e, z, w in zip(system.elements, system.input_slices, system.output_slices, strict=True):
+        if np.all(np.isfinite(small := e.linear_gain())):
+            gains[w, z] = small
+    return gains

@@ -28,7 +28,8 @@ from eppanalysis.methods.describing.quality import Point, point, stability
 from eppanalysis.methods.describing.search import Found, is_one_loop, search_one
 from eppanalysis.methods.harmonic.averaged import left_out, locking, of_samples
 from eppanalysis.methods.harmonic.loop import role_of_input
-from eppanalysis.methods.margins.margins import margins
+from eppanalysis.methods.margins.margins import margins, places_of
+from eppanalysis.methods.margins.result import Margins
 from eppanalysis.methods.simulation.states import Part, parts_apart, without_held_states
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state, static_balance
@@ -106,7 +107,7 @@ def _of_parts(own: LureSystem, at: OperatingPoint, parts: Sequence[tuple[Part, L
         on_grid=any(found.on_grid for found in each),
         unseen=partial(_unseen_of_parts, apart, each),
         curves=max(each, key=len).curves,
-        margins=Deferred(lambda: margins(replace(own, v0=at.vector(own))).summary()),
+        margins=Deferred(partial(_of_small_signals, own, at)),
         provenance=_made_by(own, at),
         operating_point=at,
     )
@@ -130,9 +131,6 @@ def _of_one(own: LureSystem, at: OperatingPoint) -> Prediction:
         else:
             curves = Deferred(partial(loop_gain_curves, balance, found, points, cycles))
 
-    def of_small_signals() -> dict[str, Any]:
-        return margins(replace(own, v0=at.vector(own))).summary()
-
     return Prediction(
         cycles=cycles,
         status=Status.CONVERGED if found.complete else Status.INCOMPLETE,
@@ -140,10 +138,19 @@ def _of_one(own: LureSystem, at: OperatingPoint) -> Prediction:
         on_grid=found.on_grid,
         unseen=partial(_unseen, *asked, cycles),
         curves=curves,
-        margins={} if isinstance(own, DataSystem) else Deferred(of_small_signals),
+        margins={} if isinstance(own, DataSystem) else Deferred(partial(_of_small_signals, own, at)),
         provenance=_made_by(own, at),
         operating_point=at,
     )
+
+
+def _of_small_signals(own: LureSystem, at: OperatingPoint) -> dict[str, Any]:
+    """The margins of the linearised loop; where they cannot be taken, why."""
+    loop = replace(own, v0=at.vector(own))
+    try:
+        return margins(loop).summary()
+    except ModelError as refused:
+        return Margins(places_of(loop)[0], Status.INCOMPLETE, (), str(refused)).summary()
 
 
 def predicted_cycles(system: LureSystem | CaseLike, operating_point: PointLike | None = None) -> tuple[LimitCycle, ...]:

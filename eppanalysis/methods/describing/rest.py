@@ -36,17 +36,13 @@ def _no_rest_together(balance: Balance) -> Iterator[str]:
     system, static = balance.system, balance.static
     if balance.m < 2:
         return
-    held = {i: levels for i in range(balance.m) if (levels := _held(balance, i))}
+    held = {i: levels for i in range(balance.m) if (levels := _held(balance, i)) is not None}
     if len(held) < 2 or np.prod([len(levels) for levels in held.values()]) > _MOST_TOGETHER:
         return
     mine = [system.output_slices[i].start for i in held]
     rows = without(np.hstack([np.delete(static.on_bias, [*held], 1), np.delete(static.on_mean, mine, 1)]))
-    on_bias, on_mean, asked = (
-        rows @ static.on_bias[:, [*held]],
-        rows @ static.on_mean[:, mine],
-        rows @ static.prescribed,
-    )
-    if not any(_stands(on_bias, on_mean, asked, levels) for levels in product(*held.values())):
+    columns = np.hstack([static.on_bias[:, [*held]], static.on_mean[:, mine]])
+    if not any(_stands(rows, columns, static.prescribed, levels) for levels in product(*held.values())):
         names = listed([system.element_names[i] for i in held])
         yield (
             f"The loop has no state of rest: at none of their levels do {names} hold it still together; it keeps "
@@ -54,43 +50,55 @@ def _no_rest_together(balance: Balance) -> Iterator[str]:
         )
 
 
-def _held(balance: Balance, element: int) -> list[tuple[tuple[float, float], tuple[float, float]]]:
-    """Where an element between constant levels stays, ranges of its input and its output; nothing of any other."""
+def _held(balance: Balance, element: int) -> list[tuple[tuple[float, float], tuple[float, float]]] | None:
+    """Where an element between constant levels stays, ranges of its input and its output; None for any other."""
     e = balance.system.elements[element]
     a = e.automaton()
     modes, guards = a.mode_columns, a.guard_columns
     follows = any(np.any(modes[name]) for name in ("from_input", "from_memory", "from_smooth"))
     many = len(a.modes) > _MOST_TOGETHER
     if (a.n_inputs, a.n_outputs, a.n_memory) != (1, 1, 0) or follows or not a.guards or many:
-        return []
+        return None
     stays = []
-    for k in np.flatnonzero(~modes["sticking"]):
-        level, own = float(modes["constant"][k, 0]), guards["mode"] == k
-        turn, rest = guards["on_input"][own, 0], guards["constant"][own] + guards["on_output"][own, 0] * level
-        edges = -rest[turn != 0.0] / turn[turn != 0.0]
-        above = edges[turn[turn != 0.0] > 0].min(initial=np.inf)
-        stays.append(((float(edges[turn[turn != 0.0] < 0].max(initial=-np.inf)), float(above)), (level, level)))
-    # On an edge to which the loop pulls it back from either side it may slide, or switch ever faster, and give anything
-    # between.
-    for edge, jump, below in zip(e.breakpoints, e.jumps, e.intercepts, strict=False):
-        if jump and _pulled_back(balance, element, float(jump)):
-            stays.append(((float(edge),) * 2, (float(min(below, below + jump)), float(max(below, below + jump)))))
+    for k, (sticks, edge, jump, level) in enumerate(
+        zip(modes["sticking"], modes["level"], modes["jump"], modes["constant"][:, 0], strict=True)
+    ):
+        own = guards["mode"] == k
+        of_input, of_output, rest = guards["on_input"][own, 0], guards["on_output"][own, 0], guards["constant"][own]
+        # One that sticks keeps its input and gives what the loop asks for; another one keeps its output.
+        if not sticks:
+            stays += [(inputs, (float(level),) * 2) for inputs in _between(of_input, rest + of_output * level)]
+        elif _pulled_back(balance, element, float(jump)):
+            stays += [((float(edge),) * 2, outputs) for outputs in _between(of_output, rest + of_input * edge)]
     return stays
 
 
-def _stands(on_bias: Array, on_mean: Array, asked: Array, levels: Sequence[tuple[Any, Any]]) -> bool:
-    """Whether a static balance can be met with inputs and outputs within ranges."""
+def _between(weight: Array, constant: Array) -> Iterator[tuple[float, float]]:
+    """The range of a value at which no ``weight value + constant`` is above zero; nothing where there is none."""
+    turns = weight != 0.0
+    edges, rises = -constant[turns] / weight[turns], weight[turns] > 0.0
+    low, high = float(edges[~rises].max(initial=-np.inf)), float(edges[rises].min(initial=np.inf))
+    if low <= high and not np.any(constant[~turns] > 0.0):
+        yield low, high
+
+
+def _stands(rows: Array, columns: Array, prescribed: Array, levels: Sequence[tuple[Any, Any]]) -> bool:
+    """Whether combinations of static balances, as rows, can be met with inputs and outputs within ranges."""
     from scipy.optimize import lsq_linear
 
-    ranges = np.array([r for part in zip(*levels, strict=True) for r in part])
-    columns, (low, high) = np.hstack([on_bias, on_mean]), ranges.T
-    size = np.abs(columns) @ np.where(np.isfinite(ranges), np.abs(ranges), 0.0).max(1) + np.abs(asked)
-    fixed = low == high
-    rest = asked - columns[:, fixed] @ low[fixed]
-    if np.any(~fixed):
-        free = columns[:, ~fixed]
-        rest = rest - free @ lsq_linear(free, rest, (low[~fixed], high[~fixed])).x
-    return bool(np.all(np.abs(rest) <= BALANCED * size))
+    low, high = np.array([r for part in zip(*levels, strict=True) for r in part]).T
+    terms = np.abs(rows) @ np.abs(columns)
+    # What cancels in a combination leaves rounding, which no open range may make up for.
+    left, value = np.where(np.abs(rows @ columns) > BALANCED * terms, rows @ columns, 0.0), low.copy()
+    if np.any(free := low < high):
+        unit = np.abs(left[:, free]).max(0, initial=0.0)
+        unit[unit == 0.0] = 1.0
+        rest = rows @ prescribed - left[:, ~free] @ low[~free]
+        value[free] = (
+            lsq_linear(left[:, free] / unit, rest, (low[free] * unit, high[free] * unit), method="bvls").x / unit
+        )
+    size = terms @ np.abs(value) + np.abs(rows) @ np.abs(prescribed)
+    return bool(np.all(np.abs(left @ value - rows @ prescribed) <= BALANCED * size))
 
 
 def _no_rest_of_one(balance: Balance) -> Iterator[str]:

@@ -231,7 +231,7 @@ def _begin(hybrid: HybridSystem, workspace: Workspace, modes: IntArray) -> None:
 
 def _write_past(hybrid: HybridSystem, workspace: Workspace, past: Array) -> None:
     """What delayed outputs (lines,) have been until the start, where the engine reads what it has put out itself."""
-    from eppanalysis.kernels.engine.delays import ALWAYS
+    from eppanalysis.engine.runs import ALWAYS
 
     lines = np.flatnonzero(hybrid.model.smooth_kind == DELAY_LINE)
     workspace.line_t[lines, 0], workspace.line_h[lines, 0] = (-ALWAYS, 0.0), 2.0 * ALWAYS

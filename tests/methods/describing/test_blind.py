@@ -56,6 +56,59 @@ def test_friction_on_what_moves_is_said_to_judder(speed, static, judders):
     assert (epp.simulate(loop, t_end=100.0).limit_cycle is not None) == judders
 
 
+def positioned(controller, friction: epp.Nonlinearity, belt: float = 0.0, stiffness: float = 0.8) -> LureSystem:
+    """A mass on a spring, positioned against friction with the ground or a belt by any controller."""
+    parts = {
+        "controller": controller,
+        "mass": epp.blocks.Mass(mass=1.0, damping=0.2, stiffness=stiffness),
+        "friction": friction,
+        "ref": epp.blocks.Constant(value=1.0),
+        "belt": epp.blocks.Constant(value=belt),
+    }
+    connect = [
+        "ref - mass.position -> controller",
+        "controller - friction -> mass.force",
+        "mass.speed - belt -> friction",
+    ]
+    return epp.Diagram(parts=parts, connect=connect).to_system()
+
+
+LIMITED = {
+    "saturated PI": lambda: epp.AntiWindupPID(kp=5.0, ki=1.0, tracking_time=0.25, lower=-1.7, upper=1.7),
+    "saturated PID": lambda: epp.AntiWindupPID(
+        kp=5.0, ki=1.0, tracking_time=0.25, lower=-1.7, upper=1.7, kd=0.9, filter_time=0.02
+    ),
+    "clamped PI": lambda: epp.ClampedPID(kp=5.0, ki=1.0, lower=-1.7, upper=1.7),
+    "clamped PID": lambda: epp.ClampedPID(kp=5.0, ki=1.0, lower=-1.7, upper=1.7, kd=0.9, filter_time=0.02),
+}
+STICKY = [Friction(0.38, static=0.6), epp.StribeckFriction(0.38, 0.6, 0.1)]
+
+
+@pytest.mark.parametrize("law", LIMITED)
+@pytest.mark.parametrize("friction", STICKY, ids=["static", "Stribeck"])
+def test_friction_hunts_under_a_limited_law_as_under_one_without_limits(law, friction):
+    """What keeps an integrator at the limits does not act within them, where the friction sticks."""
+    (plain,) = predict_limit_cycles(positioned(epp.blocks.PI(kp=5.0, ti=5.0), friction)).warnings
+    (limited,) = predict_limit_cycles(positioned(LIMITED[law](), friction)).warnings
+    assert limited == plain and "integral action does not let it stick" in limited
+    assert predict_limit_cycles(positioned(LIMITED[law](), Friction(0.38))).warnings == ()
+
+
+@pytest.mark.parametrize("law", ["saturated PI", "clamped PI"])
+def test_the_hunting_that_is_warned_of_is_there(law):
+    assert epp.simulate(positioned(LIMITED[law](), STICKY[0]), t_end=600.0).limit_cycle is not None
+
+
+@pytest.mark.parametrize("law", [*LIMITED, "P"])
+@pytest.mark.parametrize("friction", STICKY, ids=["static", "Stribeck"])
+def test_friction_beside_elements_of_several_outputs_is_dragged_by_a_belt(law, friction):
+    """One input and one balance an element, however many outputs it has."""
+    controller = LIMITED[law]() if law in LIMITED else epp.blocks.Gain(gain=5.0)
+    on_belt = predict_limit_cycles(positioned(controller, friction, belt=0.01)).warnings
+    assert sum("sticks" in w for w in on_belt) == 1
+    assert sum("sticks" in w for w in predict_limit_cycles(positioned(controller, friction)).warnings) == (law != "P")
+
+
 def test_stick_slip_is_seen_through_the_rest_of_a_servo():
     """The same behind a gear with play and an encoder: what the other elements do does not hide the integrator."""
     a = [[0, 1, 0, 0, 0], [0, -62.5, 0, 0, 2500.0], [0, 0, 0, 1, 0], [0, 0, 0, -2.0, 0], [0, 0, 0, 0, 0]]

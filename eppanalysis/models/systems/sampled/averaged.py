@@ -202,7 +202,9 @@ def _cuts(p: Places, forms: Forms, read: Reads) -> Cuts:
         rows[i], F[i] = whole.D_now[j] @ on_read, whole.D_now[j] @ into[:, i]
         rows[i, len(p.plant) : n] += whole.C_now[j]
     for i, j in taken.items():
-        rows[i], F[i] = on_read[j], into[j, i] - 1.0
+        # What one controller puts out and another one reads alone is cut at the first.
+        if i not in sent:
+            rows[i], F[i] = on_read[j], into[j, i] - 1.0
     return Cuts(
         places.names,
         B=np.vstack([places.B[p.plant] * kept, whole.B @ into + whole.B_out @ out]),
