@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.resources import files as package_files
 from pathlib import Path
 from typing import Any
 
@@ -143,7 +142,7 @@ def shipped_cases_folder() -> Path:
     CaseError
         If neither is there.
     """
-    package = Path(str(package_files("eppanalysis")))
+    package = Path(__file__).parents[1]
     inside, beside = package / "cases" / "shipped", package.parent / "cases"
     for folder in (inside, beside):
         if folder.is_dir():
