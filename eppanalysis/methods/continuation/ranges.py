@@ -50,5 +50,9 @@ def _ranges(orbit: Orbit, Y: Array, Ys: Array) -> tuple[Array, Array]:
     from eppanalysis.engine.orbits import extents
 
     arcs, low, high = orbit.arcs, np.empty(Y.shape[1]), np.empty(Y.shape[1])
-    extents(arcs.acting, arcs.F, arcs.S, arcs.smooth, Y, Ys, orbit.starts, orbit.tau, low, high)
+    # What an element gives in a mode that it leaves at once is no value of the motion.
+    lasts = np.flatnonzero(arcs.event_sequence.at_once != 1)
+    acting = arcs.acting and arcs.acting._replace(sense=arcs.acting.sense[lasts])
+    parts = (a[lasts] for a in (arcs.F, arcs.S, arcs.smooth, Y, Ys, orbit.starts[:-1], orbit.tau))
+    extents(acting, *parts, low, high)
     return low, high
