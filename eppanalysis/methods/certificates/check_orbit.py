@@ -123,6 +123,8 @@ class Arc:
         self.rate, self.jump = rationals(e["rate"]), rationals(e["jump"])
         self.guards, self.levels = ([rationals([row]) for row in e[name]] for name in ("guards", "levels"))
         self.fired, self.at_once, self.on_rates = e["fired"], e["at_once"], e["on_rates"]
+        square = all((x.nrows(), x.ncols()) == (m + 1, m + 1) for x in (self.rate, self.jump))
+        require(square and all(x.ncols() == m + 1 for x in self.guards + self.levels), "arcs of other sizes")
         require(not any(self.rate.tolist()[m]) and self.jump.tolist()[m] == [*[0] * m, 1], "arcs without a 1")
         require(0 <= self.fired < len(self.guards) == len(self.on_rates), "an arc without its guard")
 

@@ -14,6 +14,7 @@ import pytest
 from scipy.linalg import expm
 
 import eppanalysis as epp
+from eppanalysis.methods.certificates.elbow.find import gained
 from eppanalysis.methods.certificates.registry import STATEMENTS, of_text, sealed
 from eppanalysis.methods.certificates.result import sentence
 from eppanalysis.results import LimitCycle, Status
@@ -92,7 +93,8 @@ MADE: dict[str, Callable[[], Document]] = {
     "cells": _cells,
     "cells, two cycles": _two_cycles,
 }
-SLOW = ("elbow", "cells", "cells, two cycles", "balance, ring")
+#: Those of which changed values are tried in seconds.
+FAST = ("roots, dead zone", "roots, relay", "balance, relay", "absence, saturation", "absence, play", "play")
 
 
 @pytest.fixture(scope="module")
@@ -118,6 +120,12 @@ def refused(checker: Any, document: Document) -> bool:
     except (checker.Refused, *UNREADABLE):
         return True
     return False
+
+
+def stated(document: Document) -> Document:
+    """What its statement rests on: not the evidence, nor the course of an orbit, for those who know the loop."""
+    loop = {name: part for name, part in document["loop"].items() if name != "course"}
+    return {name: loop if name == "loop" else document[name] for name in document if name not in ("evidence", "digest")}
 
 
 def kinds(slow: tuple[str, ...]) -> list[Any]:
@@ -147,15 +155,16 @@ def test_names_and_kinds_of_values_are_as_they_should_be(made: Callable[[str], D
     assert tried > 100
 
 
-@pytest.mark.parametrize("name", kinds(SLOW))
+@pytest.mark.parametrize("name", kinds(slow=tuple(name for name in MADE if name not in FAST)))
 def test_what_is_not_refused_is_true(made: Callable[[str], Document], name: str) -> None:
     document, said = made(name), 0
     checker = checker_of(document)
     for label, edited in another_size(document):
         if not refused(checker, edited):
             said += 1
-            same = all(edited[part] == document[part] for part in edited if part not in ("evidence", "digest"))
-            assert same or WITNESS[name.partition(",")[0]](edited), f"{label}: {sentence(edited)}"
+            assert stated(edited) == stated(document) or WITNESS[name.partition(",")[0]](edited), (
+                f"{label}: {sentence(edited)}"
+            )
             assert "Proved" in sentence(edited)
     assert said < 1000
 
@@ -304,7 +313,7 @@ def arcs_close(document: Document) -> bool:
         if not arc["at_once"]:
             duration = float(next(taken))
             legs += duration
-            path = np.stack([expm(rate * t) @ x for t in np.linspace(0.0, duration, 400)])
+            path = np.stack([expm(rate * t) @ x for t in np.linspace(0.0, duration, 60)])
             values = path @ guards.T
             early = values[1:-1].max() > 1e-9 * np.abs(values).max()
             if early or abs(values[-1, arc["fired"]]) > 1e-9 * np.abs(values).max():
@@ -325,11 +334,10 @@ def cycles_are_these(document: Document) -> bool:
     return len(periods) == len(ends) and all(a <= t <= b for t, (a, b) in zip(periods, ends, strict=True))
 
 
-def small_gap(document: Document) -> bool:
-    """Of the elbow: more friction, or less of a gap, than that which the page proves."""
-    own, loop = MADE["elbow"]()["loop"], document["loop"]
-    worse = [n for n in own if n != "backlash" and Fraction(loop[n]) != Fraction(own[n])]
-    return Fraction(loop["backlash"]) <= Fraction(own["backlash"]) * 2 and len(worse) <= 1
+def gap_loses(document: Document) -> bool:
+    """Of the elbow: what the gap lets the loop gain, at many frequencies and in floats, is less than what it loses."""
+    omega = np.geomspace(1e-2, 1e6, 4001)
+    return bool((gained(document, omega) < 1.0).all()) and document["claim"]["backlash"] == document["loop"]["backlash"]
 
 
 WITNESS = {
@@ -339,5 +347,5 @@ WITNESS = {
     "play": no_cycle_with_play,
     "orbit": arcs_close,
     "cells": cycles_are_these,
-    "elbow": small_gap,
+    "elbow": gap_loses,
 }

@@ -1,0 +1,184 @@
+"""Checkers by themselves, as programs: whatever file they are handed, they end soon, and in a sentence."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.methods.certificates.registry import STATEMENTS, Asked, of_text, sealed
+
+pytest.importorskip("flint")
+CHECKERS = sorted({statement.program for statement in STATEMENTS.values()})
+#: Longest time that a refusal may take [s]; most are there at once, on a busy machine too.
+PATIENCE = 60.0
+FIRST_LAG = {"num": ["1"], "den": ["1", "3", "3", "1"], "delay": "0", "time_step": None}
+DEEP = 100_000
+
+
+def run(program: Path, text: str, *flags: str) -> tuple[int, dict[str, Any], float]:
+    began = time.monotonic()
+    found = subprocess.run(
+        [sys.executable, *flags, str(program)],
+        input=text,
+        capture_output=True,
+        check=False,
+        text=True,
+        timeout=PATIENCE,
+    )
+    assert "Traceback" not in found.stderr, found.stderr
+    return found.returncode, json.loads(found.stdout), time.monotonic() - began
+
+
+TEXTS = {
+    "nothing": "",
+    "a list": "[1, 2]",
+    "lists without end": "[" * DEEP,
+    "lists of great depth": "[" * 900 + "]" * 900,
+    "names without end": '{"a":' * DEEP + "1" + "}" * DEEP,
+    "a great power": '{"digest": 1e999999999}',
+    "a great number": '{"digest": ' + "9" * 100_000 + "}",
+    "no number": '{"digest": NaN}',
+    "no bound": '{"digest": -Infinity}',
+    "a name twice": '{"digest": 1, "digest": 2}',
+    "half a letter": '{"digest": "\\ud800"}',
+}
+
+
+@pytest.mark.parametrize("program", CHECKERS, ids=lambda p: p.stem)
+def test_texts_that_are_no_certificate_end_in_a_sentence(program: Path) -> None:
+    for name, text in TEXTS.items():
+        code, said, _ = run(program, text)
+        assert code == 1 and said["accepted"] is False and said["why"], name
+
+
+def roots(**changes: Any) -> dict[str, Any]:
+    element = {"kind": "play", "gap": "1"}
+    document = {
+        "statement": STATEMENTS[Asked.ROOTS].text,
+        "loop": {**FIRST_LAG, "element": element},
+        "box": {"amplitude": ["1", "2"], "frequency": ["1", "2"]},
+        "claim": {"roots": 0, "undecided": 0},
+        "evidence": {"roots": [], "cover": ["."]},
+    }
+    return {**document, **changes}
+
+
+def with_number(text: str) -> list[dict[str, Any]]:
+    """Certificates of several kinds in which a number is written in a way."""
+    loop = {**FIRST_LAG, "element": {"kind": "odd_pieces", "slope": "0", "bends": [], "jumps": [["1", text]]}}
+    cells = {"claim": {"cells": 1, "cycles": []}, "evidence": {"cover": ".", "order": [0], "forms": []}}
+    absence = {
+        "claim": {"sector": ["0", "1"], "multiplier": "0"},
+        "evidence": {"multiplier": "0", "polynomial": [text]},
+    }
+    return [
+        roots(loop={**FIRST_LAG, "num": [text], "element": {"kind": "cube", "scale": text}}),
+        {"statement": STATEMENTS["cycles"].text, "loop": loop, **cells},
+        {"statement": "no periodic motion but rest", "loop": loop, **absence},
+    ]
+
+
+@pytest.mark.parametrize(
+    "text", ["1e999999999", "1/1e999999999", "9" * 5000, "1_000", "\u0661", "1/0", "nan", "--1", ""]
+)
+def test_numbers_are_written_in_one_way(text: str) -> None:
+    for document in with_number(text):
+        code, said, took = run(of_text(document["statement"]).program, json.dumps(sealed(document)))
+        assert code == 1 and not said["accepted"] and took < PATIENCE
+
+
+@pytest.mark.parametrize("mark", ["?", "a", "w", "."])
+def test_a_cover_of_millions_of_boxes_is_refused_at_once(mark: str) -> None:
+    document = roots(evidence={"roots": [], "cover": [mark * 3_000_000]})
+    ring = {"ring": [{n: x for n, x in document["loop"].items() if n != "time_step"}], "means": []}
+    other = {**document, "statement": STATEMENTS["balance"].text, "loop": ring}
+    element = {"kind": "odd_pieces", "slope": "0", "bends": [], "jumps": [["1", "1"]]}
+    loop, claim = {**FIRST_LAG, "den": ["1", "2", "1", "0"], "element": element}, {"cells": 1, "cycles": []}
+    cells = {"claim": claim, "evidence": {"cover": "v" * 3_000_000, "order": [0], "forms": []}}
+    for part in (document, other, {"statement": STATEMENTS["cycles"].text, "loop": loop, **cells}):
+        code, said, _ = run(of_text(part["statement"]).program, json.dumps(sealed(part)))
+        assert code == 1 and "characters" in said["why"]
+
+
+@pytest.mark.parametrize("exponent", [6, 12, 300])
+def test_a_slow_pole_ends_in_a_sentence(exponent: int) -> None:
+    """In the units of the fast one a crossing comes after a time without end."""
+    slow = f"1/{10**exponent}"
+    den = ["1", str(1 + 10**exponent) + f"/{10**exponent}", slow, "0"]
+    loop = {
+        **FIRST_LAG,
+        "den": den,
+        "element": {"kind": "odd_pieces", "slope": "0", "bends": [], "jumps": [["1", "1"]]},
+    }
+    cells = {"claim": {"cells": 1, "cycles": []}, "evidence": {"cover": ".", "order": [0], "forms": []}}
+    document = {"statement": STATEMENTS["cycles"].text, "loop": loop, **cells}
+    code, said, _ = run(of_text(document["statement"]).program, json.dumps(sealed(document)))
+    assert code == 1 and said["why"]
+
+
+@pytest.mark.parametrize("rate", ["1000000000000", str(10**300)])
+def test_arcs_of_endless_pieces_end_in_a_sentence(rate: str) -> None:
+    """A state that turns round and round, and a guard that is nearly reached each time."""
+    arc = {
+        "rate": [["0", f"-{rate}", "0"], [rate, "0", "0"], ["0", "0", "0"]],
+        "guards": [["0", "1", "-2"], ["1", "0", "-2"]],
+        "on_rates": [False, False],
+        "fired": 0,
+        "jump": [["1", "0", "0"], ["0", "1", "0"], ["0", "0", "1"]],
+        "levels": [],
+        "at_once": False,
+    }
+    course = {"modes": [[0]], "guards": [0], "unknown": [0, 1], "held": [], "basis": [["1", "0"], ["0", "1"]]}
+    ones = {
+        "solution": ["1", "0", "1"],
+        "sizes": ["1", "1", "1"],
+        "weights": ["1", "1"],
+        "radius": "1/1000",
+        "box": "1/10",
+    }
+    document = {
+        "statement": STATEMENTS["orbit"].text,
+        "loop": {"arcs": [arc], "course": course},
+        "claim": {"events": 1, "period": ["1", "1"], "box": "1/10"},
+        "evidence": ones,
+    }
+    code, said, _ = run(of_text(document["statement"]).program, json.dumps(sealed(document)))
+    assert code == 1 and said["why"]
+
+
+def test_a_checker_runs_beside_files_with_the_names_of_the_standard_library(tmp_path: Path) -> None:
+    """Without -I, from its own folder and from another, where the names of modules stand for something else."""
+    document = json.dumps(sealed(roots(evidence={"roots": [], "cover": ["?"]}, claim={"roots": 0, "undecided": 1})))
+    for name in ("numbers", "json", "fractions", "decimal", "re", "math", "operator", "enum", "typing"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('not this one')\n")
+    for program in CHECKERS:
+        own = Path(shutil.copy(program, tmp_path))
+        for place in (own, program):
+            code, said, _ = run(place, document if program.stem == "check_roots" else "{}")
+            assert said["accepted"] is (program.stem == "check_roots") and code == (program.stem != "check_roots")
+
+
+def test_the_text_of_a_refusal_obeys_no_terminal(tmp_path: Path) -> None:
+    path = tmp_path / "file.json"
+    document = roots()
+    path.write_text(json.dumps(sealed({**document, "loop": {**document["loop"], "\x1b[2J": "1"}})))
+    found = epp.check_certificate(path)
+    assert not found.accepted and "not known" in found.message and "\x1b" not in found.message
+
+
+def test_checkers_read_files_in_the_same_way() -> None:
+    """What stands between the hostile and the proof is one text, copied."""
+
+    def reader(program: Path) -> str:
+        text = program.read_text()
+        return text[text.index("class Refused") : text.index('    return document["loop"], document["claim"]')]
+
+    assert len({reader(program) for program in CHECKERS}) == 1
