@@ -74,7 +74,7 @@ class LimitCycle(Result):
     harmonics : mapping of str to complex array
         Coefficients c[k] of ``sum Re(c[k] exp(j k omega t))`` of every named signal, c[0] the mean.
     stable, stability_criterion : bool or None, str
-        Whether it is (None when the method cannot tell), and by what that was judged, in plain words.
+        Whether it is (None when it is neutral, or the method cannot tell), and by what that was judged, in plain words.
     multipliers : complex array or None
         Floquet multipliers, where the method has them.
     residual, error_estimate : float
