@@ -21,7 +21,7 @@ from eppanalysis.methods.driven import picture as driven_picture
 from eppanalysis.methods.search import picture as search_picture
 from eppanalysis.plotting import figure_of_height, lines_of, put_verdict
 from eppanalysis.results import Status
-from eppanalysis.results.picture import _extremes, plot_limit_cycle, plot_nyquist, plot_trajectory
+from eppanalysis.results.picture import _extremes, periods, plot_limit_cycle, plot_nyquist, plot_trajectory
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.sweep import parallel, picture as sweep_picture
 from tests.shared import cycles_of, of_unknown_response, said_above
@@ -440,3 +440,19 @@ def test_numbers_along_the_peak_to_peak_do_not_run_into_one_another(factor, unit
     low, high = figure.axes[0].bbox.x0 - 1.0, figure.axes[0].bbox.x1 + 1.0
     boxes = [box for box in boxes if low <= (box.x0 + box.x1) / 2 <= high]
     assert len(boxes) >= 2 and all(left.x1 + 4.0 < right.x0 for left, right in pairwise(boxes))
+
+
+@pytest.mark.parametrize("residual", [1e-9, 0.05, float("nan")])
+def test_a_cycle_that_does_not_close_has_no_stroke_through_its_misfit(residual):
+    """Its line breaks where the period begins anew: a stroke would be a jump of a mass."""
+    time = np.linspace(0.0, 0.5, 401)
+    misfit = 0.0 if residual < 1e-3 else 0.3
+    wave = np.cos(4.0 * np.pi * time) + misfit * time / 0.5
+    drawn = replace(cycle(), period=0.5, time=time, waveform={"theta": wave}, residual=residual)
+    both, values = periods(drawn, "theta")
+    x, y, _ = search_picture._turned(drawn, "theta")
+    steps = np.abs(np.diff(wave)).max()
+    for line in (values, y):
+        assert np.nanmax(np.abs(np.diff(line))) <= 1.001 * steps
+        assert np.isnan(line).any() == (misfit > 0.0)
+    assert np.nanmax(both) == pytest.approx(1.0) and x.size == y.size

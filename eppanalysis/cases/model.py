@@ -40,6 +40,8 @@ _NO_CHANGE_OF_SYSTEM = ("title", "run.t_end")
 KINDS: dict[str, Kind] = {kind.name: kind for kind in (ElbowKind(), LoopKind(), DiagramKind())}
 #: Units in which people read lengths.
 _FRIENDLY = {"m": "mm", "m/s": "mm/s"}
+#: Digits of a number in a message.
+_TYPED = 6
 #: Fields of an input signal that no quantity stands in.
 _NOT_A_NUMBER = ("kind", "file", "times", "values")
 
@@ -385,7 +387,7 @@ class Case(ShownCase):
             put(data, path, plain, source, name)
             # Its sections too, for what the change makes missing; fields that stay keep their own entries.
             origins.update({".".join(map(str, path[:i])): source for i in range(1, len(path) + 1)})
-        made = load(replace(self._raw, data=data, origins=origins), (self._raw.data, self._validated))
+        made = self._made_of(replace(self._raw, data=data, origins=origins))
         for name, value in values.items():
             old, new = (case.parameters.get(name) for case in (self, made))
             # A plain number is in SI units; what a field with a unit of its own refuses has been refused before.
@@ -452,6 +454,27 @@ class Case(ShownCase):
         except QuantityError:
             return plain
         return plain if typed_unit(plain) else write_si(number, old.unit, old.friendly)
+
+    def _made_of(self, raw: RawCase) -> Case:
+        """The case with other data; its refusals are in the units that people type."""
+        try:
+            return load(raw, (self._raw.data, self._validated))
+        except CaseError as error:
+            raise self._as_typed(error) from None
+
+    def _as_typed(self, error: CaseError) -> CaseError:
+        """A refusal of a number that was handed on in SI units, with the number in the unit that people type."""
+        if (
+            error.field not in self._known()
+            or isinstance(error.value, bool)
+            or not isinstance(error.value, int | float)
+        ):
+            return error
+        unit, shown = self.unit(error.field)
+        if not unit and not shown:
+            return error
+        typed = format_si(float(error.value), unit, shown, _TYPED)
+        return CaseError(error.source, error.field, typed, error.expected, error.fault, error.also)
 
     def _path(self, name: str) -> list[str | int]:
         return KINDS[self.kind].path(name, self._raw.data)

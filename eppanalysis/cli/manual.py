@@ -81,7 +81,7 @@ def write_manual(result: Guide | DesignBounds, paths: Sequence[Path]) -> None:
     Raises
     ------
     EppError
-        If there is no bound to print.
+        If a file cannot be written.
     """
     if paths:
         from eppanalysis.guides.manual import manual_table

@@ -27,8 +27,10 @@ _THIN = 1.0
 _DASHED = "6 5"
 #: How near to the design a drag begins, relative to the axes.
 _NEAR = 0.06
-#: Outcomes of the map's cells in words, as its legend has them.
-_CODES = {1: "settles", 2: "oscillates", 3: "diverges", 0: "not decided"}
+#: Outcomes of the map's cells in words, as its legend has them; of those between runs of different ends it is not said.
+_CODES = {1: "settles", 2: "oscillates", 3: "diverges", 0: "not decided", len(OUTCOME_COLOURS): "changes in between"}
+_BETWEEN, _BETWEEN_COLOUR = len(OUTCOME_COLOURS), "#f0f0f0"
+_MAP_COLOURS = (*OUTCOME_COLOURS, _BETWEEN_COLOUR)
 #: What stands behind the design in the map's legend.
 DRAGGED = " (drag or tap)"
 _NOTHING: dict[str, list[Any]] = {"x": [], "y": []}
@@ -286,12 +288,10 @@ class MapPicture:
         made = self.figure = _figure("Design map", x_label, y_label, name="map", **ranges)
         self.cells = ColumnDataSource(data={"image": [], "x": [], "y": [], "dw": [], "dh": []})
         self.star, self.begins = ColumnDataSource(data=_NOTHING), ColumnDataSource(data=_NOTHING)
-        colours = LinearColorMapper(palette=OUTCOME_COLOURS, low=-0.5, high=len(OUTCOME_COLOURS) - 0.5)
+        colours = LinearColorMapper(palette=_MAP_COLOURS, low=-0.5, high=len(_MAP_COLOURS) - 0.5)
         made.image(image="image", x="x", y="y", dw="dw", dh="dh", source=self.cells, color_mapper=colours)
         for code, word in _CODES.items():
-            made.scatter(
-                [math.nan], [math.nan], marker="square", size=11, color=OUTCOME_COLOURS[code], legend_label=word
-            )
+            made.scatter([math.nan], [math.nan], marker="square", size=11, color=_MAP_COLOURS[code], legend_label=word)
         edged: dict[str, Any] = {"fill_color": "white", "line_color": "black", "line_width": 1.5}
         made.scatter(
             "x", "y", source=self.begins, marker="diamond", size=13, legend_label="cycles begin, exactly", **edged
@@ -351,16 +351,21 @@ class MapPicture:
         return all(abs(d) < _NEAR * (s.end - s.start) for d, s in zip(away, spans, strict=True))
 
     def show_cells(self, facts: dict[str, Any], x_factor: float, y_factor: float) -> None:
-        """The outcomes, and in the legend those that there are."""
+        """The outcomes, and in the legend those that there are.
+
+        A cell has runs at its corners, and is what all of them are: where they end differently, a border goes through
+        it, and where that is the cell does not know.
+        """
         xs, ys = (np.asarray(facts[n]) * f for n, f in (("x", x_factor), ("y", y_factor)))
-        dx, dy = xs[1] - xs[0], ys[1] - ys[0]
-        outcome = np.asarray(facts["outcome"], dtype=np.uint8)
+        ends = np.asarray(facts["outcome"], dtype=np.uint8)
+        corners = np.stack([ends[:-1, :-1], ends[1:, :-1], ends[:-1, 1:], ends[1:, 1:]])
+        outcome = np.where(np.ptp(corners, axis=0) == 0, corners[0], _BETWEEN).astype(np.uint8)
         for code, item in zip(_CODES, self.figure.legend[0].items, strict=False):
             item.visible = bool(np.any(outcome == code))
         self.cells.data = {
             "image": [outcome],
-            "x": [xs[0] - dx / 2],
-            "y": [ys[0] - dy / 2],
-            "dw": [xs[-1] - xs[0] + dx],
-            "dh": [ys[-1] - ys[0] + dy],
+            "x": [xs[0]],
+            "y": [ys[0]],
+            "dw": [xs[-1] - xs[0]],
+            "dh": [ys[-1] - ys[0]],
         }

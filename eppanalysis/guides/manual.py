@@ -57,7 +57,7 @@ def manual_table(result: Guide | DesignBounds, step: float | None = None) -> Man
     Raises
     ------
     EppError
-        If there is no bound to print, the step is not positive, or larger than the smallest bound.
+        If the step is not positive, or larger than the smallest bound.
 
     Examples
     --------
@@ -104,7 +104,6 @@ def in_steps(result: R, step: float | None) -> R:
 def _of_guide(guide: Guide) -> ManualTable:
     """The limit by design, rounded; beside it an elbow's backlash at the pulley, or what happens beyond the limit."""
     up = _holds_from_below(row.cell for row in guide.rows)
-    _require_a_limit(row.printed for row in guide.rows)
     printed = guide.printed
     beside = [_under_tolerances(guide)] if any(row.tolerance is not None for row in guide.rows) else []
     if guide.of_backlash:
@@ -245,7 +244,6 @@ def _of_bounds(bounds: DesignBounds) -> ManualTable:
     """The limit for each value of the other parameter, as it is rounded and as it was computed."""
     (x_unit, x), (y_unit, _) = bounds.readable[bounds.over], bounds.readable[bounds.limit]
     up = _holds_from_below(bounds)
-    _require_a_limit(cell.printed for cell in bounds)
     found, printed = [cell for cell in bounds if cell.known is not Known.NONE], bounds.printed
     rows = [
         (
@@ -276,12 +274,6 @@ def _of_bounds(bounds: DesignBounds) -> ManualTable:
 
 def _is_tested(cell: BoundCell) -> bool:
     return math.isfinite(cell.safe_value)
-
-
-def _require_a_limit(limits: Iterable[Limit]) -> None:
-    """Refuse a table without any limit."""
-    if not any(math.isfinite(limit.value) for limit in limits):
-        raise EppError("manual_table: no bound was found; expected at least one to print.")
 
 
 def _figures(printed: Printed, limit: Limit) -> Decimal | str:
@@ -322,7 +314,7 @@ def _notes(cells: Iterable[BoundCell], rounding: str, allowed: Allowed | None) -
     bounds = [cell for cell in cells if cell.known is not Known.NONE]
     unchecked = sum(not cell.verified for cell in bounds)
     searched = any(cell.known is Known.SEARCHED for cell in bounds)
-    notes = [rounding]
+    notes = [rounding] if bounds else ["There is no limit to print: the last column says why."]
     rest, larger = "came to rest", ""
     if allowed is not None:
         notes.append(f"Allowed is a lasting oscillation up to {allowed}.")

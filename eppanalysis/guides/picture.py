@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
-from eppanalysis.errors import EppError
 from eppanalysis.guides.manual import limit_grid
 from eppanalysis.guides.result import GAIN, Guide, GuideRow, Region, Side, in_words
 from eppanalysis.methods.bounds.result import Known
@@ -28,10 +27,11 @@ from eppanalysis.plotting import (
     label_up,
     legend_below,
     lines_of,
+    place_of,
     put_legend,
     root_figure,
 )
-from eppanalysis.readable import with_unit
+from eppanalysis.readable import reasons, with_unit
 
 #: Regions of a design from its safe side on, told apart by their hatching as well as by colour.
 _REGIONS = (
@@ -64,15 +64,10 @@ def plot_guide(guide: Guide, given: Axes | None = None) -> Figure:
     ----------
     given : matplotlib.axes.Axes, optional
         Where to draw the regions of the first variant alone; all on a figure of its own by default.
-
-    Raises
-    ------
-    EppError
-        If no row has a bound.
     """
     groups = guide.variants()
     if not any(np.isfinite(row.cell.bound) for row in guide.rows):
-        raise EppError(f"{guide.case.name}: no bound was found, so there is nothing to draw.")
+        return _without_limits(guide, given)
     if given is not None:
         given.set_ylim(0.0, _draw_regions(given, guide, next(iter(groups.values()))))
         put_legend(given)
@@ -97,6 +92,16 @@ def plot_guide(guide: Guide, given: Axes | None = None) -> Figure:
     if above:
         _draw_grid(figure.add_subplot(places[0]), guide)
     legend_below(figure, *panels)
+    return figure
+
+
+def _without_limits(guide: Guide, given: Axes | None) -> Figure:
+    """Why there is no limit, where there is none."""
+    figure, ax = place_of(given, 1.2)
+    ax.set_axis_off()
+    why = reasons((guide.place(row), row.cell.message or row.cell.finding.sentence) for row in guide.rows)
+    text = "\n".join(lines_of(f"No limit on {in_words(guide.limit)}. {why}", _LETTERS))
+    ax.text(0.0, 1.0, text, transform=ax.transAxes, va="top", fontsize=SMALL)
     return figure
 
 

@@ -338,12 +338,12 @@ class Guide(Result):
         strictest = (max if above else min)(limits, key=lambda limit: limit.value)
         return f"; {strictest.side} {self.printed.text(strictest)} where every tolerance is used up"
 
-    def _place(self, row: GuideRow) -> str:
+    def place(self, row: GuideRow) -> str:
         """The design of a row in words."""
         return " and ".join(f"a {in_words(n)} of {self.case.text(n, v, DIGITS)}" for n, v in row.values.items())
 
     def _sentence(self, row: GuideRow) -> str:
-        place = self._place(row)
+        place = self.place(row)
         if not math.isfinite(row.allowed):
             return f"At {place}: {row.cell.message}"
         beside = []
@@ -393,7 +393,7 @@ class Guide(Result):
         known = [row for row in self.rows if math.isfinite(row.allowed)]
         name = in_words(self.limit)
         if not known:
-            why = reasons((self._place(row), row.cell.message or row.cell.finding.sentence) for row in self.rows)
+            why = reasons((self.place(row), row.cell.message or row.cell.finding.sentence) for row in self.rows)
             at = count(len(self.rows), "design")
             return f"No bound on the {name} of {self.case.name} was found at {at}. {why}".strip()
         strictest = min(known, key=lambda row: row.cell.sign * row.allowed)
@@ -406,7 +406,7 @@ class Guide(Result):
         off = [self.worst(row) for row in known if row.tolerance is not None]
         return (
             f"Keep {name} {self._kept(strictest)}"
-            f"{'' if alone else f', the strictest of {len(known)} bounds'}, at {self._place(strictest)}"
+            f"{'' if alone else f', the strictest of {len(known)} bounds'}, at {self.place(strictest)}"
             f"{sized}; {how}{missing}{self._at_worst(off) if off else ''}."
         )
 

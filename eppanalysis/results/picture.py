@@ -48,6 +48,8 @@ _PERIODS_SHOWN = 15
 #: A run is at rest in a picture from where all signals stay this near to their last value, relative to their range; so
 #: much of that time is shown, and if no more than so much of the run would be left out, all of it.
 _AT_REST, _BEYOND, _REST_OF_RUN = 0.005, 1.5, 0.2
+#: Misfit of a cycle, relative to its size, that is not seen.
+_SEEN = 1e-3
 #: What the shaded part of a run is.
 _STEADY = {Status.SETTLED: "at rest", Status.LIMIT_CYCLE: "on the limit cycle"}
 
@@ -308,6 +310,19 @@ def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycl
         )
     if len(points) or ax.get_legend_handles_labels()[0]:
         put_legend(ax)
+
+
+def closes(cycle: LimitCycle) -> bool:
+    """Whether the end of a cycle's period meets its beginning, as far as is seen in a picture."""
+    return not cycle.time.size or cycle.residual < _SEEN
+
+
+def periods(cycle: LimitCycle, name: str, n: int = 2) -> tuple[Array, Array]:
+    """Times and values of a signal over so many periods, between which the line breaks where they do not close."""
+    time, waveform = one_period(cycle)
+    seam = np.zeros(0) if closes(cycle) else np.array([np.nan])
+    both = np.concatenate([part for k in range(n) for part in (time + k * cycle.period, seam)])
+    return both, np.concatenate([part for _ in range(n) for part in (np.asarray(waveform[name], float), seam)])
 
 
 def one_period(cycle: LimitCycle) -> tuple[Array, Mapping[str, Array]]:

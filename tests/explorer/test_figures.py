@@ -11,6 +11,7 @@ pytest.importorskip("bokeh")
 from bokeh.document import Document
 
 from eppanalysis import case, simulate
+from eppanalysis.explorer import figures
 from eppanalysis.explorer.figures import BranchPicture, MapPicture, RunPictures
 from eppanalysis.explorer.quick import compute, shown_signal
 from eppanalysis.explorer.standalone import standalone
@@ -49,7 +50,7 @@ def test_a_run_that_is_not_decided_is_not_marked_as_one_at_rest():
 
 def test_a_map_names_the_design_and_where_cycles_begin():
     picture = MapPicture("gain", "gap", (0.0, 2.0), (0.0, 1.0))
-    colours = ["settles", "oscillates", "diverges", "not decided"]
+    colours = ["settles", "oscillates", "diverges", "not decided", "changes in between"]
     assert named(picture) == colours
     picture.show_place(1.0, 0.5)
     picture.show_begins([(0.5, 0.5)])
@@ -175,3 +176,26 @@ def test_a_loop_without_a_gain_has_no_curves_and_no_names_of_them():
     assert named(pictures.nyquist) == ["G(jω)", "−1/N(A)", "cycle of first order", "run"]
     pictures.show(replace(found, loop=None, of_run=None), "")
     assert named(pictures.nyquist) == [] and named(pictures.step) == ["now"]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_cell_of_the_map_shows_what_none_of_its_runs_does(seed: int) -> None:
+    """A fold between two runs lay in a cell that was all "oscillates", half of it beneath the fold."""
+    rng = np.random.default_rng(seed)
+    xs, ys = np.sort(rng.uniform(1.0, 4.0, 9)), np.sort(rng.uniform(0.2, 3.0, 7))
+    xs, ys = np.linspace(xs[0], xs[-1], 9), np.linspace(ys[0], ys[-1], 7)
+    slope, height = rng.uniform(-0.3, 0.3), rng.uniform(ys[1], ys[-2])
+    fold = height + slope * (xs - xs.mean())
+    outcome = np.where(ys[:, None] > fold[None, :], 2, 1)
+    picture = figures.MapPicture("x", "y", (xs[0], xs[-1]), (ys[0], ys[-1]))
+    picture.show_cells({"outcome": outcome.tolist(), "x": xs.tolist(), "y": ys.tolist()}, 1.0, 1.0)
+    data = picture.cells.data
+    image, low, wide = data["image"][0], (data["x"][0], data["y"][0]), (data["dw"][0], data["dh"][0])
+    assert low == (xs[0], ys[0]) and np.allclose(np.add(low, wide), (xs[-1], ys[-1]))
+    for x, y in zip(rng.uniform(xs[0], xs[-1], 500), rng.uniform(ys[0], ys[-1], 500), strict=True):
+        i = min(int((y - low[1]) / wide[1] * image.shape[0]), image.shape[0] - 1)
+        j = min(int((x - low[0]) / wide[0] * image.shape[1]), image.shape[1] - 1)
+        truth = 2 if y > height + slope * (x - xs.mean()) else 1
+        assert image[i, j] in (truth, figures._BETWEEN)
+    visible = {item.label["value"] for item in picture.figure.legend[0].items if item.visible}
+    assert {"settles", "oscillates", "changes in between"} <= visible

@@ -164,9 +164,34 @@ def test_a_step_that_cannot_be_is_refused(bounds, step):
         epp.manual_table(bounds, step)
 
 
-def test_no_bound_at_all_is_refused(bounds):
-    with pytest.raises(EppError, match="no bound was found"):
-        epp.manual_table(replace(bounds, cells=bounds.cells[2:]))
+@pytest.mark.parametrize("finding", [f for f in Finding if f is not Finding.BOUND])
+def test_no_bound_is_an_answer_that_is_written_in_every_file(monkeypatch, bounds, tmp_path: Path, finding):
+    """Manual, picture and table say why, and the exit code is 0: "always" ended in code 2 without a manual."""
+    none = replace(bounds, cells=(BoundCell(4.0 * LBF, finding), BoundCell(5.0 * LBF, finding)))
+    table = epp.manual_table(none)
+    assert [row[1:] for row in table.texts()] == [("-", "-", "-", finding.sentence)] * 2
+    assert table.notes[0] == "There is no limit to print: the last column says why."
+    monkeypatch.setattr("eppanalysis.methods.bounds.design.design_bounds", lambda *_, **__: none)
+    command = ["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash"]
+    for ending in (".png", ".csv", ".nc"):
+        files = ["-o", str(tmp_path / f"b{ending}"), "--manual", str(tmp_path / "b.md"), "--step", "0.1 deg"]
+        done = CliRunner().invoke(app, [*command, *files])
+        assert done.exit_code == 0, done.output
+        assert (tmp_path / f"b{ending}").stat().st_size > 100
+        assert finding.sentence in (tmp_path / "b.md").read_text()
+        (tmp_path / "b.md").unlink()
+
+
+def test_a_guideline_without_a_limit_is_written_too(guide, tmp_path: Path):
+    rows = tuple(
+        replace(row, cell=BoundCell(row.cell.value, Finding.ALWAYS), allowed=np.nan, pulley=np.nan, force=np.nan)
+        for row in guide.rows
+    )
+    none = replace(guide, rows=rows)
+    assert {row[1] for row in epp.manual_table(none).texts()} == {"-"}
+    for ending in (".png", ".md", ".csv", ".html", ".tex", ".xlsx"):
+        none.write(tmp_path / f"g{ending}")
+        assert (tmp_path / f"g{ending}").stat().st_size > 100
 
 
 @pytest.mark.parametrize("ending", MANUALS)

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.result import DesignBounds, Turn
+from eppanalysis.methods.bounds.result import DesignBounds, Finding, Turn
 from eppanalysis.plotting import (
     BLUE,
     DARK_ORANGE,
@@ -32,6 +32,15 @@ _MOST_BARS = 14
 #: Letters of a line of a label below bars, whose names take a third of the width.
 _LETTERS = 36
 _SMALLEST_BAR = 5e-4
+#: Colour and words of a range in which there is no bound.
+_WITHOUT = {
+    Finding.NONE: (GREEN, "no limit cycle found"),
+    Finding.IDLE: (GREY, "no influence on the loop"),
+    Finding.ALWAYS: (VERMILLION, "limit cycles at all values tried"),
+    Finding.SCALES: (VERMILLION, "limit cycles that scale with it"),
+    Finding.BETWEEN: (ORANGE, "limit cycles at both ends"),
+    Finding.BEYOND: (ORANGE, "limit cycles down to its end"),
+}
 
 
 def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
@@ -45,18 +54,20 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     ax : matplotlib.axes.Axes, optional
         Where to draw; a figure of its own by default.
 
-    Raises
-    ------
-    EppError
-        If no cell has a bound.
+    Where no bound was found the range that was looked at is drawn, with why.
     """
-    if not np.any(np.isfinite(bounds.array("bound"))):
-        raise EppError(f"{bounds.case}: no bound on {bounds.limit} was found, so there is nothing to draw.")
     (x_unit, x_factor), (y_unit, y_factor) = (bounds.readable[n] for n in (bounds.over, bounds.limit))
     x = x_factor * bounds.array("value")
     # A single value has no width: what is drawn of it is a strip around it.
     over = x if x.size > 1 else x * np.array([0.98, 1.02])
     figure, ax = place_of(ax, 4.2)
+    ax.set_xlabel(with_unit(words(bounds.over), x_unit))
+    ax.set_ylabel(with_unit(words(bounds.limit), y_unit))
+    ax.spines[["top", "right"]].set_visible(False)
+    if not np.any(np.isfinite(bounds.array("bound"))):
+        _draw_ranges(ax, x, y_factor, bounds)
+        put_legend(ax)
+        return figure
     _draw_approximate(ax, x, over, y_factor, bounds)
     _draw_best(ax, x, y_factor, bounds)
     _draw_tests(ax, x, y_factor, bounds)
@@ -68,11 +79,18 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     free = "no such limit cycle found" if bounds.not_covered else free
     free += ", straight between the points" * (len(bounds) > 1)
     ax.fill_between(over, np.broadcast_to(best, over.shape), edge, color=GREEN, alpha=0.25, linewidth=0, label=free)
-    ax.set_xlabel(with_unit(words(bounds.over), x_unit))
-    ax.set_ylabel(with_unit(words(bounds.limit), y_unit))
-    ax.spines[["top", "right"]].set_visible(False)
     put_legend(ax)
     return figure
+
+
+def _draw_ranges(ax: Axes, x: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:
+    """Of each value the range in which a bound was sought, by what was found in it."""
+    low, high = (y_factor * end for end in bounds.within)
+    for cell, at in zip(bounds, x, strict=True):
+        colour, text = _WITHOUT.get(cell.finding, (GREY, "no bound"))
+        ax.plot([at, at], [low, high], color=colour, linewidth=6.0, solid_capstyle="butt", label=text)
+    if x.size == 1:
+        ax.set_xlim(x[0] - 0.05 * (abs(x[0]) or 1.0), x[0] + 0.05 * (abs(x[0]) or 1.0))
 
 
 def _draw_approximate(ax: Axes, x: np.ndarray, over: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:

@@ -30,7 +30,7 @@ from eppanalysis.plotting import (
 )
 from eppanalysis.readable import number, time_unit, with_unit
 from eppanalysis.results import LimitCycle, Prediction
-from eppanalysis.results.picture import draw_run, motion_of, one_period, plot_nyquist, time_of
+from eppanalysis.results.picture import closes, draw_run, motion_of, one_period, periods, plot_nyquist, time_of
 
 #: Heights of a panel of the run, of the steady motion, and of the prediction [inch].
 _RUN, _CLOSE, _PREDICTION = 1.0, 1.4, 3.0
@@ -108,9 +108,8 @@ def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
     cycle = ladder.run.limit_cycle
     assert cycle is not None
     label, factor = label_of(name, ladder.run.units)
-    time, waveform = one_period(cycle)
-    both = np.concatenate([time, time + cycle.period])
-    ax.plot(both, factor * np.tile(waveform[name], 2), color=BLUE, linewidth=1.3, label="simulated")
+    both, values = periods(cycle, name)
+    ax.plot(both, factor * values, color=BLUE, linewidth=1.3, label="simulated")
     if ladder.matched is not None and ladder.prediction is not None:
         guess = ladder.prediction[ladder.matched]
         ax.plot(both, factor * _in_phase(ladder, guess, name, both), "--", color=VERMILLION, lw=1.3, label="predicted")
@@ -154,6 +153,8 @@ def _draw_cycles(ax: Axes, ladder: Ladder, name: str) -> None:
     for i, cycle in enumerate(cycles):
         own, waveform = one_period(cycle)
         y = factor * np.interp(time, own - own[0], waveform[name], period=cycle.period)
+        if not closes(cycle):  # from the last sample of a period to the first of the next there is no line
+            y = np.where(time % cycle.period > own[-1] - own[0] - np.diff(time[:2]), np.nan, y)
         style = _CYCLES[i % len(_CYCLES)] if cycle.stable else {"color": GREY, "linestyle": "--"}
         text = f"{cycle.method}, {STABILITY[cycle.stable]}, {number(cycle.frequency)} Hz"
         ax.plot(time, y, linewidth=1.2, label=text + ", first order misses it" * (i in ladder.missed), **style)

@@ -33,6 +33,7 @@ from eppanalysis.plotting import (
 )
 from eppanalysis.readable import number, readable, with_unit, words
 from eppanalysis.results import LimitCycle
+from eppanalysis.results.picture import closes
 
 _STABLE, _UNSTABLE = (BLUE, GREEN, DARK_SKY, PURPLE), (VERMILLION, DARK_ORANGE, GREY, PURPLE)
 #: Words in the middle of an empty panel, and the letters on a line of them.
@@ -196,7 +197,12 @@ def _turned(cycle: LimitCycle, name: str) -> tuple[Array, Array, Array]:
     order = order[np.append(True, np.diff(time[order]) > 1e-9 * cycle.period)]
     around = np.concatenate([order[-1:], order, order[:3]])
     turns = np.repeat([-1.0, 0.0, 1.0], [1, len(order), len(order[:3])])
-    return time[around] + turns * cycle.period, wave[around], np.gradient(wave, own, edge_order=2)[around]
+    found = time[around] + turns * cycle.period, wave[around], np.gradient(wave, own, edge_order=2)[around]
+    if closes(cycle):
+        return found
+    # Where the period of one that does not close begins anew the line breaks: nothing moves through its misfit.
+    seams = np.flatnonzero(np.diff(around) < 0) + 1
+    return tuple(np.insert(values, seams, np.nan) for values in found)  # type: ignore[return-value]
 
 
 def _chosen(cycle: LimitCycle, signal: str | None) -> str:
