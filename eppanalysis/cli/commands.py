@@ -79,17 +79,24 @@ class _Commands(TyperGroup):
         except OSError as error:
             if error.errno == errno.EPIPE:  # the reader has seen enough
                 raise
-            typer.echo(
-                f"{_place(error)}: {error.strerror or error}; expected a place to read from or write to.", err=True
-            )
+            where = _place(error)
+            known = error.filename or error.errno in _OUTPUT
+            expected = "a place to read from or write to" if known else "a system that grants it"
+            typer.echo(f"{where}: {error.strerror or error}; expected {expected}.", err=True)
             raise typer.Exit(2) from error
         return result
 
 
+#: What a full or broken place to write to answers.
+_OUTPUT = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
+
+
 def _place(error: OSError) -> str:
-    """Which file an error is of; the standard output is given up where none is named, as Python writes to it again."""
+    """Which file an error is of; the standard output is given up where that is full, as Python writes to it again."""
     if error.filename is not None:
         return str(error.filename)
+    if error.errno not in _OUTPUT:
+        return "The system refuses what the command needs"
     with suppress(OSError, ValueError):  # no output that belongs to the system, as in a notebook
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return "standard output"

@@ -288,7 +288,10 @@ def run_hybrid(
     spend(cost * (most if code == STEP_LIMIT else made))
     if code == SINGULAR:
         unsolved = "the loop has no unique solution in one combination of modes"
-        raise EppError(f"simulate: {unsolved} (an algebraic loop through the elements).")
+        raise EppError(
+            f"simulate: {unsolved} (an algebraic loop through the elements); expected a state or a dead time in it, or "
+            "values of ordinary magnitude."
+        )
     if code == HISTORY:
         raise EppError("simulate: the dead time spans more switches than its history holds; expected a shorter one.")
     count = int(now["count"])
