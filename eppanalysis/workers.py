@@ -6,18 +6,27 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import cache
-from multiprocessing import get_context, parent_process, resource_tracker
+from multiprocessing import current_process, get_context, parent_process, resource_tracker
 from multiprocessing.connection import wait
 from typing import Any, ParamSpec, TypeVar
+
+from eppanalysis.errors import EppError
 
 P = ParamSpec("P")
 T = TypeVar("T")
 _THREADS = "OPENBLAS_NUM_THREADS"
+#: With what a process ends that would start others while it reads the script that has started it, and with what one
+#: that cannot read it.
+_READS_THE_SCRIPT, _CANNOT_READ_IT = 77, 1
+#: How long a process that has ended may take to be noticed [s].
+_PATIENCE = 5.0
 
 
 class Workers(ProcessPoolExecutor):
@@ -31,12 +40,23 @@ class Workers(ProcessPoolExecutor):
     """
 
     def __init__(self, n: int, begin: Callable[[], None] | None = None) -> None:
-        super().__init__(n, mp_context=get_context("spawn"), initializer=_begin, initargs=(begin,))
+        if getattr(current_process(), "_inheriting", False):  # the script is read anew, and comes here once more
+            os._exit(_READS_THE_SCRIPT)
+        self.started: dict[int, Any] = {}
+        try:
+            super().__init__(n, mp_context=get_context("spawn"), initializer=_begin, initargs=(begin,))
+        except OSError as error:
+            raise NoProcesses(
+                f"Processes cannot be started ({error.strerror or error}); expected a system that lets processes share "
+                "memory (a folder /dev/shm that can be written), or one worker."
+            ) from error
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """As of every pool; a process that starts for it is insensitive to interrupts from its first moment on."""
         with interrupts_wait(), _one_thread_each():
-            return super().submit(fn, *args, **kwargs)
+            future = super().submit(fn, *args, **kwargs)
+        self.started |= self._processes or {}
+        return future
 
     def end(self) -> None:
         """End the processes, whatever they are doing."""
@@ -44,6 +64,23 @@ class Workers(ProcessPoolExecutor):
         self.shutdown(wait=False, cancel_futures=True)
         for process in processes.values():
             process.terminate()
+
+    def why_lost(self) -> EppError | None:
+        """What is wrong with the script that has started the processes, where they have ended for that."""
+        for process in self.started.values():
+            process.join(_PATIENCE)
+        ends = {process.exitcode for process in self.started.values()}
+        script = getattr(sys.modules.get("__main__"), "__file__", None) or "the script"
+        if _READS_THE_SCRIPT in ends:
+            expected = 'the line if __name__ == "__main__": above what it does'
+            return EppError(f"{script}: starts processes, each of which reads it anew; expected {expected}.")
+        if _CANNOT_READ_IT in ends:
+            return EppError(f"{script}: cannot be read by the processes that it starts; expected a script in a file.")
+        return None
+
+
+class NoProcesses(EppError):
+    """Raised where the system lets no processes be started."""
 
 
 def cores() -> int:
@@ -53,19 +90,38 @@ def cores() -> int:
 
 @contextmanager
 def workers(n: int) -> Iterator[Executor | None]:
-    """Processes, or None for one worker; they are ended at once where the block does not end well."""
-    if n == 1:
+    """Processes, or None for one worker; they are ended at once where the block does not end well.
+
+    Raises
+    ------
+    EppError
+        If a process ended before its time.
+    """
+    pool = None if n == 1 else _some(n)
+    if pool is None:
         yield None
         return
-    pool = Workers(n)
     try:
         for _ in range(n):
             pool.submit(os.getpid)  # any call: the processes start while the caller has work of its own
         yield pool
+    except BrokenProcessPool:
+        pool.end()
+        lost = EppError("A worker process ended before its time; expected enough memory, or fewer workers.")
+        raise pool.why_lost() or lost from None
     except BaseException:
         pool.end()
         raise
     pool.shutdown()
+
+
+def _some(n: int) -> Workers | None:
+    """Processes, or None where there can be none, as is said: then one does all the work."""
+    try:
+        return Workers(n)
+    except NoProcesses as error:
+        sys.stderr.write(f"{error.args[0]} One does it all.\n")
+        return None
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import re
 from collections.abc import Callable, Container, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from typing import Any, Literal, get_origin, get_type_hints
 
 import numpy as np
 
-from eppanalysis.cases.files import Missing, RawCase
+from eppanalysis.cases.files import LABEL, LABEL_IS, Missing, RawCase
 from eppanalysis.cases.values.automata import AUTOMATON, read_automaton, read_memory
 from eppanalysis.cases.values.parameters import read_scalar
 from eppanalysis.cases.values.quantities import Parameter
@@ -139,8 +140,8 @@ def read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
         expected = f"a known element: {did_you_mean(str(kind)[:60], known_elements())}"
         raise raw.refused(f"{field}.element", expected)
     name = table.get("name", kind)
-    if not isinstance(name, str) or not name.isidentifier() or len(name) > 60:
-        raise raw.refused(f"{field}.name", "a plain name of letters, digits and underscores")
+    if not isinstance(name, str) or not re.fullmatch(LABEL, name) or len(name) > 100:
+        raise raw.refused(f"{field}.name", LABEL_IS)
     memory = table.get("memory")
     if kind == AUTOMATON:
         fields = {key: value for key, value in table.items() if key not in OF_ALL}

@@ -196,11 +196,13 @@ class _Reading:
     def _shortened(self, data: dict[str, Any], at: str, name: str, fault: object) -> bool:
         """Take a name out of a connection or a sum, so that its others are seen; whether anything is left of that."""
         *path, last = at.split(".")
+        if path[:1] not in (["connect"], ["signals"]):
+            return False
         holder: Any = data
         for key in path:
             holder = holder[key]
         own: Any = int(last) if isinstance(holder, list) else last
-        if path[:1] not in (["connect"], ["signals"]) or not isinstance(holder[own], str):
+        if not isinstance(holder[own], str):
             return False
         left, arrow, right = (text.strip() for text in holder[own].partition("->"))
         one = rf"(?<![\w.]){re.escape(name)}(\.\w+)?(?![\w.])"

@@ -11,6 +11,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from eppanalysis.arguments import checked
 from eppanalysis.cases.diagrams import DiagramKind
 from eppanalysis.cases.elbow_case import ElbowKind
@@ -493,7 +495,8 @@ def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> C
         If anything in it is not valid.
     """
     file = _model_of(raw, before)
-    parts = KINDS[file.kind].parts(file, raw)
+    with np.errstate(all="ignore"):  # what overflows is refused as not finite
+        parts = KINDS[file.kind].parts(file, raw)
     expected = make_expected(file.expected)
     if expected.signal is not None and expected.signal not in parts.system.signals.names:
         raise raw.refused("expected.signal", f"one of {', '.join(parts.system.signals.names)}")

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, get_origin
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 
-from eppanalysis.cases.files import Missing, RawCase
+from eppanalysis.cases.files import LABEL, LABEL_IS, Missing, RawCase
 from eppanalysis.cases.values.quantities import (
     LONGEST_TEXT,
     AnyQuantity,
@@ -26,6 +26,8 @@ from eppanalysis.units import KINDS
 
 Text = Annotated[str, Field(max_length=LONGEST_TEXT), AfterValidator(plain_text)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=60)]
+#: Of what a loop made elsewhere brings along, such as "motor_x[0]": the same, and indices.
+Label = Annotated[str, Field(pattern=LABEL, max_length=100)]
 Place = Annotated[str, Field(max_length=120), AfterValidator(plain_text)]
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
@@ -106,7 +108,7 @@ class RunSection(_Model):
 
     t_end: Annotated[Parameter, Quantity("s", above=0)]
     input: AnyInput | None = None
-    inputs: dict[Name, AnyInput] | None = None
+    inputs: dict[Label, AnyInput] | None = None
 
 
 class CycleAnswer(_Model):
@@ -120,7 +122,7 @@ class CycleAnswer(_Model):
     fundamental: Number | None = None
     stable: bool | None = None
     largest_multiplier: Number | None = None
-    also: dict[Name, Number] = {}
+    also: dict[Label, Number] = {}
 
 
 class PublishedValue(_Model):
@@ -137,7 +139,7 @@ class ExpectedSection(_Model):
     """What the case should give, and who says so."""
 
     outcome: Literal["oscillate", "settle"] | None = None
-    signal: Name | None = None
+    signal: Label | None = None
     describing_function: list[CycleAnswer] | None = None
     exact: list[CycleAnswer] | None = None
     published: list[PublishedValue] = []
@@ -207,18 +209,18 @@ class LoopSection(_Model):
     D: Matrix | None = None
     constant_state: Row | None = None
     constant_input: Row | None = None
-    inputs: list[Name] = []
+    inputs: list[Label] = []
     input_matrix: Matrix | None = None
     input_feedthrough: Matrix | None = None
     elements: Annotated[list[dict[str, Any]], Field(max_length=50)] | None = None
-    states: list[Name] | None = None
-    signals: dict[Name, SignalRow] | None = None
+    states: list[Place] | None = None
+    signals: dict[Label, SignalRow] | None = None
     initial_state: Row | None = None
     initial_input: Row | None = None
     delay: Duration | None = None
     delays: Annotated[list[Annotated[Number, Field(ge=0)]], Field(max_length=200)] | None = None
     time_step: PositiveDuration | None = None
-    principal: Name | None = None
+    principal: Label | None = None
     cuts: Annotated[dict[Place, CutRow], Field(max_length=500)] | None = None
     margins_at: Place | Annotated[list[Place], Field(max_length=50)] | None = None
     feedback: Literal[-1, 1] = -1
@@ -298,8 +300,8 @@ _SENTENCES = {
     "model_type": "a table of fields",
     "model_attributes_type": "a table of fields",
     "dict_type": "a table",
-    "string_pattern_mismatch": "a plain name of letters, digits and underscores",
 }
+_NAME_IS = "a plain name of letters, digits and underscores"
 #: What is too long, and what is counted in it.
 _LENGTHS = {"string_too_long": ("a text", "characters"), "too_long": ("a list", "items")}
 
@@ -361,6 +363,8 @@ def _case_error(error: dict[str, Any], raw: RawCase, model: type[BaseModel]) -> 
         expected = context["expected"]
     elif error["type"] in _LENGTHS:
         expected = f"{_LENGTHS[error['type']][0]} of at most {context['max_length']} {_LENGTHS[error['type']][1]}"
+    elif error["type"] == "string_pattern_mismatch":
+        expected = LABEL_IS if context.get("pattern") == LABEL else _NAME_IS
     elif error["type"] in _SENTENCES:
         expected = _SENTENCES[error["type"]]
     else:

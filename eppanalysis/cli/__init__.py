@@ -8,6 +8,8 @@ import io
 import os
 import sys
 
+from eppanalysis.cli.signs import write_plainly
+
 
 def main() -> None:
     """Entry point of the command ``eppanalysis``."""
@@ -19,6 +21,7 @@ def main() -> None:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by the caller, who wants neither text nor a traceback about it
             setattr(sys, name, io.StringIO())
+        write_plainly(getattr(sys, name))
     try:
         from eppanalysis.cli.commands import app
 

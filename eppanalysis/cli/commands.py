@@ -73,20 +73,30 @@ class _Commands(TyperGroup):
         except KeyboardInterrupt:
             typer.echo("Interrupted: nothing is kept.", err=True)
             raise typer.Exit(130) from None
+        except MemoryError as error:
+            typer.echo(f"Not enough memory ({error or 'nothing is kept'}); expected a smaller case.", err=True)
+            raise typer.Exit(2) from error
         except OSError as error:
             if error.errno == errno.EPIPE:  # the reader has seen enough
                 raise
-            typer.echo(
-                f"{_place(error)}: {error.strerror or error}; expected a place to read from or write to.", err=True
-            )
+            where = _place(error)
+            known = error.filename or error.errno in _OUTPUT
+            expected = "a place to read from or write to" if known else "a system that grants it"
+            typer.echo(f"{where}: {error.strerror or error}; expected {expected}.", err=True)
             raise typer.Exit(2) from error
         return result
 
 
+#: What a full or broken place to write to answers.
+_OUTPUT = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
+
+
 def _place(error: OSError) -> str:
-    """Which file an error is of; the standard output is given up where none is named, as Python writes to it again."""
+    """Which file an error is of; the standard output is given up where that is full, as Python writes to it again."""
     if error.filename is not None:
         return str(error.filename)
+    if error.errno not in _OUTPUT:
+        return "The system refuses what the command needs"
     with suppress(OSError, ValueError):  # no output that belongs to the system, as in a notebook
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return "standard output"
@@ -168,7 +178,7 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
 
 @app.command(cls=_Command)
 def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> None:
-    """Check case files: fields, units, ranges, the rules of elements of one's own; all mistakes are named."""
+    """Check case files: fields, units, ranges, own elements, whether a run can begin; all mistakes are named."""
     from eppanalysis.cases.mistakes import sentences_of
     from eppanalysis.tables.console import parameters_table
 
@@ -179,6 +189,12 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
         except EppError as error:
             for sentence in sentences_of(text, error):
                 typer.echo(sentence, err=True)
+            continue
+        try:
+            _begin_run(valid[-1])
+        except EppError as error:
+            del valid[-1]
+            typer.echo(f"{text}: {error}", err=True)
     if as_json:
         each = ((case, [found.to_dict() for found in _own_elements(case)]) for case in valid)
         rows = [(case, {"valid": True, **case.provenance(), "own_elements": own}) for case, own in each]
@@ -192,6 +208,14 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
                     typer.echo(str(found))
     if len(valid) < len(texts):
         raise typer.Exit(2)
+
+
+def _begin_run(case: Case) -> None:
+    """Refuse a case whose run cannot begin, as the command simulate would."""
+    from eppanalysis.methods.simulation.simulate import simulate as run_simulation
+
+    with progress(f"simulate {case.name}"):
+        run_simulation(case, max_steps=1)
 
 
 def _own_elements(case: Case) -> list[ElementCheck]:

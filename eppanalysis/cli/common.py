@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from eppanalysis.cli.signs import has_all_signs
 from eppanalysis.errors import EppError
 from eppanalysis.progress import Progress, progress_bar
 
@@ -176,10 +177,12 @@ def progress(what: str) -> Iterator[Progress | None]:
     EppError
         If the numbers of what is computed inside grow beyond all range.
     """
+    from numpy import errstate
+
     try:
-        with progress_bar(what) as advance:
+        with progress_bar(what) as advance, errstate(all="ignore"):  # what overflows is refused, or is said
             yield advance
-    except (OverflowError, FloatingPointError, ValueError) as error:
+    except (ArithmeticError, ValueError) as error:
         if not _out_of_range(error):
             raise
         raise EppError(f"{what}: numbers beyond all range ({error}); expected values of ordinary magnitude.") from error
@@ -323,7 +326,8 @@ def print_json(command: str, results: Sequence[tuple[Case, Any]], settings: Sequ
             {"name": case.name, "title": case.title, "kind": case.kind, "result": result} for case, result in results
         ],
     }
-    sys.stdout.write(json.dumps(json_value(document), indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+    as_it_is = has_all_signs(sys.stdout)
+    sys.stdout.write(json.dumps(json_value(document), indent=2, allow_nan=False, ensure_ascii=not as_it_is) + "\n")
 
 
 def json_value(value: Any) -> Any:

@@ -1,13 +1,22 @@
-"""Runs the blocks of a sweep with Dask: on threads, on processes, or on a cluster that is there.
+"""Runs the blocks of a sweep: on threads, on processes of this one's own, or with Dask on a cluster that is there.
+
+Processes of this machine are spoken to through pipes, which belong to them alone: whoever reaches a scheduler at a port
+may have code of theirs run by its workers.
 
 Only a few blocks are under way at a time, so that memory stays flat however many there are.
 """
 
 from __future__ import annotations
 
+import pickle
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from contextvars import ContextVar
 from enum import StrEnum
+from functools import lru_cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +25,7 @@ from eppanalysis.errors import EppError, require_packages
 from eppanalysis.sweep.analyses import Columns, Task
 from eppanalysis.sweep.store import Bounds, MemoryStore, ZarrStore, cells_in
 from eppanalysis.sweep.work import Work
-from eppanalysis.workers import cores, interrupts_wait
+from eppanalysis.workers import Workers, cores
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -77,6 +86,10 @@ def run_blocks(
     if scheduler == Scheduler.THREADS:
         _on_threads(Work.of(task), blocks, store, workers or cores(), advance)
         return
+    if scheduler == Scheduler.PROCESSES:
+        with _processes(workers) as processes:
+            processes.run(task, blocks, store, advance)
+        return
     with _client(scheduler, workers) as client:
         _on_cluster(client, task, blocks, store, advance)
 
@@ -114,22 +127,10 @@ def _jobs(queue: str, workers: int | None) -> Iterator[Client]:
 
 @contextmanager
 def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
-    """A client of local processes, of a queueing system's jobs, or of the cluster at an address."""
+    """A client of a queueing system's jobs, or of the cluster at an address."""
     require_packages(f"sweep: scheduler {scheduler!r}", "sweep", "distributed")
-    from distributed import Client, LocalCluster
+    from distributed import Client
 
-    if scheduler == Scheduler.PROCESSES:
-        with interrupts_wait():  # they are the parent's: a worker that hears one dies with a traceback
-            local = LocalCluster(
-                n_workers=workers or cores(),
-                threads_per_worker=1,
-                processes=True,
-                dashboard_address="localhost:0",  # with None, a server of its own warns where its fixed port is taken
-                silence_logs=50,
-            )
-        with local as cluster, Client(cluster) as client:
-            yield client
-        return
     if scheduler in QUEUES:
         with _jobs(scheduler, workers) as client:
             yield client
@@ -155,8 +156,102 @@ def address(scheduler: str, workers: int | None) -> Iterator[str]:
     scheduler, workers
         As :func:`run_blocks` takes them, but for "threads", which need no address.
     """
+    if scheduler == Scheduler.PROCESSES:
+        with _processes(workers):
+            yield scheduler
+        return
     with _client(scheduler, workers) as client:
         yield str(client.scheduler_info()["address"])
+
+
+class _Processes:
+    """Processes of this machine that compute blocks.
+
+    Parameters
+    ----------
+    n : int
+    """
+
+    def __init__(self, n: int) -> None:
+        self.n, self.pool = n, Workers(n)
+
+    def run(self, task: Task, blocks: Sequence[Bounds], store: Store, advance: Advance) -> None:
+        """Compute and keep blocks; those of processes that end before their time are given to new ones."""
+        said, waiting, tries = pickle.dumps(task), deque(blocks), Counter[Bounds]()
+        running: dict[Future[Columns], Bounds] = {}
+        lost: list[Bounds] = []
+        while waiting or running:
+            failed = []
+            while waiting and len(running) < _AHEAD * self.n and not failed:
+                bounds = waiting.popleft()
+                try:
+                    running[self.pool.submit(_block_of, said, bounds)] = bounds
+                except BrokenProcessPool:
+                    failed.append(bounds)
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                bounds = running.pop(future)
+                try:
+                    columns = future.result()
+                except BrokenProcessPool:
+                    failed.append(bounds)
+                    continue
+                store.write(bounds, columns)
+                advance(cells_in(bounds))
+            if failed:
+                failed += running.values()
+                running.clear()
+                self._renew()
+                tries.update(failed)
+                lost += (bounds for bounds in failed if tries[bounds] >= _TRIES)
+                waiting.extendleft(bounds for bounds in reversed(failed) if tries[bounds] < _TRIES)
+        _tell_lost(sum(map(cells_in, lost)))
+
+    def _renew(self) -> None:
+        """New processes in place of some that have ended before their time.
+
+        Raises
+        ------
+        EppError
+            If they have ended because of the script that has started them.
+        """
+        wrong = self.pool.why_lost()
+        self.pool.end()
+        if wrong is not None:
+            raise wrong
+        self.pool = Workers(self.n)
+
+
+#: Processes that sweeps of this context share.
+_shared: ContextVar[_Processes | None] = ContextVar("processes", default=None)
+
+
+@contextmanager
+def _processes(workers: int | None) -> Iterator[_Processes]:
+    """Those that are shared here, or new ones that sweeps inside share."""
+    there = _shared.get()
+    if there is not None:
+        yield there
+        return
+    processes = _Processes(workers or cores())
+    before = _shared.set(processes)
+    try:
+        yield processes
+    except BaseException:
+        processes.pool.end()
+        raise
+    finally:
+        _shared.reset(before)
+    processes.pool.shutdown()
+
+
+@lru_cache(maxsize=1)
+def _work_of(said: bytes) -> Work:
+    """What a process makes of a task that it is told, once for all its blocks."""
+    return Work.of(pickle.loads(said))
+
+
+def _block_of(said: bytes, bounds: Bounds) -> Columns:
+    return _work_of(said).block(bounds)
 
 
 def _block(work: Work, bounds: Bounds) -> Columns:
@@ -212,9 +307,13 @@ def _on_cluster(client: Client, task: Task, blocks: Sequence[Bounds], store: Sto
             window.submit(bounds)
         else:
             lost += cells_in(bounds)
-    if lost:
+    _tell_lost(lost)
+
+
+def _tell_lost(cells: int) -> None:
+    if cells:
         raise EppError(
-            f"sweep: {lost} cells were lost with their workers {_TRIES} times; expected workers that stay alive "
+            f"sweep: {cells} cells were lost with their workers {_TRIES} times; expected workers that stay alive "
             "(more memory, or smaller chunks); all other cells are kept."
         )
 

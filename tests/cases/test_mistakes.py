@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import copy
+import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import eppanalysis as epp
 from eppanalysis.cases import shipped_cases_folder
 from eppanalysis.cases.mistakes import mistakes_in
+from eppanalysis.cases.values.toml import write_toml
 from eppanalysis.cli.commands import app
 
 SEEDED = Path(__file__).with_name("seeded.toml")
@@ -207,3 +212,115 @@ def test_another_type_where_a_name_stands_is_one_mistake_of_many(
     file.write_text(_SEVERAL.replace(old, new))
     found = mistakes_in(file).found
     assert field in {error.field for error in found} and len(found) > 20
+
+
+#: Places of a diagram that hold a number: of a block, its lists and matrices, an element, its tables and lists.
+DIAGRAM = """
+kind = "diagram"
+title = "a diagram with a number in every kind of place"
+connect = ["-plant -> hook", "hook -> law", "law + load -> gear", "gear -> filter", "filter -> plant"]
+[parameters]
+catch = 1.0
+half = "catch/2"
+[inputs]
+load = {load}
+[blocks]
+plant = {{ kind = "state_space", A = [[{A}, 1], [0, -1]], B = [[0], [{B}]], C = [[1, 0]], start = [{start}, 0] }}
+filter = {{ kind = "transfer_function", num = [{num}], den = [1, {den}] }}
+law = {{ kind = "gain", gain = {gain} }}
+[elements]
+gear = {{ element = "play", gap = {gap}, memory = {memory} }}
+[elements.hook]
+element = "automaton"
+start_mode = "free"
+start_memory = [0.0]
+modes.free = {{ constant = {mode} }}
+modes.up = {{ from_input = 1 }}
+guards = [
+{{ mode = "free", target = "up", on_input = {on_input}, constant = "-catch", memory_constant = [{reset}] }},
+{{ mode = "up", target = "free", on_input = -1, constant = {guard} }},
+]
+[run]
+t_end = {t_end}
+"""
+NUMBERS = {
+    "load": "0", "A": "-1", "B": "1", "start": "0", "num": "1", "den": "2", "gain": "1", "gap": "0.1", "memory": "0",
+    "mode": "0", "on_input": "1", "reset": "0", "guard": '"catch/2"', "t_end": '"5 s"',
+}  # fmt: skip
+WRONG = [
+    "'-cach'",
+    "'2 parsecs of it'",
+    "'catch +'",
+    "''",
+    "'half half'",
+    "{}",
+    "[]",
+    "true",
+    "[['cach']]",
+    "1e999",
+    "nan",
+]
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+@pytest.mark.parametrize("place", NUMBERS)
+def test_a_wrong_number_anywhere_is_told_in_sentences(tmp_path: Path, place: str, wrong: str) -> None:
+    path = tmp_path / "drawn.toml"
+    path.write_text(DIAGRAM.format(**NUMBERS | {place: wrong}))
+    found = CliRunner().invoke(app, ["check", str(path)])
+    assert found.exit_code == 2, found.output
+    assert isinstance(found.exception, SystemExit), found.exception
+    lines = found.stderr.strip().splitlines()
+    assert lines and all("expected" in line or "check again" in line for line in lines), lines
+    assert not found.stdout
+
+
+def test_the_diagram_itself_is_valid(tmp_path: Path) -> None:
+    path = tmp_path / "drawn.toml"
+    path.write_text(DIAGRAM.format(**NUMBERS))
+    assert CliRunner().invoke(app, ["check", str(path)]).exit_code == 0
+
+
+MUTATED = ["robot_servo", "fig8a_original", "wheelchair", "relay_fopdt_closed"]
+CHANGES = {
+    "misspelt": lambda holder, key: holder.__setitem__(f"{str(key)[:-1]}q", holder.pop(key)),
+    "gone": lambda holder, key: holder.__delitem__(key),
+    "a text": lambda holder, key: holder.__setitem__(key, "no such thing"),
+    "a list": lambda holder, key: holder.__setitem__(key, [["a"], 1]),
+    "a table": lambda holder, key: holder.__setitem__(key, {"value": {"value": 1}}),
+    "huge": lambda holder, key: holder.__setitem__(key, 1e300),
+}
+
+
+def _places(data, path=()):
+    for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+        yield (*path, key)
+        if isinstance(value, dict | list):
+            yield from _places(value, (*path, key))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("name", MUTATED)
+def test_check_and_simulate_say_the_same_of_a_file_that_is_changed_in_one_place(
+    tmp_path: Path, name: str, change: str
+) -> None:
+    """Every key of every table: valid, or sentences and no traceback; and what is valid can be run."""
+    whole, path = tomllib.loads(epp.case(name).to_toml()), tmp_path / "changed.toml"
+    for place in _places(whole):
+        data = copy.deepcopy(whole)
+        holder = data
+        for key in place[:-1]:
+            holder = holder[key]
+        if change == "misspelt" and isinstance(holder, list):
+            continue
+        CHANGES[change](holder, place[-1])
+        path.write_text(write_toml(data), encoding="utf-8")
+        found = CliRunner().invoke(app, ["check", str(path)])
+        assert found.exit_code in (0, 2) and "Traceback" not in found.output, (place, found.exception)
+        lines = found.stderr.strip().splitlines()
+        if found.exit_code == 2:
+            assert lines and all("expected" in x or "check again" in x for x in lines), (place, lines)
+        else:
+            with np.errstate(all="ignore"):
+                epp.simulate(epp.read_case(path), max_steps=100)

@@ -147,10 +147,9 @@ def test_an_interrupt_ends_in_one_sentence_and_at_once(tmp_path, scheduler) -> N
         "import importlib, os, signal, time\n"
         "schedule = importlib.import_module('eppanalysis.sweep.schedule')\n"
         "def interrupted(*_):\n"
-        "    os.killpg(os.getpid(), signal.SIGINT)\n"
+        "    os.killpg(os.getpgid(0), signal.SIGINT)\n"
         "    time.sleep(60)\n"
         "schedule.Work.block = interrupted\n"
-        "schedule._on_cluster = interrupted\n"
         "if __name__ == '__main__':\n"
         "    importlib.import_module('eppanalysis.cli').main()\n"
     )

@@ -7,7 +7,7 @@ guards can be positive together.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -43,12 +43,13 @@ class Region:
     #: at_most, zero: (k, n + 1)
     at_most: Array
     zero: Array
+    begins: Callable[[], None] = lambda: None  # called before each linear program
 
     @classmethod
-    def all_of(cls, rules: Automaton) -> Region:
+    def all_of(cls, rules: Automaton, begins: Callable[[], None] = lambda: None) -> Region:
         """Every point."""
         n = 2 * rules.n_inputs + rules.n_memory + 2 * rules.n_outputs
-        whole = cls(rules, np.ones(n), np.zeros((0, n + 1)), np.zeros((0, n + 1)))
+        whole = cls(rules, np.ones(n), np.zeros((0, n + 1)), np.zeros((0, n + 1)), begins)
         rows = [whole.row(g, whole.place(g.mode), leaves=False) for g in rules.guards]
         return replace(whole, scale=_sizes(np.array(rows).reshape(-1, n + 1)))
 
@@ -113,6 +114,7 @@ class Region:
 
         It is minus infinity where there is no point.
         """
+        self.begins()
         n = self.scale.size
         fixed = self._fixed()
         if fixed is None:

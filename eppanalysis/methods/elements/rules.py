@@ -7,6 +7,7 @@ reaches them or not.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import combinations
@@ -17,8 +18,8 @@ from eppanalysis.arrays import Array
 from eppanalysis.methods.elements.polyhedra import ROUNDING, Place, Region
 from eppanalysis.models.elements.automaton import Automaton, Guard
 
-#: Most linear programs; most events of a chain that is followed at a point.
-_MOST_PROGRAMS, _LONGEST = 20_000, 1000
+#: Most linear programs, of which some hundred take a second; most events of a chain, over regions and at a point.
+_MOST_PROGRAMS, _LONGEST_CHAIN, _LONGEST = 4000, 60, 1000
 #: Fields of a guard that say what its event does.
 _DOES = ("target", "bypass", "memory_from_input", "memory_from_memory", "memory_constant", "impulse")
 
@@ -50,6 +51,10 @@ class Finding:
     memory: tuple[float, ...] = ()
 
 
+class _TooManyError(Exception):
+    """There are too many chains of events, or too long ones, for all to be examined."""
+
+
 @dataclass
 class Rules:
     """Examines the rules of an automaton; the rest grows while it is at work."""
@@ -69,7 +74,13 @@ class Rules:
         if any(np.any(g.on_output) and np.any(self.automaton.modes[g.mode].from_smooth) for g in self.automaton.guards):
             self.complete = False  # the surface of such a guard is no plane
             return []
-        whole = self._tied(Region.all_of(self.automaton))
+        with suppress(_TooManyError):
+            self.complete = False
+            self._examine_all(self._tied(Region.all_of(self.automaton, self._count)))
+            self.complete = True
+        return list({(f.kind, f.mode, f.guards): f for f in self.found}.values())
+
+    def _examine_all(self, whole: Region) -> None:
         begin = self.automaton.start_memory
         start = Place(self.automaton.start_mode, np.column_stack([np.zeros((begin.size, whole.scale.size)), begin]))
         self._follow(whole, start, (start.mode,))
@@ -77,7 +88,16 @@ class Rules:
             self._ties(whole, mode)
             for guard in self.guards[mode]:
                 self._from(whole, guard)
-        return list({(f.kind, f.mode, f.guards): f for f in self.found}.values())
+
+    def _count(self) -> None:
+        """Called before each linear program."""
+        self.programs += 1
+        if self.programs > _MOST_PROGRAMS:
+            raise _TooManyError
+
+    def _check_length(self, chain: Sequence[object]) -> None:
+        if len(chain) > _LONGEST_CHAIN:
+            raise _TooManyError
 
     def _tied(self, whole: Region) -> Region:
         """With the second input as the rate of the first, where it is."""
@@ -91,7 +111,7 @@ class Rules:
         """What follows on a guard that rises in its mode."""
         place = whole.place(guard.mode)
         face = self._face(whole, [guard])
-        if self._highest(face, [])[0] < 0.0:
+        if face.highest([])[0] < 0.0:
             return
         for behind in self._behind(face, guard, place):
             self._follow(face, behind, (behind.mode,))
@@ -116,19 +136,12 @@ class Rules:
     def _sticks(self, mode: int) -> bool:
         return self.automaton.modes[mode].sticking
 
-    def _highest(self, region: Region, rows: Sequence[Array]) -> tuple[float, Array]:
-        self.programs += 1
-        if self.programs > _MOST_PROGRAMS:
-            self.complete = False
-            return -np.inf, np.zeros(0)
-        return region.highest(rows)
-
     def _ties(self, whole: Region, mode: int) -> None:
         """Guards of a mode that can rise together."""
         for pair in combinations(self.guards[mode], 2):
             if not _differ(*pair):
                 continue
-            value, point = self._highest(self._face(whole, pair), [])
+            value, point = self._face(whole, pair).highest([])
             if value > 0.0:
                 one, other = (whole.row(g, whole.place(mode), leaves=True) for g in pair)
                 self._note(Flaw.OVERLAP if _alike(one, other) else Flaw.TIE, mode, pair, point)
@@ -142,10 +155,11 @@ class Rules:
 
     def _follow(self, region: Region, place: Place, passed: tuple[int, ...]) -> None:
         """Guards of a mode that are passed as it is entered: two of them at once, and where each of them leads."""
+        self._check_length(passed)
         rows = [(g, region.row(g, place, leaves=False)) for g in self.guards[place.mode]]
-        above = [(g, row) for g, row in rows if self._highest(region, [row])[0] > ROUNDING]
+        above = [(g, row) for g, row in rows if region.highest([row])[0] > ROUNDING]
         for (one, its), (other, others) in combinations(above, 2):
-            if _differ(one, other) and (found := self._highest(region, [its, others]))[0] > ROUNDING:
+            if _differ(one, other) and (found := region.highest([its, others]))[0] > ROUNDING:
                 self._note(Flaw.OVERLAP, place.mode, (one, other), found[1])
         if self._sticks(place.mode):
             return  # what leaves it hangs on the loop, and takes time
@@ -155,15 +169,18 @@ class Rules:
                 if behind.mode not in passed:
                     self._follow(beyond, behind, (*passed, behind.mode))
                 # A mode that comes again on the way need not come for ever: one example is followed by itself.
-                elif not self._ends(*(found := self._highest(region, [row]))[1:], place):
+                elif not self._ends(*(found := region.highest([row]))[1:], place):
                     self._note(Flaw.ENDLESS, place.mode, (guard,), found[1])
 
     def _ends(self, point: Array, place: Place) -> bool:
         """Whether events come to an end in no time at a point."""
         here = np.append(point, 1.0)
-        region, memory = Region.all_of(self.automaton), place.memory @ here
-        mode = place.mode
+        region, mode, memory = Region.all_of(self.automaton), place.mode, place.memory @ here
+        seen: set[tuple[int, bytes]] = set()
         for _ in range(_LONGEST):
+            if (mode, memory.tobytes()) in seen:
+                return False
+            seen.add((mode, memory.tobytes()))
             now = Place(mode, np.column_stack([np.zeros((memory.size, point.size)), memory]))
             rows = ((g, region.row(g, now, leaves=False)) for g in self.guards[mode])
             guard = next((g for g, row in rows if row @ here > 0.0), None)
@@ -174,10 +191,11 @@ class Rules:
 
     def _back(self, region: Region, place: Place, path: tuple[Guard, ...], places: tuple[Place, ...]) -> None:
         """Chains without a gap that come back to the first guard: chatter, where an output jumps in them."""
+        self._check_length(path)
         here = region.behind(path[-1], place)
         for guard in self.guards[here.mode]:
             row = region.row(guard, here, leaves=False)
-            if self._sticks(guard.target) or self._highest(region, [row])[0] < -ROUNDING:
+            if self._sticks(guard.target) or region.highest([row])[0] < -ROUNDING:
                 continue
             touching = region.within(row)
             if self.rate_is_input and not np.any(row[1:-1]) and (rise := region.rise(row)) is not None:
@@ -185,7 +203,7 @@ class Rules:
             chain, at = (*path, guard), (*places, here)
             if guard.target == path[0].mode:
                 again = region.row(path[0], region.behind(guard, here), leaves=False)
-                value, point = self._highest(touching, [again])
+                value, point = touching.highest([again])
                 closed = touching.within(again)
                 if value >= -ROUNDING and any(closed.jumps(g, p) for g, p in zip(chain, at, strict=True)):
                     self._note(Flaw.CHATTER, path[0].mode, chain, point)

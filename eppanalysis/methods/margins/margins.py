@@ -153,6 +153,8 @@ def _margins(linearised: Linearised, at: str, nowhere: str, made_by: Provenance)
     of_gain, phase_crossover = _gain_margin(*response.phase_crossovers())
     if not np.any(response.value):
         why = "What is sent off from there does not come back: no loop of elements with a gain leads through it."
+        if linearised.system.cuts is not None:
+            why += f" Other places of the loop: {', '.join(p for p in linearised.system.places.distinct if p != at)}."
         return Margins(at, Status.INCOMPLETE, rule, why, stable=stable, provenance=made_by)
     crossovers = response.gain_crossovers()
     angles = np.angle(-loop.response(crossovers)) if crossovers.size else np.zeros(0)

@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.arrays import Array, IntArray
-from eppanalysis.errors import ModelError
+from eppanalysis.errors import EppError, ModelError
 from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.systems.inputs import InputSignal, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
 from eppanalysis.results.provenance import Provenance
 
+#: Samples of a run: some minutes, and a gigabyte of signals.
+MOST_SAMPLES = 2_000_000
 #: How near a time must be to a whole number of samples, in samples.
 _WHOLE = 1e-6
 #: Difference of states a period apart, relative to the motion, of a run that repeats itself.
@@ -25,18 +27,27 @@ _ROUNDING = 1e-13
 
 
 def iterate(
-    system: LureSystem, input: InputSignal | Mapping[str, InputSignal] | None, t_end: float, t_eval: Array | None = None
+    system: LureSystem,
+    input: InputSignal | Mapping[str, InputSignal] | None,
+    t_end: float,
+    t_eval: Array | None = None,
+    max_steps: int = MOST_SAMPLES,
 ) -> Trajectory:
     """Run a discrete-time loop up to `t_end`; signals at every sample, or at those that `t_eval` names.
 
+    A run of more than `max_steps` samples stops there and says so.
+
     Raises
     ------
+    EppError
+        If the run has more samples than can be kept.
     ModelError
         If elements feed each other without a delay of at least one sample in a circle, an input is unknown, or a dead
         time or a time of `t_eval` is no whole number of samples.
     """
     step = float(system.time_step or 1.0)
-    n = round(t_end / step) + 1
+    wanted = _samples_of(system, t_end / step)
+    n = min(wanted, max_steps) + 1
     t: Array = np.asarray(step * np.arange(n), float)
     v = np.tile(system.v0, (n, 1))
     input_signals = input_signals_by_name(system.input_names, input)
@@ -50,7 +61,8 @@ def iterate(
     order = cascade_order(system)
     x, memory = system.x0.copy(), list(system.memory)
     lag = whole_samples(system, "a dead time", system.delays)
-    shown = slice(None) if t_eval is None else whole_samples(system, "a time of t_eval", t_eval)
+    shown = np.arange(n) if t_eval is None else whole_samples(system, "a time of t_eval", t_eval)
+    shown = shown[shown < n]
     W = np.zeros((n, system.B.shape[1]))
     X = np.zeros((n, x.size))
     for k in range(n):
@@ -64,6 +76,9 @@ def iterate(
     signals = dict(zip(s.names, Y.T.copy(), strict=True))
     rounding = _rounding(system, X, W, v)
     status, period, change = _verdict(X, rounding)
+    early = n <= wanted
+    if early and status is Status.SETTLED:  # what stops before its time has not shown that it rests
+        status = Status.EVENT_LIMIT
     facts = Provenance("iteration", {"t_end": t_end, "time_step": step, "system": system.name})
     cycle = cycle_of_samples(signals, period, step, change, facts) if status is Status.LIMIT_CYCLE else None
     if cycle is not None and not np.any(lag):
@@ -78,9 +93,19 @@ def iterate(
         limit_cycle=cycle,
         settled_at={k: float(y[-1]) for k, y in signals.items()} if status is Status.SETTLED else {},
         settled_since=_since(t, X, period, rounding) if status.ok else float("nan"),
+        note=f"The run stopped after {n - 1} of {wanted} samples; give it more (max_steps)." if early else "",
         units=s.units_by_name(),
         provenance=facts,
     )
+
+
+def _samples_of(system: LureSystem, samples: float) -> int:
+    if not samples <= MOST_SAMPLES:
+        raise EppError(
+            f"simulate: the run of {system.name} has {samples:.6g} samples of {system.time_step:g} s; expected at most "
+            f"{MOST_SAMPLES}, as of a shorter run."
+        )
+    return round(samples)
 
 
 def _plain(memory: Any) -> Any:

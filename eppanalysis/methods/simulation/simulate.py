@@ -96,7 +96,7 @@ def simulate(
         count, nor what repeats itself once a run has closed on a cycle.
     max_steps : int
         A run with more steps stops there too, as one of a loop with motions far faster than the run is long (sixteen
-        steps that are proven free of events count as one).
+        steps that are proven free of events count as one; of a discrete-time loop they are samples).
     step : float, optional
         Longest internal step [s]; the results do not depend on it but for rounding.
 
@@ -128,7 +128,7 @@ def simulate(
     if system.time_step:
         from eppanalysis.methods.simulation.iterate import iterate
 
-        iterated = iterate(system, input, t_end, None if t_eval is None else times)
+        iterated = iterate(system, input, t_end, None if t_eval is None else times, max_steps)
         at = OperatingPoint.of(system, input, t_end)
         cycle = iterated.limit_cycle and replace(iterated.limit_cycle, operating_point=at)
         return replace(iterated, limit_cycle=cycle, operating_point=at)
@@ -300,7 +300,10 @@ def run_hybrid(
     spend(cost * (most if code == STEP_LIMIT else made))
     if code == SINGULAR:
         unsolved = "the loop has no unique solution in one combination of modes"
-        raise EppError(f"simulate: {unsolved} (an algebraic loop through the elements).")
+        raise EppError(
+            f"simulate: {unsolved} (an algebraic loop through the elements); expected a state or a dead time in it, or "
+            "values of ordinary magnitude."
+        )
     if code == HISTORY:
         raise EppError("simulate: the dead time spans more switches than its history holds; expected a shorter one.")
     count = int(now["count"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -152,3 +153,33 @@ def test_the_picture_says_its_units_and_at_which_frequency() -> None:
         for ax in panels:
             assert said in ax.get_xlabel() and "[" in ax.get_xlabel()
             assert "[" in ax.get_ylabel() + "".join(t.get_text() for t in ax.get_legend().get_texts())
+
+
+def ring(n_modes: int, n_guards: int, constant: float) -> epp.AutomatonElement:
+    """Modes in a ring whose guards all rise at one input, and others across it: ever more chains of events."""
+    build = epp.AutomatonBuilder()
+    for i in range(n_modes):
+        build.mode(f"mode {i}", from_input=0.1 * i)
+    for k in range(n_guards):
+        far = 1 + (0 if k < n_modes else 7 * k % (n_modes - 1))
+        build.guard(f"guard {k}", k % n_modes, (k + far) % n_modes, on_input=1.0, constant=constant)
+    return epp.AutomatonElement(build.build())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("n_modes", "n_guards", "constant"), [(30, 40, 0.0), (5, 40, 1.0), (60, 60, -1.0)])
+def test_rules_with_ever_more_chains_of_events_are_given_up_in_time(
+    n_modes: int, n_guards: int, constant: float
+) -> None:
+    """By what is counted, not by a clock: a first finding stands, and the rest is undecided."""
+    begin = time.process_time()
+    found = epp.check_element(ring(n_modes, n_guards, constant), amplitudes=[2.0])
+    assert time.process_time() - begin < 60.0
+    assert found.findings or not found.decided
+    assert not found.deterministic or not found.decided
+
+
+def test_rules_whose_events_follow_one_another_in_a_thousand_modes_are_given_up() -> None:
+    loop = epp.case("virtual_spring").to_system()
+    encoder = loop.elements[loop.element_names.index("encoder")]
+    assert not epp.check_element(encoder, amplitudes=[2.0]).decided

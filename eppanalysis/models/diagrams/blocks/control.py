@@ -95,7 +95,7 @@ class Block(Section):
         try:
             with np.errstate(all="ignore"):  # what overflows is refused as not finite
                 found = self.continuous()
-        except OverflowError:
+        except ArithmeticError:
             expected = "numbers of which squares and quotients are finite"
             raise ModelError(f"{type(self).__name__}: its state space is not finite", expected=expected) from None
         if not all(np.all(np.isfinite(getattr(found, name))) for name in "ABCD"):

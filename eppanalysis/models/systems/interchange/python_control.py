@@ -19,6 +19,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.foreign import as_element
+from eppanalysis.models.systems.cuts import Cuts
 from eppanalysis.models.systems.linear import as_state_space, sample_time
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.own_states import ports
@@ -35,6 +36,22 @@ _SINGULAR = 1e14
 
 
 @dataclass(frozen=True, eq=False)
+class _Ports:
+    """Signals of the linear subsystems of an interconnection, as places to cut: outputs, then inputs.
+
+    Each is ``y = C x + D u`` on the states and the inputs of the system; a disturbance d that is added there acts on
+    the states through B, on the outputs through E, and straight back on y through F.
+    """
+
+    names: tuple[str, ...]
+    B: Array
+    C: Array
+    D: Array
+    E: Array
+    F: Array
+
+
+@dataclass(frozen=True, eq=False)
 class _Plant:
     """A linear system with names."""
 
@@ -47,6 +64,7 @@ class _Plant:
     states: tuple[str, ...]
     time_step: float | None
     name: str
+    ports: _Ports | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +93,9 @@ def from_control(
     ----------
     system : control.StateSpace, control.TransferFunction or control.InterconnectedSystem
         As ``control.ss`` and ``control.interconnect`` make it, in continuous or discrete time. Its outputs are the
-        named signals of the loop, inputs that no element drives its external inputs; names of states are kept.
+        named signals of the loop, inputs that no element drives its external inputs; names of states are kept. Inputs
+        and outputs of the linear subsystems of an interconnection are places at which margins can cut the loop, as in
+        ``epp.margins(loop, "controller.voltage")``; "controller" alone stands for the output of one that has one.
     elements : mapping of (str, ..., str) or str to Nonlinearity
         By what an element takes and drives: ``("speed", "torque")`` is fed by the output "speed" and drives the input
         "torque"; with several inputs, ``("deflection", "rate", "torque")``. A name alone is an output and an input of
@@ -142,6 +162,7 @@ def from_control(
     external = tuple(plant.inputs[j] for j in free)
     start = _by_name(plant, "v0", v0, external)
     late = _by_name(plant, "delays", delays, tuple(plant.inputs[j] for j in driven))
+    cuts = None if plant.ports is None else _cuts(plant.ports, rows, driven, late)
     return LureSystem.build(
         plant.A,
         plant.B[:, driven],
@@ -158,14 +179,26 @@ def from_control(
         delays=late,
         time_step=plant.time_step,
         state_names=plant.states,
+        cuts=cuts,
         name=plant.name,
+    )
+
+
+def _cuts(ports: _Ports, rows: Sequence[int], driven: Sequence[int], late: Array) -> Cuts:
+    """Places to cut, without those that carry a late output of an element, which is late for the states alone, and
+    those behind which the loop that is cut open has no solution.
+    """
+    kept = ~np.any((ports.D[:, driven] != 0.0) & (late > 0.0), axis=1) & (ports.F != -1.0)
+    names = tuple(name for name, keep in zip(ports.names, kept.tolist(), strict=True) if keep)
+    of_elements = ports.D[np.ix_(kept, driven)]
+    return Cuts(
+        names, B=ports.B[:, kept], E=ports.E[np.ix_(rows, kept)], C=ports.C[kept], D=of_elements, F=ports.F[kept]
     )
 
 
 def _taken_apart(system: Any, elements: Mapping[Any, Nonlinearity], name: str | None) -> tuple[_Plant, list[_Place]]:
     """The linear part, and the places of the elements in the order in which they were given."""
-    parts = getattr(system, "syslist", None)
-    if parts is not None and not hasattr(system, "A"):
+    if getattr(system, "syslist", None) is not None:
         plant, names = _cut(system, elements, name or system.name)
     else:
         plant, names = _linear(system, name or system.name), {}
@@ -280,8 +313,10 @@ def _cut(system: Any, elements: Mapping[Any, Nonlinearity], name: str) -> tuple[
     u_of = np.repeat(is_cut, np.diff(ins))
     y_of = np.repeat(is_cut, np.diff(outs))
     M, N = np.asarray(system.connect_map, float), np.asarray(system.input_map, float)
-    A, B, C, D = _stacked([p for p in parts if hasattr(p, "A")])
-    closed = np.eye(len(D)) - D @ M[np.ix_(~u_of, ~y_of)]
+    linear = [p for p in parts if hasattr(p, "A")]
+    A, B, C, D = _stacked(linear)
+    M_linear = M[np.ix_(~u_of, ~y_of)]
+    closed = np.eye(len(D)) - D @ M_linear
     if len(D) and np.linalg.cond(closed) > _SINGULAR:
         raise ModelError(f"{name}: an algebraic loop through its linear subsystems has no unique solution.")
     # Rows on (x, v, w) of the linear outputs, of all outputs, and of all inputs.
@@ -291,9 +326,25 @@ def _cut(system: Any, elements: Mapping[Any, Nonlinearity], name: str) -> tuple[
     y[~y_of] = np.linalg.solve(closed, np.hstack([C, np.zeros((len(C), nv + nw))]) + D @ to_u)
     y[y_of, n + nv :] = np.eye(nw)
     u = M @ y + np.hstack([np.zeros((len(N), n)), N, np.zeros((len(N), nw))])
-    seen = np.vstack([np.asarray(system.output_map, float) @ np.vstack([y, u]), u[u_of]])
+    outer = np.asarray(system.output_map, float)
+    seen = np.vstack([outer @ np.vstack([y, u]), u[u_of]])
     rate = B @ u[~u_of]
     rate[:, :n] += A
+    # The same of disturbances that are added to the linear outputs, and to the linear inputs.
+    ny, nu = C.shape[0], B.shape[1]
+    y_d, u_d = np.zeros((len(y_of), ny + nu)), np.zeros((len(u_of), ny + nu))
+    drives = np.hstack([M_linear, np.eye(nu)])
+    own = np.linalg.solve(closed, D @ drives)
+    y_d[~y_of] = own + np.eye(ny, ny + nu)
+    u_d[:] = M @ y_d
+    u_d[~u_of, ny:] += np.eye(nu)
+    back, carried = np.diag(np.vstack([own, M_linear @ own])), np.vstack([y[~y_of], u[~u_of]])
+    names = _named_ports(linear)
+    at = list(names.values())
+    ports = _Ports(
+        tuple(names), B=(B @ u_d[~u_of])[:, at], C=carried[at, :n], D=carried[at, n:],
+        E=np.vstack([outer @ np.vstack([y_d, u_d]), u_d[u_of]])[:, at], F=back[at],
+    )  # fmt: skip
     between = {p.name: tuple(f"{p.name}_{s}" for s in (*p.input_labels, *p.output_labels)) for p in outside}
     plant = _Plant(
         rate[:, :n],
@@ -305,8 +356,26 @@ def _cut(system: Any, elements: Mapping[Any, Nonlinearity], name: str) -> tuple[
         tuple(system.state_labels),
         sample_time(system),
         name,
+        ports,
     )
     return plant, between
+
+
+def _named_ports(parts: Sequence[Any]) -> dict[str, int]:
+    """Numbers of the outputs of linear subsystems, then of their inputs: "controller.voltage", or "controller.out" of
+    one that has one output.
+    """
+    ports = [
+        (part.name, signal, alone if getattr(part, count) == 1 else signal)
+        for labels, count, alone in (("output_labels", "noutputs", "out"), ("input_labels", "ninputs", "in"))
+        for part in parts
+        for signal in getattr(part, labels)
+    ]
+    found: dict[str, int] = {}
+    for place in (1, 2):
+        for i, port in enumerate(ports):
+            found.setdefault(f"{port[0]}.{port[place]}", i)
+    return found
 
 
 def _stacked(parts: Sequence[Any]) -> tuple[Array, ...]:

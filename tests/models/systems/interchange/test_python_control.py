@@ -270,3 +270,68 @@ def test_a_shipped_loop_predicts_the_same_after_the_way_there_and_back(name):
         assert other.omega == pytest.approx(one.omega, rel=1e-9)
         for signal, size in one.peak_to_peak.items():
             assert other.peak_to_peak[signal] == pytest.approx(size, rel=1e-9)
+
+
+@pytest.mark.parametrize("at", ["controller.voltage", "controller", "motor.angle", "voltage"])
+def test_margins_are_taken_at_signals_of_the_subsystems(at: str):
+    """With a limit whose gain at rest is one, the loop is that of controller and motor, cut anywhere on its way."""
+    plant, law = motor(inputs=["volts", "load"]), controller()
+    system = control.interconnect(
+        [plant, law, control.summing_junction(["reference", "-angle"], "error")],
+        inputs=["reference", "volts", "load"], outputs=["angle", "speed", "voltage"], name="servo",
+    )  # fmt: skip
+    loop = epp.from_control(system, {("voltage", "volts"): epp.Saturation(-1.0, 1.0)})
+    found = epp.margins(loop, at)
+    want = control.margin(control.tf([4.0, 2.0], [1.0, 0.0]) * control.tf([1.0], [1.0, 1.0, 0.0]))
+    assert found.phase_margin == pytest.approx(np.deg2rad(want[1]), rel=1e-6)
+    again = epp.margins(epp.Case.from_system(loop), at)
+    assert again.phase_margin == pytest.approx(found.phase_margin, rel=1e-12)
+
+
+def test_a_friction_servo_has_margins_at_its_controller():
+    loop = epp.from_control(servo(), {("speed", "friction"): FRICTION})
+    assert "controller.voltage" in epp.margins(loop).message
+    want = control.margin(control.tf([4.0, 2.0], [1.0, 0.0]) * control.tf([1.0], [1.0, 1.0, 0.0]))
+    assert epp.margins(loop, "controller").phase_margin == pytest.approx(np.deg2rad(want[1]), rel=1e-6)
+
+
+@st.composite
+def interconnections(draw):
+    """A chain of subsystems with names of python-control's own, closed through one that an element stands for."""
+    parts = []
+    for _ in range(draw(st.integers(1, 3))):
+        poles = draw(st.lists(st.floats(0.2, 3.0), min_size=1, max_size=2))
+        part = control.tf([draw(st.floats(0.5, 2.0))], np.poly(-np.array(poles)))
+        parts.append(control.ss(part) if draw(st.booleans()) else part)
+    clipped = lambda t, x, u, params: np.clip(u, -1.0, 1.0)  # noqa: E731
+    parts.insert(draw(st.integers(0, len(parts))), control.nlsys(None, clipped, inputs=1, outputs=1, name="limit"))
+    wires = [
+        [(i, 0), (i - 1, 0, 1 if i else -1)] if i else [(0, 0), (len(parts) - 1, 0, -1)] for i in range(len(parts))
+    ]
+    return control.interconnect(parts, connections=wires, inplist=[(0, 0)], outlist=[(len(parts) - 1, 0)])
+
+
+@settings(max_examples=25, deadline=None)
+@given(interconnections())
+def test_every_loop_of_python_control_is_a_case_and_reads_back(system):
+    loop = epp.from_control(system, {"limit": epp.Saturation(-1.0, 1.0)})
+    case = epp.Case.from_system(loop, name="mine")
+    read = epp.case_from_text(case.to_toml()).to_system()
+    assert (read.state_names, read.signals.names, read.input_names) == (
+        loop.state_names, loop.signals.names, loop.input_names
+    )  # fmt: skip
+    np.testing.assert_array_equal(read.A, loop.A)
+    assert case.with_values({"limit.upper": 2.0}).value("limit.upper") == 2.0
+    for name in loop.cuts.names:  # cut anywhere on its one way, a loop answers alike
+        at, here = epp.margins(loop, name), epp.margins(loop)
+        assert at.phase_margin == pytest.approx(here.phase_margin, rel=1e-6, abs=1e-9)
+        assert at.gain_margin == pytest.approx(here.gain_margin, rel=1e-6)
+
+
+def test_elements_and_signals_with_indices_are_parameters_of_a_case():
+    plant = control.ss([[0, 1], [0, -1]], [[0], [1]], [[-3, 0]], 0)
+    loop = epp.from_control(plant, {("y[0]", "u[0]"): epp.Saturation(-1.0, 1.0)})
+    case = epp.Case.from_system(loop, name="mine", signal="y[0]").with_values({"u[0].upper": 2.0})
+    assert case.value("u[0].upper") == 2.0 and case.named_signals[0] == "y[0]"
+    found = epp.sweep(case, {"u[0].upper": [1.0, 2.0]}, progress=False)
+    assert found.sizes["u[0].upper"] == 2
