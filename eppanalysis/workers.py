@@ -154,7 +154,8 @@ class _LinearAlgebra:
     """How many blocks of this process want linear algebra in one thread, and what ends that."""
 
     def __init__(self) -> None:
-        self.lock, self.blocks, self.limits = threading.Lock(), 0, None
+        self.lock, self.blocks = threading.Lock(), 0
+        self.limits: Any = None
 
     def enter(self) -> None:
         with self.lock:

@@ -37,6 +37,11 @@ CHEAP = {
         relay_ideal_khalil79 sat_am165 sat_asymmetric sat_khalil710 sat_pycontrol_doc soft_cable
         stiction_level_S5J2 thruster_dz_hyst""",
 }
+#: Branches that take no longer; those of other cases bend into borders where the last digits are lost.
+BRANCHES = """
+    actuator_both_limits backlash_servo backlash_servo_unseen clegg_loop fig6a_original_pulley fig6b_ball_bearing
+    fig8a_original fig8b_reduced_backlash freeplay_section sat_plus_backlash steering_compensated
+    two_mass_damped_shaft"""
 LONG = "azimuth_servo backlash_discrete_pi_kp05_ki01 level_valve robot_servo virtual_spring x15_flare"
 #: What is another answer on another processor today, and what will make it one.
 OPEN = {
@@ -44,6 +49,7 @@ OPEN = {
     ("simulate", "virtual_spring"): "whether a sample that falls on the end of a run counts as an event is rounding",
     ("simulate", "buck_converter"): "an irregular motion is told by one of its turns: no orbit is closed to confirm it",
     ("cycles", "buck_converter"): "which members of a continuum are listed is what runs happen to come to",
+    ("cycles", "stiction_deadband_none"): "how many runs a search makes depends on where its bisections end",
     ("cycles", "two_mass_deadzone"): "which cycles on basin boundaries are met depends on where bisections end",
 }
 
@@ -56,8 +62,8 @@ def every() -> list:
         why = OPEN.get((analysis, name))
         marks = [pytest.mark.slow, *([pytest.mark.xfail(strict=True, reason=why)] if why else [])]
         if analysis != "cycles" or name not in LONG.split():
-            found.append(pytest.param(analysis, name, 2 if dear else 20, marks=marks))
-    return found
+            found.append(pytest.param(analysis, name, 1 if why and dear else 2 if dear else 20, marks=marks))
+    return found + [pytest.param("branch", name, 2, marks=pytest.mark.slow) for name in BRANCHES.split()]
 
 
 @pytest.mark.parametrize(("analysis", "name", "draws"), every())

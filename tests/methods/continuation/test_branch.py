@@ -20,6 +20,7 @@ from eppanalysis.methods.continuation.steps import bend, last_admissible, other_
 from eppanalysis.methods.orbits import shooting
 from eppanalysis.shown import for_people
 from tests.coordinates import InOtherWords, rotated
+from tests.noise import noise, with_shaken_matrices
 from tests.shared import cycles_of
 
 POUND = 4.4482216152605
@@ -171,6 +172,25 @@ def test_a_branch_ends_at_the_limit_of_linear_stability(seed):
     assert end.kind == "linear limit" and end.value == pytest.approx(1.0, rel=1e-12)
     assert end.cycle.omega == pytest.approx(math.sqrt(3.0), rel=1e-7)
     assert branch.status is epp.Status.CONVERGED and "no folds; linear limit at 1. " in str(branch)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_what_grazes_at_a_border_is_shown_just_before_it(seed):
+    """Where a contact is only just made nothing tells the multipliers: they were rounding, or one of a continuum."""
+    case = epp.case("gain_brings_it_back")
+    here = epp.continue_branch(case, "lock_pin.backlash", "0.5 deg", "0.47 deg", n_others=0)
+    with noise(seed):
+        there = epp.continue_branch(
+            with_shaken_matrices(case, seed), "lock_pin.backlash", "0.5 deg", "0.47 deg", n_others=0
+        )
+    assert len(here.special) > 0
+    for one, other in zip(here.special, there.special, strict=True):
+        assert one.kind is other.kind and one.value == pytest.approx(other.value, rel=1e-9)
+        assert one.cycle.stability_criterion == other.cycle.stability_criterion
+        assert one.cycle.multipliers == pytest.approx(other.cycle.multipliers, abs=1e-5)
+        beside = here.points["multiplier"][[one.index - 1, one.index]]
+        assert 0.9 * beside.min() < abs(one.cycle.multipliers[0]) < 1.1 * beside.max()
 
 
 def test_a_continuum_at_one_value_is_named():

@@ -1,4 +1,4 @@
-"""Where a listed orbit begins, and in which order mirror images stand: rules that hold in any states, from any start."""
+"""Where a listed orbit begins and in which order mirror images stand: rules for all states and starts."""
 
 from __future__ import annotations
 
