@@ -269,7 +269,7 @@ def test_a_file_is_about_the_loop_whose_arcs_it_has_and_no_other(
         ("modes", [[9]]),
         ("guards", [99]),
         ("unknown", [7]),
-        ("basis", [["1"]]),
+        ("basis", [["3"]]),
         ("held", [[0, "1"]]),
     ):
         changed = copy_of(document)
