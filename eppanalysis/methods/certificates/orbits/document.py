@@ -102,11 +102,12 @@ def _own_arcs(given: Mapping[str, Any], hybrid: HybridSystem) -> list[dict[str, 
     """The arcs of a system on the course that a file tells."""
     from flint import fmpq, fmpq_mat
 
-    told, n, y = given["course"], hybrid.x0.size, np.concatenate([hybrid.x0, hybrid.H0, [1.0]])
+    told, n, y = given["course"], hybrid.x0.size, np.concatenate([hybrid.x0, hybrid.H0])
     modes, guards = np.array(told["modes"], np.int64), np.array(told["guards"], np.int64)
     held, unknown = dict(told["held"]), told["unknown"]
     places = sorted([*held, *unknown])
-    known = set(range(n, y.size - 1)) <= set(places) <= set(range(y.size - 1)) and not any(place < n for place in held)
+    own = range(n, n + int(hybrid.model.first[-1, 2]))  # where the memory values of the elements stand
+    known = set(own) <= set(places) <= {*range(n), *own} and not any(place < n for place in held)
     counts = [len(automaton.modes) for automaton in hybrid.automata]
     if not known or len(set(places)) != len(places) or guards.min() < 0 or modes.min() < 0 or (modes >= counts).any():
         raise ValueError("modes, events or places that the system does not have")

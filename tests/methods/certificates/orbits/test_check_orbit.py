@@ -201,3 +201,78 @@ def test_ghosts_of_a_relay_are_refused() -> None:
                 check_orbit.verify(copy_of(document))
             ghosts += 1
     assert ghosts >= 3
+
+
+def run_twice(document: Document) -> Document:
+    """The same arcs twice over, with the solution of both rounds, sealed anew."""
+    out = copy_of(document)
+    out["loop"]["arcs"] *= 2
+    out["loop"]["course"]["modes"] *= 2
+    out["loop"]["course"]["guards"] *= 2
+    for name in ("solution", "weights"):
+        out["evidence"][name] *= 2
+    return with_claim(out)
+
+
+def with_claim(document: Document) -> Document:
+    """A certificate with the claim that its evidence would show."""
+    evidence, events = document["evidence"], len(document["loop"]["arcs"])
+    k, timed = len(evidence["sizes"]), sum(not arc["at_once"] for arc in document["loop"]["arcs"])
+    off = Fraction(evidence["radius"]) * Fraction(evidence["sizes"][-1]) * timed
+    period = sum(map(Fraction, evidence["solution"][k - 1 :: k]))
+    claim = {"events": events, "period": [str(period - off), str(period + off)], "box": evidence["box"]}
+    return sealed({**document, "claim": claim})
+
+
+@pytest.mark.parametrize("name", ["relay", pytest.param("elbow", marks=pytest.mark.slow)])
+def test_an_orbit_that_is_run_twice_is_refused(name: str, request: pytest.FixtureRequest) -> None:
+    """It closes after twice its period as well, which is not its period; nor where the rounds are told apart by a
+    guard that is written otherwise.
+    """
+    document = request.getfixturevalue(name)
+    check_orbit.verify(with_claim(copy_of(document)))
+    doubled = run_twice(document)
+    with pytest.raises(check_orbit.Refused, match="more than once"):
+        check_orbit.verify(doubled)
+    arc = doubled["loop"]["arcs"][0]
+    arc["guards"] = [[scaled(v, "2") if Fraction(v) else v for v in row] for row in arc["guards"]]
+    with pytest.raises(check_orbit.Refused, match="more than once"):
+        check_orbit.verify(with_claim(doubled))
+
+
+@pytest.mark.parametrize("name", ["relay", pytest.param("elbow", marks=pytest.mark.slow)])
+def test_a_file_is_about_the_loop_whose_arcs_it_has_and_no_other(
+    name: str, request: pytest.FixtureRequest, tmp_path
+) -> None:
+    document = request.getfixturevalue(name)
+    own = hysteresis(0.5)[0] if name == "relay" else epp.case("fig8a_original")
+    other = hysteresis(0.5000001)[0] if name == "relay" else own.with_values({"lock_pin.backlash": "2.27 deg"})
+    path = tmp_path / "orbit.json"
+
+    def about(document: Document, loop: Any) -> bool | None:
+        path.write_text(json.dumps(sealed(document)))
+        return epp.check_certificate(path, loop).about
+
+    assert about(document, own) is True and about(document, other) is False
+    assert about(document, epp.case("backlash_servo")) is False and about(document, epp.case("sat_am165")) is False
+    guards = [(k, g) for k, arc in enumerate(document["loop"]["arcs"]) for g in range(len(arc["guards"]))]
+    left_out = 0
+    for k, g in [x for x in guards if x[1] != document["loop"]["arcs"][x[0]]["fired"]][:3]:
+        changed = copy_of(document)
+        arc = changed["loop"]["arcs"][k]
+        arc["guards"].pop(g)
+        arc["on_rates"].pop(g)
+        arc["fired"] -= g < arc["fired"]
+        assert about(changed, own) is not True
+        left_out += 1
+    for place, value in (
+        ("modes", [[9]]),
+        ("guards", [99]),
+        ("unknown", [7]),
+        ("basis", [["3"]]),
+        ("held", [[0, "1"]]),
+    ):
+        changed = copy_of(document)
+        changed["loop"]["course"][place] = value
+        assert about(changed, own) is False
+    assert name == "relay" or left_out == 3
