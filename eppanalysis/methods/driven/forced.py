@@ -81,8 +81,9 @@ def forced_response(
     The run from the loop's own start, runs from what describing functions say, and these themselves lead to responses
     that are closed by Newton's method on the exact map of the state over one and several periods of the input, with its
     exact derivative, whose eigenvalues are the Floquet multipliers. Not every response need be found: there is no proof
-    that these are all; where those of one period are even in number the message says that one is missing. Of a loop with dead time or sampled controllers the response is that on which its run ends, to a
-    millionth, and the message says so: others are not looked for, and there are no multipliers.
+    that these are all; where those of one period are even in number the message says that one is missing. Of a loop
+    with dead time or sampled controllers the response is that on which its run ends, to a millionth, and the message
+    says so: others are not looked for, and there are no multipliers.
 
     Parameters
     ----------
