@@ -112,7 +112,8 @@ def searched(question: Question, near: float, sign: float) -> ExactBound:
     end, far = (question.low, question.high) if sign > 0 else (question.high, question.low)
     if _orbits_at(question, end):
         return ExactBound(kind=Turn.END)
-    with_cycles, without = [], [end]
+    with_cycles: list[float] = []
+    without = [end]
     for value in spread(float(np.clip(near, question.low, question.high)), far, _N_SEARCHED):
         orbits = _orbits_at(question, value) if value != end else []
         turn = farthest_turn(question, value, orbits, sign)

@@ -81,8 +81,9 @@ def forced_response(
     The run from the loop's own start, runs from what describing functions say, and these themselves lead to responses
     that are closed by Newton's method on the exact map of the state over one and several periods of the input, with its
     exact derivative, whose eigenvalues are the Floquet multipliers. Not every response need be found: there is no proof
-    that these are all. Of a loop with dead time or sampled controllers the response is that on which its run ends, to a
-    millionth, and the message says so: others are not looked for, and there are no multipliers.
+    that these are all; where those of one period are even in number the message says that one is missing. Of a loop
+    with dead time or sampled controllers the response is that on which its run ends, to a millionth, and the message
+    says so: others are not looked for, and there are no multipliers.
 
     Parameters
     ----------
@@ -238,15 +239,14 @@ class Search:
 
     def _between(self, one: Orbit, other: Orbit) -> None:
         """Halve the way between two stable responses until runs from both sides lead on together to a third."""
-        ends = [begun(one), next(self._at_phase(begun(other), self.drive.phase(one.y), 1), None)]
-        if ends[1] is None:
+        start, there = begun(one), next(self._at_phase(begun(other), self.drive.phase(one.y), 1))
+        if there is None:
             return
-        known, a, b = len(self.found), 0.0, 1.0
-        x, y = ends[0].x0, ends[1].x0
-        paths = [self._path(replace(ends[0], x0=x)), self._path(replace(ends[0], x0=y))]
+        known, a, b, x, y = len(self.found), 0.0, 1.0, start.x0, there.x0
+        paths = [self._path(start), self._path(there)]
         for halving in range(1, _HALVINGS + 1):
             c = 0.5 * (a + b)
-            path = self._path(replace(ends[0], x0=(1.0 - c) * x + c * y))
+            path = self._path(replace(start, x0=(1.0 - c) * x + c * y))
             nearer = self._away(one, path[-1].x0, x) < self._away(one, path[-1].x0, y)
             a, b, paths = (c, b, [path, paths[1]]) if nearer else (a, c, [paths[0], path])
             if halving % _LOOKS == 0:
