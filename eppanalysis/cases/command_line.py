@@ -116,7 +116,7 @@ class Asking:
         --------
         >>> from eppanalysis.cases import case
         >>> Asking.of(case("wheelchair")).bounds("loop.gain", "play.gap")
-        'eppanalysis bounds wheelchair --over play.gap --from "9 mm" --points 1 --limit loop.gain'
+        'eppanalysis bounds wheelchair --over play.gap --from "12 mm" --points 1 --limit loop.gain'
         """
         over = over or self.beside(limit)
         if not over:

@@ -124,7 +124,7 @@ def design_guide(
     ...     case, ["12 mm"], over="play.gap", limit="loop.gain", starts=20
     ... )
     >>> guide.sentences()[0]
-    'At a play gap of 12 mm keep loop gain under 0.846.
+    'At a play gap of 12 mm keep loop gain under 0.83 (exact 0.8462).
     This case has 1: its own run ends in an oscillation.'
 
     How much play may a servo have whose output may move by 0.5?
@@ -134,8 +134,8 @@ def design_guide(
     ...     servo, [1.0], over="loop.gain", limit="play.gap", allow="x 0.5", starts=20
     ... )
     >>> print(guide)
-    Keep play gap under 0.255 (at a loop gain of 1), with x 0.5 peak to peak
-    allowed, tested at 0.2526; verified.
+    Keep play gap under 0.250 (exact 0.2551), at a loop gain of 1, with x 0.5
+    peak to peak allowed; verified.
     """
     case = as_case(case)
     require_case(case, "design_guide")

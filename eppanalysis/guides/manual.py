@@ -73,7 +73,7 @@ def manual_table(result: Guide | DesignBounds, step: float | None = None) -> Man
     ...     starts=20,
     ... )
     >>> print(str(epp.manual_table(bounds)).splitlines()[4])
-    | 1 | 1.68 | 1.66 | 0.15 | yes, 20 simulations |
+    | 1 | 1.68 | 1.67 | 0.15 | yes, 20 simulations |
     """
     if step is not None and not (math.isfinite(step) and step > 0):
         raise EppError(f"manual_table: step is {shown(step)}; expected a positive number in the unit of the table.")

@@ -95,7 +95,7 @@ def test_a_map_of_more_axes_says_where_it_is() -> None:
 def test_slices_have_a_line_for_every_value_of_the_other_axis(grid) -> None:
     figure = plot_slices(grid)
     size, frequency = figure.axes
-    assert [ax.get_ylabel() for ax in figure.axes] == ["peak to peak of theta [deg]", "frequency [Hz]"]
+    assert [ax.get_ylabel() for ax in figure.axes] == ["peak to peak\nof theta [deg]", "frequency [Hz]"]
     assert frequency.get_xlabel() == "lock pin backlash [deg]"
     assert texts(figure) == [*(f"bands range {v} lbf" for v in ("2", "2.5", "3")), "unknown"]
     backlash = grid["lock_pin.backlash"].values / DEG

@@ -94,7 +94,7 @@ def test_failing_cells_are_statuses_with_a_sentence() -> None:
     wrong = found.isel({"forearm.inertia": 1})
     assert set(status_of(wrong)) == {"failed"}
     assert set(np.unique(wrong["message"].values.astype(object))) == {
-        "sweep: forearm.inertia is -1.0; expected a positive number."
+        "sweep: forearm.inertia is '-1 kg*m^2'; expected a positive number."
     }
     assert np.all(np.isnan(wrong["peak_to_peak"].values))
     right = found.isel({"forearm.inertia": [0, 2]})
