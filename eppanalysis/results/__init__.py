@@ -368,15 +368,18 @@ class Prediction(Listing[LimitCycle]):
 
     def __str__(self) -> str:
         """How many limit cycles first order has, the largest stable one, and what it may not see."""
-        doubtful = sum(cycle.may_not_exist for cycle in self.cycles)
-        doubt = [f"{doubtful} of {len(self)} may not exist."] if doubtful else []
+        doubtful = [cycle for cycle in self.cycles if cycle.may_not_exist]
+        sure = [cycle for cycle in self.cycles if not cycle.may_not_exist]
         ended = [] if self.status.ok else [self.status.value]
         ended += ["Cycles between the points of its grid may be missed."] if self.on_grid else []
+        if doubtful and not sure:
+            predicts = counted(doubtful, which=" that may not exist")
+        else:
+            predicts = counted(sure) + f", and {len(doubtful)} more that may not exist" * bool(doubtful)
         # That there is none is no verdict where it is known what first order does not see.
-        missed = ", and may miss one" if self.warnings and not self.cycles else ""
-        margin = "" if self.cycles else _margin(self.margins)
-        predicts = f"First order predicts {counted(self.cycles)}{missed}{margin}."
-        return " ".join([predicts, *doubt, *ended, *self.warnings])
+        missed = ", and may miss one" if self.warnings and not sure else ""
+        margin = "" if sure else _margin(self.margins)
+        return " ".join([f"First order predicts {predicts}{missed}{margin}.", *ended, *self.warnings])
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
@@ -428,8 +431,10 @@ def _before(one: LimitCycle, other: LimitCycle) -> int:
     return (here > there) - (here < there)
 
 
-def counted(cycles: Sequence[LimitCycle], signal: str | None = None) -> str:
+def counted(cycles: Sequence[LimitCycle], signal: str | None = None, which: str = "") -> str:
     """Limit cycles in words: how many, how many of them stable, the size of the largest of these (of all, if none is).
+
+    `which` says more of them (" that may not exist").
 
     Examples
     --------
@@ -443,13 +448,13 @@ def counted(cycles: Sequence[LimitCycle], signal: str | None = None) -> str:
     size = max(stable or cycles, key=lambda cycle: cycle.peak_to_peak.get(name, 0.0)).size_of(name)
     if len(cycles) == 1:
         kind = {True: "stable ", False: "unstable ", None: ""}[cycles[0].stable]
-        return f"1 {kind}limit cycle with {size}"
+        return f"1 {kind}limit cycle{which}{',' * bool(which)} with {size}"
     if len(stable) == 1:
-        return f"{len(cycles)} limit cycles, the stable one with {size}"
+        return f"{len(cycles)} limit cycles{which}, the stable one with {size}"
     if len(stable) == len(cycles):
-        return f"{len(cycles)} stable limit cycles, the largest with {size}"
+        return f"{len(cycles)} stable limit cycles{which}, the largest with {size}"
     known = f", {len(stable) or 'none'} of them stable" if any(c.stable is not None for c in cycles) else ""
-    return f"{len(cycles)} limit cycles{known}, the largest{' of these' * bool(stable)} with {size}"
+    return f"{len(cycles)} limit cycles{which}{known}, the largest{' of these' * bool(stable)} with {size}"
 
 
 def cycles_frame(cycles: Sequence[LimitCycle]) -> pandas.DataFrame:

@@ -77,6 +77,7 @@ def blind_spots(
     without_rest = [] if stable or of_any_size or beyond else no_rest(balance)
     return tuple(
         [
+            *_unsolved(balance, points, found),
             *made_by_harmonics(balance, points, estimates, found),
             *_undamped(balance),
             *of_any_size,
@@ -145,9 +146,7 @@ def near_misses(balance: Balance, points: Sequence[Point], found: Found) -> list
     """Vectors of unknowns at which the loop gain comes nearest to one without reaching it, nearest first."""
     one = is_one_loop(balance.system)
     places = _misses_of_one(balance) if one else [x for curve in found.curves for x in _extrema(curve)]
-    pivot = balance.pivot
-    cycles = np.array([[np.log(p.amplitude[pivot]), np.log(p.omega)] for p in points]).reshape(-1, 2)
-    near = [x for x in places if abs(x[-1]) < _NEAR and np.all(np.abs(cycles - x[:2]).max(1) > _BESIDE)]
+    near = [x for x in _away_from(balance, points, places) if abs(x[-1]) < _NEAR]
     return sorted(near, key=lambda x: abs(float(x[-1])))[:_PLACES]
 
 
@@ -179,6 +178,24 @@ def _misses_of_one(balance: Balance) -> list[Array]:
             least &= inner <= off[1 + i : off.shape[0] - 1 + i, 1 + k : off.shape[1] - 1 + k]
     places = np.argwhere(least & (inner < _NEAR)) + 1
     return [np.array([np.log(amplitude[i]), np.log(omega[k]), 0.0, off[i, k]]) for i, k in places]
+
+
+def _unsolved(balance: Balance, points: Sequence[Point], found: Found) -> Iterator[str]:
+    """Where a curve of the search passes a loop gain of one and the balance has no solution that was found."""
+    for x in _away_from(balance, points, found.unsolved):
+        size = quantity(2.0 * float(np.exp(x[0])), unit_at_input(balance.system, balance.pivot))
+        yield (
+            f"The loop gain passes one near {float(np.exp(x[1])) / (2.0 * np.pi):.4g} Hz with {size} peak to peak at "
+            f"{balance.system.element_names[balance.pivot]}, where the balance was not solved: a cycle there is not "
+            "listed."
+        )
+
+
+def _away_from(balance: Balance, points: Sequence[Point], places: Sequence[Array] | Array) -> list[Array]:
+    """Vectors of unknowns that are not beside a predicted cycle."""
+    pivot = balance.pivot
+    cycles = np.array([[np.log(p.amplitude[pivot]), np.log(p.omega)] for p in points]).reshape(-1, 2)
+    return [x for x in places if np.all(np.abs(cycles - x[:2]).max(1) > _BESIDE)]
 
 
 def _undamped(balance: Balance) -> Iterator[str]:

@@ -20,6 +20,8 @@ from eppanalysis.roots import between, least, stretches
 _REACH = 4.0
 #: Halvings of a step of the grid in which a gain passes zero.
 _HALVINGS = 48
+#: Steps along a curve to where it passes lambda = 1, and so many of these in a row that may fail.
+_STEPS_ALONG, _MOST_FAILURES = 80, 24
 
 
 def roots_at_once(f: Callable[[Array], Array], x: Array, y: Array, accept: float = 1e-9) -> Array:
@@ -125,8 +127,11 @@ def interpolate(X: Array, loop: ComplexArray, path: Array) -> tuple[Array, Compl
     return points, values
 
 
-def crossings(balance: Balance, curves: list[Array]) -> Array:
-    """Limit cycles (n, 3 m + 1) along curves of exact solutions (points in order, shape (n_curve, 3 m + 1))."""
+def crossings(balance: Balance, curves: list[Array]) -> tuple[Array, Array]:
+    """Limit cycles (n, 3 m + 1) along curves of exact solutions (points in order, shape (n_curve, 3 m + 1)).
+
+    Besides, points beside which a curve passes lambda = 1 without a solution there.
+    """
     pairs: list[tuple[Array, Array]] = []
     dips: list[Array] = []
     for curve in curves:
@@ -136,7 +141,7 @@ def crossings(balance: Balance, curves: list[Array]) -> Array:
     if dips:
         pairs += _split_at_extrema(balance, *np.stack(dips, axis=1))
     if not pairs:
-        return np.zeros((0, 3 * balance.m + 1))
+        return np.zeros((0, 3 * balance.m + 1)), np.zeros((0, 3 * balance.m + 1))
     start, end = (np.array(side) for side in zip(*pairs, strict=True))
     return _close(balance, start, end)
 
@@ -216,8 +221,8 @@ def _split_at_extrema(balance: Balance, left: Array, middle: Array, right: Array
     return [pair for i in turned for pair in ((left[i], X_best[i]), (X_best[i], right[i]))]
 
 
-def _close(balance: Balance, start: Array, end: Array) -> Array:
-    """One limit cycle between each pair of points on either side of lambda = 1."""
+def _close(balance: Balance, start: Array, end: Array) -> tuple[Array, Array]:
+    """One limit cycle between each pair of points on either side of lambda = 1; points where there is none."""
     chord = end - start
     place = start[:, -1] / (start[:, -1] - end[:, -1])
     X, ok = _at_one(balance, start + place[:, None] * chord)
@@ -226,31 +231,43 @@ def _close(balance: Balance, start: Array, end: Array) -> Array:
     place = ((X - start) * across).sum(-1) / (chord * across).sum(-1)
     away = np.abs(X - start - place[:, None] * chord)[:, :2].max(-1)
     ok &= (place >= 0.0) & (place <= 1.0) & (away <= np.abs(chord)[:, :2].max(-1))
-    return np.concatenate([X[ok], polish(balance, _false_position(balance, start[~ok], end[~ok]))])
+    near = _along(balance, start[~ok], end[~ok])
+    solved, found = _at_one(balance, near)
+    return np.concatenate([X[ok], solved[found]]), near[~found]
 
 
-def _false_position(balance: Balance, start: Array, end: Array) -> Array:
-    """Points at lambda = 1 between pairs on either side of it."""
-    chord = end - start
-    low, high = np.zeros(len(start)), np.ones(len(start))
-    f_low, f_high = start[:, -1].copy(), end[:, -1].copy()
-    X, before, done = start.copy(), np.zeros(len(start)), np.zeros(len(start), bool)
-    for _ in range(60):
-        k = np.flatnonzero(~done)
+def _along(balance: Balance, start: Array, end: Array) -> Array:
+    """Points next to lambda = 1 between pairs on either side of it, by steps along the curve that joins them.
+
+    Each step is begun between the nearest two points of the curve, so that Newton's method needs to reach no further
+    than these are apart. Where it fails it is begun nearer to one of them: between is a kink, or a turn.
+    """
+    low, high = start.copy(), end.copy()
+    weight, before = np.ones((2, len(start))), np.zeros(len(start))
+    failed, done = np.zeros(len(start), int), np.zeros(len(start), bool)
+    for _ in range(_STEPS_ALONG):
+        k = np.flatnonzero(~done & (failed < _MOST_FAILURES))
         if not k.size:
             break
-        u = low[k] + np.clip(f_low[k] / (f_low[k] - f_high[k]), 0.02, 0.98) * (high[k] - low[k])
-        X[k], ok = _between(balance, [start[k], end[k]], [1.0 - u, u], chord[k])
-        f = np.where(ok, X[k, -1], 0.0)
-        left = (f < 0) == (f_low[k] < 0)
+        f_low, f_high = weight[0, k] * low[k, -1], weight[1, k] * high[k, -1]
+        u = np.clip(f_low / (f_low - f_high), 0.02, 0.98)
+        # A half, then nearer and nearer to either end.
+        nearer = 0.5 ** ((failed[k] + 2) // 2)
+        u = np.where(failed[k] == 0, u, np.where(failed[k] % 2 == 1, nearer, 1.0 - nearer))
+        chord = high[k] - low[k]
+        X, ok = _between(balance, [low[k], high[k]], [1.0 - u, u], chord)
+        ok &= np.abs(X - low[k] - u[:, None] * chord)[:, :2].max(-1) <= np.abs(chord)[:, :2].max(-1)
+        failed[k] = np.where(ok, 0, failed[k] + 1)
+        left = (X[:, -1] < 0) == (low[k, -1] < 0)
+        low[k[ok & left]], high[k[ok & ~left]] = X[ok & left], X[ok & ~left]
         # The Illinois rule halves the value at an end that stays twice; else regula falsi stalls where lambda bends.
         side = np.where(left, -1.0, 1.0)
-        weight = np.where(side == before[k], 0.5, 1.0)
-        low[k], high[k] = np.where(left, u, low[k]), np.where(left, high[k], u)
-        f_low[k], f_high[k] = np.where(left, f, weight * f_low[k]), np.where(left, weight * f_high[k], f)
-        before[k] = side
-        done[k] = (np.abs(f) < 1e-7 * np.abs(chord[k, -1])) | (high[k] - low[k] < 1e-9)
-    return X
+        twice = ok & (side == before[k])
+        weight[0, k] = np.where(ok & left, 1.0, np.where(twice & ~left, 0.5 * weight[0, k], weight[0, k]))
+        weight[1, k] = np.where(ok & ~left, 1.0, np.where(twice & left, 0.5 * weight[1, k], weight[1, k]))
+        before[k] = np.where(ok, side, before[k])
+        done[k] = (np.abs(high[k] - low[k])[:, :2].max(-1) < 1e-9) | (ok & (np.abs(X[:, -1]) < 1e-9))
+    return np.where((np.abs(low[:, -1]) < np.abs(high[:, -1]))[:, None], low, high)
 
 
 def polish(balance: Balance, X: Array) -> Array:

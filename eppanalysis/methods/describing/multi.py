@@ -93,7 +93,8 @@ def search_several(balance: Balance) -> Found:
     box = Box(limits[0], limits[1], _GAIN_RANGE)
     seeds = _seeds(balance, sheets, _kept_up(balance, omega, L))
     curves = _followed(balance, settle(balance, pieces), seeds, box)
-    cycles = [polish(balance, seeds[seeds[:, -1] == 0.0]), crossings(balance, curves)]
+    crossed, unsolved = crossings(balance, curves)
+    cycles = [polish(balance, seeds[seeds[:, -1] == 0.0]), crossed]
     sizes, frequencies = ranges(balance.system, balance.pivot, amplitude, omega)
     search = (
         f"Sought on {len(amplitude)} amplitudes of {balance.system.element_names[balance.pivot]} from {sizes} by "
@@ -101,7 +102,7 @@ def search_several(balance: Balance) -> Found:
         f"({count(len(sheets), 'branch')}); {_FOLLOWED if curves else 'no curve of zero phase was met'}. "
         "A curve that runs wholly between points of this grid may be missed."
     )
-    return Found(distinct(balance, np.concatenate(cycles)), tuple(curves), search, on_grid=True)
+    return Found(distinct(balance, np.concatenate(cycles)), tuple(curves), search, on_grid=True, unsolved=unsolved)
 
 
 def _pieces(X: Array, loop: ComplexArray, path: Array) -> list[Array]:

@@ -7,7 +7,7 @@ poles, zeros and dead time; nothing is measured in absolute units.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 
 import numpy as np
@@ -66,7 +66,8 @@ _MANY_BRANCHES = (
 @dataclass(frozen=True, eq=False)
 class Found:
     """Limit cycles (k, 3 m + 1), the curves they were found on, how, whether all that was asked for is covered, and
-    whether it was sought on a grid between whose points cycles may lie.
+    whether it was sought on a grid between whose points cycles may lie. Besides, points of the curves beside which the
+    loop gain passes one and the balance has not been solved.
     """
 
     cycles: Array
@@ -74,6 +75,7 @@ class Found:
     search: str
     complete: bool = True
     on_grid: bool = False
+    unsolved: Array = field(default_factory=lambda: np.zeros((0, 4)))
 
 
 def is_one_loop(system: LureSystem) -> bool:
@@ -220,11 +222,12 @@ def search_one(balance: Balance) -> Found:
     gains = [balance.evaluate(line[:, :1], line[:, 1:], np.ones(len(line)))[1][:, 0] for line in lines]
     real = all(map(_is_real, gains))
     finder = _on_crossings if real else _on_phase_curves
-    cycles, curves = finder(balance, list(zip(lines, gains, strict=True)), omega, L)
+    cycles, curves, unsolved = finder(balance, list(zip(lines, gains, strict=True)), omega, L)
     text = _sentence(system, real, omega, amplitude, len(lines))
     few = pieces <= _MOST_CENTRES
     text += _MANY_STEPS * (not few) + _MANY_BRANCHES * (not followed) + _FEW_PLACES * coarse
-    return Found(distinct(balance, cycles), tuple(curves), text, few and followed and not coarse)
+    complete = few and followed and not coarse
+    return Found(distinct(balance, cycles), tuple(curves), text, complete, unsolved=unsolved)
 
 
 def _search_single(single: SingleBias, amplitude: Array) -> Found:
@@ -403,7 +406,7 @@ def _sine(L: ComplexArray) -> Array:
 
 def _on_crossings(
     balance: Balance, lines: list[tuple[Array, ComplexArray]], omega: Array, L: ComplexArray
-) -> tuple[Array, list[Array]]:
+) -> tuple[Array, list[Array], Array]:
     """Real gain: each phase crossing by itself, all roots in amplitude along each branch of the bias."""
     cycles, curves = [np.zeros((0, 4))], []
     for w in phase_crossings(balance, omega, L):
@@ -418,7 +421,8 @@ def _on_crossings(
                 continue
             for piece, loop_gain in up_to_zero(balance, line, N * gain, w, gain):
                 curves += settle(balance, [_points(piece, np.full(len(piece), w), loop_gain)])
-    return np.concatenate([*cycles, crossings(balance, curves)]), curves
+    crossed, unsolved = crossings(balance, curves)
+    return np.concatenate([*cycles, crossed]), curves, unsolved
 
 
 def _roots_in_amplitude(
@@ -447,7 +451,7 @@ def _points(line: Array, omega: Array, loop_gain: Array) -> Array:
 
 def _on_phase_curves(
     balance: Balance, lines: list[tuple[Array, ComplexArray]], omega: Array, L: ComplexArray
-) -> tuple[Array, list[Array]]:
+) -> tuple[Array, list[Array], Array]:
     """Complex gain: contours of zero phase in the plane of (place along the bias branch, omega)."""
     pieces: list[Array] = []
     for line, N in lines:
@@ -457,7 +461,8 @@ def _on_phase_curves(
         for path in contour_lines(sine):
             pieces += _phase_pieces(line, N, omega, L, path)
     curves = settle(balance, pieces, 1)
-    return crossings(balance, curves), curves
+    crossed, unsolved = crossings(balance, curves)
+    return crossed, curves, unsolved
 
 
 def _phase_pieces(line: Array, N: ComplexArray, omega: Array, L: ComplexArray, path: Array) -> list[Array]:

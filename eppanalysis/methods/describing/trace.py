@@ -11,6 +11,8 @@ from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.methods.describing.balance import ON_THE_WAY, Balance, newton_and_jacobian, scales, solved
 
 _FIRST, _LARGEST, _SMALLEST = 0.08, 0.3, 1e-4
+#: Steps away from the start of a curve before it may have come back to it.
+_BESIDE = 10
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Box:
         return inside
 
 
-def trace(balance: Balance, start: Array, outward: Array, box: Box, steps: int = 70) -> list[Array]:
+def trace(balance: Balance, start: Array, outward: Array, box: Box, steps: int = 1000) -> list[Array]:
     """Follow curves outward from their ends.
 
     Parameters
@@ -37,7 +39,7 @@ def trace(balance: Balance, start: Array, outward: Array, box: Box, steps: int =
     start, outward : array, shape (k, 3 m + 1)
         An end of each curve, and the direction in which to leave it.
     box : Box
-        Where to stop.
+        Where to stop; a curve that is closed ends where it began.
     steps : int, optional
         Most steps, accepted or not.
 
@@ -71,10 +73,13 @@ def trace(balance: Balance, start: Array, outward: Array, box: Box, steps: int =
         ok &= (np.abs(new - guess) / here).max(-1) < 2.0 * step
         good = todo[ok]
         X[good], heading[good], size[good] = new[ok], turned[ok], there[ok]
+        # Back at the start and on the same way, behind more than the steps that lie beside it.
+        off = (X - start) / size
+        back = (np.abs(off).max(-1) < h) & ((off * heading).sum(-1) > 0.0) & (np.array([*map(len, paths)]) > _BESIDE)
         for i, x in zip(good, new[ok], strict=True):
             paths[i].append(x)
         h[todo] = np.where(ok, np.minimum(1.4 * step, _LARGEST), step / 2.5)
-        alive[todo] = np.where(ok, box.holds(new), h[todo] > _SMALLEST)
+        alive[todo] = np.where(ok, box.holds(new) & ~back[todo], h[todo] > _SMALLEST)
     return [np.array(path).reshape(-1, start.shape[1]) for path in paths]
 
 

@@ -8,6 +8,7 @@ bias ``d``, for the two means may be taken in either order (docs/theory/dither.m
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -16,8 +17,8 @@ from numpy.typing import ArrayLike
 from eppanalysis.arguments import floats
 from eppanalysis.arrays import Array, ComplexArray, IntArray
 from eppanalysis.errors import ModelError
-from eppanalysis.models.elements.automaton import Automaton
-from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.models.elements.automaton import Automaton, switching_levels
+from eppanalysis.models.elements.base import Nonlinearity, automaton_of
 from eppanalysis.models.elements.phases import broadcast
 
 Wave = Literal["sine", "triangle"]
@@ -27,6 +28,8 @@ _PLACE, _WEIGHT = np.polynomial.legendre.leggauss(28)
 _BENT, _BENT_WEIGHT = np.sin(0.5 * np.pi * _PLACE), 0.5 * np.pi * np.cos(0.5 * np.pi * _PLACE) * _WEIGHT
 #: Amplitudes smaller than this share of the dither have the gain of this share: beneath it rounding takes over.
 _SMALLEST = 1e-6
+#: Difference of a panel from its halves, relative to the largest value, that is none; most halvings, and doublings.
+_AGREES, _MOST_HALVINGS, _MOST_DOUBLINGS = 1e-12, 40, 50.0
 #: Points that are evaluated at once.
 _AT_ONCE = 20_000
 
@@ -87,29 +90,69 @@ class Smoothed(Nonlinearity):
         raise ModelError("A smoothed element has no automaton", expected="the element itself, with the dither as input")
 
     def _means(self, of: Any, x: Array, reach: Array) -> Array:
-        """Means over the dither of what has its corners where ``x + dither`` is `reach` beside a breakpoint."""
-        step = max(1, _AT_ONCE // (_PLACE.size * (4 * self.element.breakpoints.size + 1)))
+        """Means over the dither of what has its corners where ``x + dither`` is `reach` beside an edge."""
+        step = max(1, _AT_ONCE // (_PLACE.size * (4 * self._edges.size + 1)))
         parts = [self._some_means(of, x[k : k + step], reach[k : k + step], k) for k in range(0, x.size, step)]
         return np.concatenate(parts, axis=1) if parts else np.zeros((2, 0))
 
+    @cached_property
+    def _edges(self) -> Array:
+        """Inputs at which panels end: where the element bends or jumps, and about where a smooth one is steep.
+
+        Of one that is linear between its breakpoints these are all. Others switch where their guards and what sticks
+        say; what is smooth changes within the order of one of its argument, and farther off more and more slowly.
+        """
+        if self.element.breakpoints.size or isinstance(self.element, Smoothed):
+            return self.element.breakpoints
+        automaton = automaton_of(self.element)
+        modes, found = automaton.mode_columns, [switching_levels(automaton)]
+        found.append(modes["level"][modes["sticking"]])
+        for smooth in automaton.smooth:
+            if steep := abs(float(smooth.on_input[0])):
+                doublings = np.arange(-1.0, np.clip(np.log2(4.0 * self.dither * steep), 0.0, _MOST_DOUBLINGS))
+                wide = np.concatenate([[0.0], 2.0**doublings, -(2.0**doublings)])
+                found.append(wide / steep - smooth.constant / float(smooth.on_input[0]))
+        return np.unique(np.concatenate(found))
+
     def _some_means(self, of: Any, x: Array, reach: Array, first: int) -> Array:
-        edges = self.element.breakpoints
+        edges = self._edges
         corners = np.concatenate([edges - x[:, None] - reach[:, None], edges - x[:, None] + reach[:, None]], axis=1)
-        # Panels end where a breakpoint comes within reach, in a variable in which the dither's density is even: of a
+        # Panels end where an edge comes within reach, in a variable in which the dither's density is even: of a
         # sine its arcsine (docs/theory/dither.md, The equivalent describing function).
         share = np.clip(corners / self.dither, -1.0, 1.0)
         place = np.arcsin(share) if self.wave == "sine" else share
         end = np.full((x.size, 1), 0.5 * np.pi if self.wave == "sine" else 1.0)
         place = np.sort(np.concatenate([-end, place, end], axis=1), axis=1)
-        half = 0.5 * np.diff(place, axis=1)
-        middle = place[:, :-1] + half
-        rows, panels = np.nonzero(half > 0.0)
-        at = middle[rows, panels, None] + half[rows, panels, None] * _BENT
-        weight = half[rows, panels, None] * _BENT_WEIGHT / (2.0 * end[0, 0])
-        dither = self.dither * (np.sin(at) if self.wave == "sine" else at)
-        values = of((x[rows, None] + dither).ravel(), np.repeat(rows + first, _PLACE.size))
-        sums = np.sum(values.reshape(len(values), *at.shape) * weight, axis=-1)
-        return np.array([np.bincount(rows, row, x.size) for row in sums])
+        rows, panels = np.nonzero(np.diff(place, axis=1) > 0.0)
+        low, high = place[rows, panels], place[rows, panels + 1]
+
+        def summed(rows: IntArray, low: Array, high: Array) -> tuple[Array, Array]:
+            half = 0.5 * (high - low)[:, None]
+            at, weight = low[:, None] + half * (1.0 + _BENT), half * _BENT_WEIGHT / (2.0 * end[0, 0])
+            dither = self.dither * (np.sin(at) if self.wave == "sine" else at)
+            values = of((x[rows, None] + dither).ravel(), np.repeat(rows + first, _PLACE.size))
+            values = values.reshape(len(values), *at.shape)
+            return np.sum(values * weight, axis=-1), np.abs(values).max(-1)
+
+        sums, sizes = summed(rows, low, high)
+        if self.element.breakpoints.size:
+            return np.array([np.bincount(rows, row, x.size) for row in sums])
+        # What is not linear between edges is halved until two halves give what the whole gives.
+        means, largest = np.zeros((len(sums), x.size)), np.zeros((len(sums), x.size))
+        for depth in range(_MOST_HALVINGS + 1):
+            for row, size in zip(largest, sizes, strict=True):
+                np.maximum.at(row, rows, size)
+            middle = 0.5 * (low + high)
+            left, right = summed(rows, low, middle), summed(rows, middle, high)
+            both = left[0] + right[0]
+            fine = np.all(np.abs(both - sums) <= _AGREES * largest[:, rows], axis=0) | (depth == _MOST_HALVINGS)
+            means += np.array([np.bincount(rows[fine], row, x.size) for row in both[:, fine]])
+            if np.all(fine):
+                break
+            rows = np.tile(rows[~fine], 2)
+            low, high = np.append(low[~fine], middle[~fine]), np.append(middle[~fine], high[~fine])
+            sums, sizes = (np.hstack([part[:, ~fine] for part in parts]) for parts in zip(left, right, strict=True))
+        return means
 
 
 def smoothed(element: Nonlinearity, amplitude: float, wave: Wave = "sine") -> Nonlinearity:

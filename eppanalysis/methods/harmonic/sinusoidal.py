@@ -22,7 +22,8 @@ def sinusoidal_harmonics(
     Parameters
     ----------
     element : Nonlinearity
-        With one input, or a second one that is the rate of the first (lock pin).
+        With one input, or a second one that it declares to be the rate of the first (lock pin) or a clock, which is
+        zero at phase zero (parking law).
     amplitude : float
         Of the sine, positive, in the unit of the input.
     bias : float
@@ -71,9 +72,11 @@ def sinusoidal_harmonics(
             f"sinusoidal_harmonics: {type(element).__name__} has states of its own",
             expected="an element without; forced_response closes its motion where it is a loop's only part",
         )
-    roles = ("free", "rate")[: element.n_inputs]
-    if len(roles) < element.n_inputs:
-        raise ModelError(f"{type(element).__name__} has {element.n_inputs} inputs", expected="one, or it and its rate")
+    second = "rate" if element.reads_rate else "clock" if element.input_ports[1:] == ("clock",) else ""
+    roles = ("free", second)[: element.n_inputs]
+    if len(roles) < element.n_inputs or not all(roles):
+        what = f"{type(element).__name__} has {element.n_inputs} inputs"
+        raise ModelError(what, expected="one, or it and its rate or a clock")
     series = np.zeros((1, order + 1), complex)
     series[0, 0], series[0, 1] = bias, -1j * amplitude
     # Coefficients of real parts become those of imaginary parts; the mean is what it is.

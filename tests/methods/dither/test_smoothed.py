@@ -56,6 +56,54 @@ def test_the_equivalent_gain_is_that_of_the_effective_characteristic(element: No
         assert complex(gain) == pytest.approx(2.0 * float(np.sum(share * y * np.sin(phi))) / a, abs=1e-9)
 
 
+#: Frictions, and curves that are steep beside the dither, each with where it is.
+STEEP = {
+    "friction": (epp.Friction(1.0), 0.0),
+    "static friction": (epp.Friction(1.0, static=1.6), 0.0),
+    "falling friction": (epp.Friction(1.0, static=1.6, stribeck=3.0), 0.0),
+    "Stribeck": (epp.StribeckFriction(0.38, 0.6, 0.1), 0.0),
+    "narrow Stribeck": (epp.StribeckFriction(0.38, 0.6, 1e-4), 0.0),
+    **{f"tanh {slope:g}": (epp.Tanh(level=1.0, slope=slope), 0.0) for slope in (3.0, 1e3, 1e6)},
+    **{f"arctan {slope:g}": (epp.Arctan(level=1.0, slope=slope), 0.0) for slope in (3.0, 1e4)},
+    "sine": (epp.Sine(scale=40.0), 0.0),
+}
+
+
+def mean_beside(element: Nonlinearity, centre: float, x: float, dither: float, wave: str) -> float:
+    """The same of one that is steep or jumps at a known place, from there outwards decade by decade."""
+    end = 0.5 * np.pi if wave == "sine" else 1.0
+    share = np.clip((centre - x) / dither, -1.0, 1.0)
+    at, out = np.arcsin(share) if wave == "sine" else share, np.geomspace(1e-9, 4.0, 60)
+    marks = np.unique(np.clip(np.concatenate([at - out, [at, -end, end], at + out]), -end, end))
+    place, weight = np.polynomial.legendre.leggauss(20)
+    half, middle = 0.5 * np.diff(marks)[:, None], 0.5 * (marks[1:] + marks[:-1])[:, None]
+    phi = middle + half * place
+    values = np.vectorize(lambda z: float(element.output(z)[0]))(x + dither * (np.sin(phi) if wave == "sine" else phi))
+    return float(np.sum(half * weight * values)) / (2.0 * end)
+
+
+@pytest.mark.parametrize("wave", ["sine", "triangle"])
+@pytest.mark.parametrize("name", STEEP)
+def test_steep_elements_are_their_mean_in_time(name: str, wave: str) -> None:
+    """To the documented 1e-9, whether or not the element has breakpoints."""
+    element, centre = STEEP[name]
+    one = epp.smoothed(element, 0.7, wave)
+    for x in (-0.69, -0.1, 0.0, 1e-4, 0.33, 0.9):
+        assert float(one.output(x)[0]) == pytest.approx(mean_beside(element, centre, x, 0.7, wave), abs=1e-9)
+
+
+@pytest.mark.parametrize("wave", ["sine", "triangle"])
+def test_friction_is_smoothed_as_the_map_of_the_same_force(wave: str) -> None:
+    """Dry friction and a relay of its level have one map, and one describing function."""
+    found, known = (epp.smoothed(e, 0.7, wave) for e in (epp.Friction(1.0), epp.Coulomb(1.0)))
+    x = np.linspace(-1.0, 1.0, 41)
+    assert found.output(x)[0] == pytest.approx(known.output(x)[0], abs=1e-12)
+    assert found.output(-0.1)[0] == pytest.approx(2.0 / np.pi * np.arcsin(-1.0 / 7.0) if wave == "sine" else -1.0 / 7.0)
+    given = np.array([0.05, 0.3, 0.7, 2.0]), np.array([0.0, 0.2, -0.5, 0.9])
+    for one, other in zip(found.describing_function(*given), known.describing_function(*given), strict=True):
+        assert one == pytest.approx(other, abs=1e-9)
+
+
 def test_closed_forms_of_a_relay() -> None:
     """Under a triangle a saturation, exactly; under a sine the arcsine, with the small-signal gain 2/(pi A)."""
     triangle, sine = epp.smoothed(epp.Relay(), 0.5, "triangle"), epp.smoothed(epp.Relay(), 0.5)

@@ -6,6 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
+from eppanalysis.models.elements import FiveBandLaw, ParkingBandLaw, SampledLaw
 from tests.wrong_arguments import fields_of_elements
 
 STATIC = [
@@ -102,3 +103,39 @@ def test_bad_arguments_are_refused():
         epp.sinusoidal_harmonics(epp.Relay(), 0.0)
     with pytest.raises(ModelError, match="omega"):
         epp.sinusoidal_harmonics(epp.Relay(), 1.0, omega=-1.0)
+
+
+PARKING = ParkingBandLaw(FiveBandLaw(slack=1.0, low=2.0, high=2.5, max=4.0, supply_voltage=16.0), dwell_time=0.02)
+
+
+def in_time(element, amplitude, bias, omega):
+    """Mean and fundamental of an element with a clock, run over three periods in small steps; of the last one."""
+    n, memory, y = 20_000, None, []
+    phase = (np.arange(3 * n) + 0.5) * 2.0 * np.pi / n
+    for phi in phase:
+        value, memory = element.output((bias + amplitude * np.sin(phi), phi / omega), memory)
+        y.append(float(value))
+    last, phi = np.array(y[2 * n :]), phase[2 * n :]
+    return last.mean(), 2j * np.mean(last * np.exp(-1j * phi)) / amplitude
+
+
+@pytest.mark.parametrize("omega", [1.0, 5.0, 20.0, 60.0])
+@pytest.mark.parametrize(("amplitude", "bias"), [(1.6, 2.3), (0.8, 2.4)])
+def test_a_clock_that_an_element_declares_is_its_clock(omega, amplitude, bias):
+    """Not the rate of its input: it parks where it dwells too long, which hangs on the frequency."""
+    H = epp.sinusoidal_harmonics(PARKING, amplitude, bias=bias, omega=omega, order=5)
+    mean, gain = PARKING.describing_function(amplitude, bias, omega)
+    assert (amplitude * H[0, 0].real, H[0, 1]) == pytest.approx((float(mean), complex(gain)), abs=1e-9)
+    known, fundamental = in_time(PARKING, amplitude, bias, omega)
+    assert amplitude * H[0, 0].real == pytest.approx(known, abs=5e-3)
+    assert H[0, 1] == pytest.approx(fundamental, abs=5e-3)
+
+
+def test_a_sampled_law_answers_where_its_clock_comes_round_with_the_input():
+    """Its samples come at the same phases then, one at phase zero; else it does not repeat itself."""
+    law, n = SampledLaw(epp.PiecewiseLinear([0.0], [1.0, 1.0], [0.0, 0.0]), period=0.1), 8
+    H = epp.sinusoidal_harmonics(law, 1.0, omega=2.0 * np.pi / (n * 0.1), order=5)
+    held = np.exp(-1j * np.pi / n) * np.sinc(1.0 / n)
+    assert H[0, 1] == pytest.approx(held, abs=1e-9)
+    with pytest.raises(epp.EppError, match="period"):
+        epp.sinusoidal_harmonics(law, 1.0, omega=7.0, order=5)
