@@ -117,7 +117,9 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
             expected = _of_parameter(function, name)
             if expected is not None and not expected.holds(value):
                 kind = ModelError if "." in function.__qualname__ else EppError
-                raise kind(_refusal(function, name, value, expected.words))
+                place = list(signature.parameters).index(name)
+                hint = _in_place_of_another(function, name, value, given) if place < len(args) else ""
+                raise kind(_refusal(function, name, value, expected.words + hint))
         return function(*args, **kwargs)
 
     return call
@@ -255,6 +257,16 @@ def _refusal(function: Callable[..., Any], name: str, value: object, words: str)
     ]
     hint = f"; its {makers[0]}() is one" if makers else ""
     return f"{called}: the first argument is a {type(value).__name__}; expected {words}{hint}."
+
+
+def _in_place_of_another(function: Callable[..., Any], name: str, value: object, given: Mapping[str, Any]) -> str:
+    """The parameter behind its own place that a value fits, as what was probably meant; empty where it fits none."""
+    names = list(inspect.signature(function).parameters)
+    for other in names[names.index(name) + 1 :]:
+        fits = None if other in given or not _is_plain(value) else _of_parameter(function, other)
+        if fits is not None and fits.holds(value):
+            return f"; did you mean {other}={shown(value)}?"
+    return ""
 
 
 def _is_plain(value: object) -> bool:

@@ -135,3 +135,25 @@ def test_one_side_alone_is_not_taken_for_both(made):
         made(0.5)
     low, high = list(inspect.signature(made).parameters)[:2]
     assert made(**{low: -0.5}) == made(-0.5, 1.0) == made(-0.5, **{high: 1.0})
+
+
+@pytest.mark.parametrize(
+    ("call", "meant"),
+    [
+        (lambda loop: epp.simulate(loop, 100), "did you mean t_end=100?"),
+        (lambda loop: epp.simulate(loop, 20.0), "did you mean t_end=20.0?"),
+        (lambda loop: epp.simulate(loop, None, "soon"), "expected a number"),
+    ],
+)
+def test_an_argument_in_the_place_of_another_is_told_which(call, meant) -> None:
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    with pytest.raises(epp.EppError) as caught:
+        call(loop)
+    assert meant in str(caught.value)
+
+
+def test_an_argument_by_its_name_is_not_taken_for_another() -> None:
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    with pytest.raises(epp.EppError) as caught:
+        epp.simulate(loop, input=100)
+    assert "did you mean" not in str(caught.value)

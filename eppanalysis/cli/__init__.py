@@ -6,7 +6,9 @@ import atexit
 import gc
 import io
 import os
+import signal
 import sys
+from typing import NoReturn
 
 from eppanalysis.cli.signs import write_plainly
 
@@ -22,6 +24,8 @@ def main() -> None:
         if getattr(sys, name) is None:  # closed by the caller, who wants neither text nor a traceback about it
             setattr(sys, name, io.StringIO())
         write_plainly(getattr(sys, name))
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, _end)
     try:
         from eppanalysis.cli.commands import app
 
@@ -29,3 +33,17 @@ def main() -> None:
     except KeyboardInterrupt:  # before a command has begun
         sys.stderr.write("Interrupted: nothing is kept.\n")
         sys.exit(130)
+    except SystemExit as ended:
+        if _ended and ended.code == 130:
+            sys.exit(128 + signal.SIGTERM)
+        raise
+
+
+#: That the command has been asked to end.
+_ended: list[int] = []
+
+
+def _end(number: int, frame: object) -> NoReturn:
+    """As an interrupt: what has been begun is put away, temporary files and processes too."""
+    _ended.append(number)
+    raise KeyboardInterrupt

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import sys
-from contextlib import suppress
+import tempfile
+import webbrowser
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -28,16 +32,32 @@ def explore(
 
     wanted = sys.stdout.isatty() if browser is None else browser
 
-    def ready(address: str) -> None:
-        typer.echo(f"{address}  (Ctrl-C ends it)")
-        sys.stdout.flush()
-        if wanted:
-            import webbrowser
-
-            webbrowser.open(address)
-
     found = load_case(case, settings)
-    with suppress(KeyboardInterrupt):  # how it is meant to end: nothing to be told
-        serve(found, port, ready)
-        return
-    raise typer.Exit(130)
+    with ExitStack() as until_the_end:
+
+        def ready(address: str) -> None:
+            typer.echo(f"{address}  (Ctrl-C ends it)")
+            sys.stdout.flush()
+            if wanted:
+                webbrowser.open(until_the_end.enter_context(_leading_to(address)).as_uri())
+
+        with suppress(KeyboardInterrupt):  # how it is meant to end: nothing to be told
+            serve(found, port, ready)
+            return
+        raise typer.Exit(130)
+
+
+@contextmanager
+def _leading_to(address: str) -> Iterator[Path]:
+    """A file that only its owner may read and that leads on to an address, which has a secret in it.
+
+    What a browser is started with, other users of the machine can see.
+    """
+    number, name = tempfile.mkstemp(prefix="eppanalysis-", suffix=".html")
+    try:
+        with open(number, "w", encoding="utf-8") as file:
+            file.write(f'<!DOCTYPE html>\n<meta charset="utf-8">\n<meta http-equiv="refresh" content="0; url={address}">\n')
+            file.write(f'<title>eppanalysis</title>\n<a href="{address}">eppanalysis</a>\n')
+        yield Path(name)
+    finally:
+        Path(name).unlink(missing_ok=True)

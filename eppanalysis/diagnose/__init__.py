@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +25,9 @@ from eppanalysis.progress import Progress
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 __all__ = ["Diagnosis", "Explanation", "Oscillation", "Record", "Verdict", "diagnose"]
 
 METHOD = "exact limit cycles of each element alone, fitted to the record"
@@ -33,7 +37,7 @@ _NAMED, _NO_CHANCE = 0.95, 1e-3
 
 def diagnose(
     case: LureSystem | CaseLike,
-    record: str | Path | Mapping[str, ArrayLike],
+    record: str | Path | Mapping[str, ArrayLike] | DataFrame,
     *,
     columns: Mapping[str, tuple[str, str]] | None = None,
     model_error: float = 0.02,
@@ -53,9 +57,9 @@ def diagnose(
     ----------
     case : Case, Diagram or LureSystem
         In continuous time, without sampled controllers.
-    record : path, or mapping of str to array
-        A CSV file with a column ``time [s]`` and one for each recorded signal, by the loop's names, or such arrays in
-        SI units. Three periods or more, of an oscillation that is sustained or grows.
+    record : path, mapping of str to array, or DataFrame
+        A CSV file with a column ``time [s]`` and one for each recorded signal, by the loop's names, or such arrays or
+        columns in SI units. Three periods or more, of an oscillation that is sustained or grows.
     columns : mapping of str to (str, str), optional
         Header and unit of a signal whose column has another name.
     model_error : float

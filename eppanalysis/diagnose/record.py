@@ -9,13 +9,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from eppanalysis.arguments import floats
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, ModelError, did_you_mean
 from eppanalysis.identify.reading import read_signals
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 #: Fewest periods and samples a period, most harmonics, and samples a period that a harmonic needs.
 FEWEST_PERIODS, _FEWEST_SAMPLES, _MOST_HARMONICS, _PER_HARMONIC = 3.0, 8, 7, 2.5
@@ -79,7 +84,7 @@ class Oscillation:
 
 
 def record_of(
-    given: str | Path | Mapping[str, ArrayLike],
+    given: str | Path | Mapping[str, ArrayLike] | DataFrame,
     units: Mapping[str, str],
     columns: Mapping[str, tuple[str, str]] | None = None,
 ) -> Record:
@@ -87,8 +92,8 @@ def record_of(
 
     Parameters
     ----------
-    given : path, or mapping of str to array
-        A file has a column ``time [s]`` and one a signal, such as ``theta [deg]``; a pandas frame is such a mapping.
+    given : path, mapping of str to array, or DataFrame
+        A file has a column ``time [s]`` and one a signal, such as ``theta [deg]``; or a pandas data frame of such columns.
     units : mapping of str to str
         SI unit of every signal that the loop has.
     columns : mapping of str to (str, str), optional
@@ -106,8 +111,8 @@ def record_of(
         return Record(source, recording["time"], found, tuple(recording.sentences()))
     if "time" not in given:
         raise EppError("diagnose: the record has no 'time'; expected 'time' and signals by name, or a CSV file.")
-    time = np.asarray(given["time"], float)
-    signals = {str(name): np.asarray(given[name], float) for name in given if name != "time"}
+    time = floats(given["time"], "diagnose: time")
+    signals = {str(name): floats(given[name], f"diagnose: {name}") for name in given if name != "time"}
     unknown = [name for name in signals if name not in units]
     if unknown or not signals:
         what = f"there is no signal {unknown[0]!r}" if unknown else "the record has no signal"

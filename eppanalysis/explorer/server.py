@@ -150,7 +150,10 @@ class _Guarded(BokehTornado):
         given = request.path.split("/")[1] if request.path.startswith("/") else ""
         # In a time that does not tell how much of the token is right.
         known = hmac.compare_digest(given.encode("utf-8", "replace"), self._token.encode())
-        if not known or request.host.lower() not in self._hosts:
+        here = request.host.lower() in self._hosts
+        if here and request.path == "/favicon.ico":  # asked for by the browser itself: there is none, and no harm in it
+            return self.get_handler_delegate(request, ErrorHandler, {"status_code": 404})
+        if not known or not here:
             return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
         return super().find_handler(request, **more)
 

@@ -26,6 +26,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.models.systems.inputs import Recorded, Steps
 from eppanalysis.readable import count
 from eppanalysis.sweep import integrity
+from eppanalysis.sweep.code import code_digest
 from eppanalysis.sweep.analyses import Columns, Task, Variable
 from eppanalysis.sweep.axes import Design
 
@@ -369,11 +370,12 @@ _PARTS = {
     "signals": "other signals",
     "allowed": "another limit cycle allowed",
     "version": "another version of eppanalysis",
+    "code": "other code of eppanalysis, or another numpy, scipy or numba",
 }
 
 
 def identity(task: Task, design: Design) -> dict[str, Any]:
-    """What makes a sweep the same sweep: case, input, axes, analyses, variables, signals, version."""
+    """What makes a sweep the same sweep: case, input, axes, analyses, variables, signals, version, code."""
     from eppanalysis import __version__
 
     facts = task.case.provenance()
@@ -397,8 +399,9 @@ def identity(task: Task, design: Design) -> dict[str, Any]:
         "signals": list(task.signals),
         # Only where there is one: stores made before sweeps knew it are what they were.
         **({} if task.allowed is None else {"allowed": task.allowed.to_dict()}),
-        # Another version may compute other numbers.
+        # Another version may compute other numbers, and so may other code of the same version.
         "version": __version__,
+        "code": code_digest(),
     }
 
 

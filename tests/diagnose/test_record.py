@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+import eppanalysis as epp
 from eppanalysis.diagnose.record import Oscillation, Record, oscillation_of, record_of
 from eppanalysis.errors import EppError
 
@@ -124,3 +125,46 @@ def test_a_file_without_what_it_takes_is_refused(header, sentence, tmp_path):
     path.write_text("\n".join([header, *(f"{i},{i}" for i in range(100))]), encoding="utf-8")
     with pytest.raises(EppError, match=sentence):
         record_of(path, UNITS)
+
+
+@pytest.mark.parametrize("form", ["frame", "series", "arrays", "lists", "whole numbers"])
+def test_a_data_frame_is_a_record_as_its_columns_are(form: str) -> None:
+    import pandas as pd
+
+    loop = epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))
+    t = np.linspace(0.0, 40.0, 2000)
+    frame = pd.DataFrame({"x": 100.0 * np.sin(0.9 * t), "time": t}, index=np.arange(2000)[::-1])
+    if form == "whole numbers":
+        frame["x"] = frame["x"].round().astype(int)
+    given = {
+        "frame": frame,
+        "series": frame.to_dict("series"),
+        "arrays": {name: frame[name].to_numpy() for name in frame},
+        "lists": frame.to_dict("list"),
+    }.get(form, frame)
+    found = epp.diagnose(loop, given)
+    assert found.period == pytest.approx(2.0 * np.pi / 0.9, rel=1e-3)
+
+
+@pytest.mark.parametrize("wrong", ["a text", "a date", "a hole", "no time", "an unknown signal", "twice"])
+def test_a_data_frame_that_is_no_record_is_one_sentence(wrong: str) -> None:
+    import pandas as pd
+
+    loop = epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))
+    t = np.linspace(0.0, 40.0, 200)
+    frame = pd.DataFrame({"time": t, "x": np.sin(0.9 * t)})
+    match wrong:
+        case "a text":
+            frame["x"] = frame["x"].map(lambda v: f"{v} V")
+        case "a date":
+            frame["time"] = pd.Timestamp("2026-01-01") + pd.to_timedelta(t, "s")
+        case "a hole":
+            frame.loc[7, "x"] = np.nan
+        case "no time":
+            frame = frame.set_index("time")
+        case "an unknown signal":
+            frame["y"] = 1.0
+        case "twice":
+            frame = frame[["time", "x", "x"]]
+    with pytest.raises(epp.EppError, match="expected|must"):
+        epp.diagnose(loop, frame)

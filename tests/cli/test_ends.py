@@ -1,0 +1,56 @@
+"""A command that is asked to end leaves no temporary files and no processes behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+COMMANDS = {
+    "report": ("report", "backlash_servo", "-o", "mine.html"),
+    "notebook": ("report", "backlash_servo", "-o", "mine.ipynb"),
+    "sweep": ("sweep", "fig8a_original", "--axis", "bands.range=1:5:60:lbf", "--axis", "lock_pin.backlash=0:3:60:deg",
+              "--scheduler", "processes", "--workers", "2"),
+}  # fmt: skip
+
+
+def family(pid: int) -> list[int]:
+    """Processes that a process has started, and those that they have."""
+    found = []
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        for child in (task / "children").read_text().split():
+            found += [int(child), *family(int(child))]
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks at processes")
+@pytest.mark.parametrize("signalled", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("what", COMMANDS)
+def test_nothing_is_left_behind(tmp_path: Path, what: str, signalled: signal.Signals) -> None:
+    there = tmp_path / "there"
+    there.mkdir()
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p), "TMPDIR": str(there)}
+    command = [sys.executable, "-m", "eppanalysis", *COMMANDS[what]]
+    process = subprocess.Popen(command, env=environment, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    end = time.monotonic() + 60.0
+    while not (children := family(process.pid)) and process.poll() is None and time.monotonic() < end:
+        time.sleep(0.05)
+    time.sleep(1.0)
+    children = family(process.pid)
+    assert process.poll() is None and children
+    process.send_signal(signalled)
+    _, said = process.communicate(timeout=40)
+    assert process.returncode == 128 + signalled
+    assert said.splitlines()[-1].startswith("Interrupted") and "Traceback" not in said
+    end = time.monotonic() + 10.0
+    while [pid for pid in children if Path(f"/proc/{pid}").exists()] and time.monotonic() < end:
+        time.sleep(0.1)
+    assert not [pid for pid in children if Path(f"/proc/{pid}").exists()]
+    assert [path.name for path in tmp_path.iterdir()] == ["there"]
+    assert not list(there.rglob("eppanalysis-*"))
