@@ -370,7 +370,7 @@ _PARTS = {
     "signals": "other signals",
     "allowed": "another limit cycle allowed",
     "version": "another version of eppanalysis",
-    "code": "other code of eppanalysis, or another numpy, scipy or numba",
+    "code": "other code of eppanalysis, or another numpy or scipy",
 }
 
 

@@ -23,18 +23,17 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("name", "counts"),
     [
-        ("kernels/verdict.py", True),
+        ("engine/runs.py", True),
         ("models/elements/memory.py", True),
         ("methods/simulation/simulate.py", True),
         ("sweep/work.py", True),
         ("cases/loops.py", True),
         ("arrays.py", True),
-        ("kernels/engine/native.so", True),
         ("cli/commands.py", False),
         ("report/page.py", False),
         ("results/picture.py", False),
         ("plotting.py", False),
-        ("kernels/__pycache__/verdict-3.nbi", False),
+        ("engine/__pycache__/runs.cpython-311.pyc", False),
     ],
 )
 def test_what_computes_is_in_the_digest_and_nothing_else(copy: Path, name: str, counts: bool) -> None:
@@ -47,6 +46,14 @@ def test_what_computes_is_in_the_digest_and_nothing_else(copy: Path, name: str, 
     finally:
         path.unlink() if held is None else path.write_bytes(held)
     assert code_digest.__wrapped__(copy) == before
+
+
+def test_the_sources_of_the_engine_are_in_the_digest(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from eppanalysis.engine import _engine
+
+    before = code_digest.__wrapped__(copy)
+    monkeypatch.setattr(_engine, "SOURCES", "of other sources")
+    assert code_digest.__wrapped__(copy) != before
 
 
 def test_a_place_or_a_time_is_nothing_of_it(copy: Path) -> None:

@@ -30,6 +30,7 @@ NB_MODULE(EPP_MODULE, m) {
     m.doc() = "The compiled engine.";
 
     m.attr("ALWAYS") = ALWAYS;
+    m.attr("SOURCES") = EPP_SOURCES;
     m.def("run", [](nb::handle model_, nb::handle compiled_, nb::handle work_, nb::handle workspace_,
         nb::handle samples_, nb::handle buffer_, nb::handle now_) {
         Call call;
