@@ -305,7 +305,9 @@ def _one_harmonic(yard: Yardstick, seen: ComplexArray) -> ComplexArray:
 def _in_part(sought: Sought) -> str:
     """That the cycles of a candidate were not sought to the end; empty where they were."""
     return (
-        f"was tried in part: its search took all of {sought.steps:.0f} steps" if sought.begun - sought.finished else ""
+        f"could not be tried to the end: the search took all of {sought.steps:.0f} steps"
+        if sought.begun - sought.finished
+        else ""
     )
 
 

@@ -32,7 +32,7 @@ _MECHANISMS = {
 #: Candidates that are no elements.
 LINEAR, DISTURBANCE, OWN = "linear instability", "external disturbance", "loop as modelled"
 #: How notes begin that say that a candidate was not tried, or not to the end.
-UNTRIED = ("could not", "cannot be tried", "was tried in part")
+UNTRIED = ("could not", "cannot be tried")
 
 
 class Verdict(StrEnum):

@@ -295,8 +295,8 @@ def plot_slices(
     >>> figure = epp.plot_slices(
     ...     epp.sweep(epp.case("fig8a_original"), axes, progress=False)
     ... )
-    >>> [ax.get_ylabel() for ax in figure.axes]
-    ['peak to peak\\nof theta [deg]', 'frequency [Hz]']
+    >>> [" ".join(ax.get_ylabel().split()) for ax in figure.axes]
+    ['peak to peak of theta [deg]', 'frequency [Hz]']
     """
     dims = [str(d) for d in dataset.dims if d in dataset.coords]
     if not dims:

@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 import eppanalysis as epp
+from eppanalysis.cases import shipped_cases_folder
 from eppanalysis.cli.commands import app
 from eppanalysis.diagnose.record import oscillation_of, record_of
 from eppanalysis.shown import for_people
@@ -124,14 +125,14 @@ def test_a_loop_in_which_nothing_can_be_tried_says_so() -> None:
     assert found.verdict == "nothing tried" and found.names == () and found.status is epp.Status.INCOMPLETE
     said = str(found)
     assert said.startswith("Nothing could be tried: the record has a period of 6.98") and "None of" not in said
-    assert "was tried in part: its search took all of 1 steps." in said
+    assert "could not be tried to the end: the search took all of 1 steps." in said
     assert all(np.isnan(e.probability) for e in found)
 
 
 def test_what_is_not_sought_to_the_end_is_said_and_the_rest_answers() -> None:
     found = epp.diagnose(servo(), sine(servo().signals.names[0]), steps=2000)
     assert found.names == ("external disturbance",) and found.status is epp.Status.INCOMPLETE
-    assert "was tried in part: its search took all of 2000 steps." in str(found)
+    assert "could not be tried to the end: the search took all of 2000 steps." in str(found)
 
 
 @pytest.mark.slow
@@ -187,7 +188,7 @@ def test_no_probability_stands_below_none_explains_it() -> None:
 def test_commands_of_a_diagnosis_run_as_they_are_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     case = epp.case("level_valve")
-    asked = list(epp.diagnose(case, epp.shipped_cases_folder() / "measured" / "tank_level.csv").remedies())
+    asked = list(epp.diagnose(case, shipped_cases_folder() / "measured" / "tank_level.csv").remedies())
     Path("house.toml").write_text(HOUSE, encoding="utf-8")
     house = epp.read_case("house.toml")
     cycle = epp.simulate(house).limit_cycle
