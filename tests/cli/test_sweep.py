@@ -98,7 +98,7 @@ def test_a_failed_cell_is_told_and_the_exit_code_stays() -> None:
     axis = ("--axis", "forearm.inertia=0.03,-1", "--set", "run.t_end=0.1 s")
     result = run("sweep", "fig8a_original", *axis)
     assert result.exit_code == 0
-    assert "first failure: sweep: forearm.inertia is -1.0; expected a positive number." in result.stdout
+    assert "first failure: sweep: forearm.inertia is '-1 kg*m^2'; expected a positive number." in result.stdout
 
 
 @pytest.mark.parametrize(

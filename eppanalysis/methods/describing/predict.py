@@ -28,6 +28,7 @@ from eppanalysis.methods.describing.quality import Point, point, stability
 from eppanalysis.methods.describing.search import Found, is_one_loop, search_one
 from eppanalysis.methods.harmonic.averaged import left_out, locking, of_samples
 from eppanalysis.methods.harmonic.loop import role_of_input
+from eppanalysis.methods.margins.linearised import within_range
 from eppanalysis.methods.margins.margins import margins, places_of
 from eppanalysis.methods.margins.result import Margins
 from eppanalysis.methods.simulation.states import Part, parts_apart, without_held_states
@@ -74,7 +75,7 @@ def predict_limit_cycles(
     ------
     ModelError
         If an element has no describing function, an input is unknown, the static balance does not determine the
-        means, or measured data end below harmonics that matter to a cycle.
+        means, numbers are beyond all range, or measured data end below harmonics that matter to a cycle.
     EppError
         If an input does not stand still.
 
@@ -87,6 +88,8 @@ def predict_limit_cycles(
     [(1.414214, 0.212207, True)]
     """
     own, at = standing(system, operating_point, "predict_limit_cycles")
+    if not isinstance(own, DataSystem):
+        within_range(own)
     parts = _parts(own, at)
     return _of_parts(own, at, parts) if parts else _of_one(own, at)
 

@@ -87,12 +87,17 @@ def _stands(rows: Array, columns: Array, prescribed: Array, levels: Sequence[tup
     from scipy.optimize import lsq_linear
 
     low, high = np.array([r for part in zip(*levels, strict=True) for r in part]).T
-    terms = np.abs(rows) @ np.abs(columns)
-    # What cancels in a combination leaves rounding, which no open range may make up for.
-    left, value = np.where(np.abs(rows @ columns) > BALANCED * terms, rows @ columns, 0.0), low.copy()
-    if np.any(free := low < high):
-        unit = np.abs(left[:, free]).max(0, initial=0.0)
+    value, free = low.copy(), (low < high) & (len(rows) > 0)
+    if np.any(free):
+        unit = np.abs(rows @ columns[:, free]).max(0, initial=0.0)
         unit[unit == 0.0] = 1.0
+        turned, sizes, _ = np.linalg.svd(rows @ columns[:, free] / unit)
+        rows = turned.T @ rows
+    terms, left = np.abs(rows) @ np.abs(columns), rows @ columns
+    # What cancels in a combination leaves rounding, which no open range may make up for.
+    left[np.abs(left) <= BALANCED * terms] = 0.0
+    if np.any(free):
+        left[np.ix_(np.pad(sizes, (0, len(rows) - sizes.size)) <= BALANCED * sizes[0], free)] = 0.0
         rest = rows @ prescribed - left[:, ~free] @ low[~free]
         value[free] = (
             lsq_linear(left[:, free] / unit, rest, (low[free] * unit, high[free] * unit), method="bvls").x / unit

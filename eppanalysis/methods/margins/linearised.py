@@ -129,6 +129,19 @@ class Linear:
         return np.asarray(found[size > 1e-9 * size.max(initial=0.0)], complex)
 
 
+def within_range(system: LureSystem, *more: Array) -> None:
+    """Refuse a loop with numbers whose squares are infinite, of which nothing can be told.
+
+    Raises
+    ------
+    ModelError
+        If its matrices, or `more`, hold such a number.
+    """
+    if max(np.abs(part).max(initial=0.0) for part in (system.A, system.B, system.C, system.D, *more)) > _LARGEST:
+        what = f"{system.name}: numbers beyond all range, whose squares are infinite"
+        raise ModelError(what, expected="values of ordinary magnitude")
+
+
 def _solved(resolvent: ComplexArray, right: ComplexArray) -> ComplexArray:
     """Solutions (m, n, 1) of linear equations each; nan where there is none."""
     try:
@@ -190,9 +203,7 @@ class Linearised:
         gains = {i: np.asarray(element.linear_gain(), float) for i, element in enumerate(system.elements)}
         without = [i for i, gain in gains.items() if not np.all(np.isfinite(gain))]
         K = gain_matrix(system, {i: gain for i, gain in gains.items() if i not in without})
-        if max(np.abs(part).max(initial=0.0) for part in (system.A, system.B, system.C, system.D, K)) > _LARGEST:
-            what = f"{system.name}: numbers beyond all range, whose squares are infinite"
-            raise ModelError(what, expected="values of ordinary magnitude")
+        within_range(system, K)
         return cls(system, K, tuple(without))
 
     def rule(self) -> tuple[str, ...]:

@@ -106,7 +106,7 @@ def test_command_takes_a_file_for_the_linear_part():
     found = epp.predict_limit_cycles(epp.MeasuredLoop(epp.read_response(SHIPPED), epp.RelayDeadZone(threshold=1.0)))
     low, high = found[1].intervals["amplitude"]
     assert low < stable < high
-    assert f"{low:.4g} to {high:.4g}" in said.output
+    assert f"{2.0 * low:.4g} to {2.0 * high:.4g}" in said.output  # peak to peak
 
 
 def test_command_refuses_responses_of_too_few_paths():

@@ -377,7 +377,7 @@ def test_an_orbit_that_has_lost_its_events_is_found_out_where_it_leaves_them(mon
     beyond = step(change.point, 1e-3)
     assert beyond is not None
     runs, run = [], shooting.run_hybrid
-    monkeypatch.setattr(shooting, "run_hybrid", lambda *args: runs.append(args) or run(*args))
+    monkeypatch.setattr(shooting, "run_hybrid", lambda *args, **more: runs.append(args) or run(*args, **more))
     assert shooting.is_met(change.point.orbit) and not shooting.is_met(beyond.orbit)
     assert len(runs) <= 3 < beyond.orbit.arcs.n_arcs
 
