@@ -72,10 +72,65 @@ double guard(const Rules& rules, i64 g, i64 mode, double a, double b, double ome
     return v;
 }
 
+/// An output without smooth functions as ``level + sine sin(phi) + cosine cos(phi)``.
+std::tuple<double, double, double> output_wave(const Rules& rules, i64 mode, i64 i, double a, double b, double omega,
+    Vector memory) {
+    double level = rules.constant(mode, i) + rules.from_input(mode, i, 0) * b;
+    double sine = rules.from_input(mode, i, 0) * a;
+    double cosine = 0.0;
+    if (rules.from_input.shape(2) > 1) {
+        cosine = rules.from_input(mode, i, 1) * a * omega;
+    }
+    for (i64 j = 0; j < memory.size(); ++j) {
+        level += rules.from_memory(mode, i, j) * memory(j);
+    }
+    return {level, sine, cosine};
+}
+
+/// A guard as ``level + sine sin(phi) + cosine cos(phi)``; not a number where a smooth function acts on it.
+std::tuple<double, double, double> guard_wave(const Rules& rules, i64 g, i64 mode, double a, double b, double omega,
+    Vector memory) {
+    double share{};
+    std::tuple<double, double, double> more{};
+    double level = rules.guard_constant(g) + rules.on_input(g, 0) * b;
+    double sine = rules.on_input(g, 0) * a;
+    double cosine = rules.on_rate(g, 0) * a * omega;
+    if (rules.on_input.shape(1) > 1) {
+        cosine += rules.on_input(g, 1) * a * omega;
+        sine -= rules.on_rate(g, 1) * a * omega * omega;
+    }
+    for (i64 j = 0; j < memory.size(); ++j) {
+        level += rules.on_memory(g, j) * memory(j);
+    }
+    for (i64 i = 0, i_end = rules.constant.shape(1); i < i_end; ++i) {
+        share = rules.on_output(g, i);
+        if (share != 0.0) {
+            for (i64 j = 0, j_end = rules.smooth_kind.size(); j < j_end; ++j) {
+                if (rules.from_smooth(mode, i, j) != 0.0) {
+                    return {NaN, NaN, NaN};
+                }
+            }
+            more = output_wave(rules, mode, i, a, b, omega, memory);
+            level = level + share * std::get<0>(more);
+            sine = sine + share * std::get<1>(more);
+            cosine = cosine + share * std::get<2>(more);
+        }
+    }
+    return {level, sine, cosine};
+}
+
+/// Where ``level + sine sin(phi) + cosine cos(phi)`` rises through zero, which it does between two phases.
+double rise(double level, double sine, double cosine, double low, double high) {
+    double turned = std::atan2(cosine, sine);
+    double phi = std::asin(least_of(greatest_of(-level / std::hypot(sine, cosine), -1.0), 1.0)) - turned;
+    phi += 2.0 * PI * i64(std::floor((0.5 * (low + high) - phi) / (2.0 * PI) + 0.5));
+    return least_of(greatest_of(phi, low), high);
+}
+
 /// The guard of a mode that rises first in a step, and the phase behind its rise; -1 for none.
 std::tuple<i64, double> next_event(const Rules& rules, i64 mode, double a, double b, double omega, double low,
     double high, Vector memory, Vector z, Vector rate, Vector w) {
-    double left{}, right{}, middle{};
+    double left{}, right{}, level{}, sine{}, cosine{}, near{}, reach{}, middle{};
     i64 best = -1;
     double where = high;
     // Looked at where the first one so far rises, and not at the end of the step: only an earlier one takes its
@@ -88,6 +143,25 @@ std::tuple<i64, double> next_event(const Rules& rules, i64 mode, double a, doubl
         right = where;
         if (guard(rules, g, mode, a, b, omega, low, memory, z, rate, w) > 0.0) {
             right = low;
+        }
+        std::tie(level, sine, cosine) = guard_wave(rules, g, mode, a, b, omega, memory);
+        // An arc sine says where a sinusoid is zero, but for its last digits: these are bisected.
+        if (right > left && (std::fabs(sine) + std::fabs(cosine)) > 0.0) {
+            near = rise(level, sine, cosine, left, right);
+            reach = 4e-16 * (1.0 + std::fabs(right));
+            while ((near + reach) < right) {
+                if (guard(rules, g, mode, a, b, omega, near + reach, memory, z, rate, w) > 0.0) {
+                    right = near + reach;
+                }
+                reach *= 4.0;
+            }
+            reach = 4e-16 * (1.0 + std::fabs(right));
+            while ((near - reach) > left) {
+                if (!(guard(rules, g, mode, a, b, omega, near - reach, memory, z, rate, w) > 0.0)) {
+                    left = near - reach;
+                }
+                reach *= 4.0;
+            }
         }
         while ((right - left) > (4e-16 * (1.0 + std::fabs(right)))) {
             middle = 0.5 * (left + right);
@@ -106,20 +180,43 @@ std::tuple<i64, double> next_event(const Rules& rules, i64 mode, double a, doubl
     return {best, where};
 }
 
+/// Add the integrals of outputs, these times sine and times cosine, that are affine in a sinusoid.
+void add_waves(const Rules& rules, i64 mode, double a, double b, double omega, double low, double high, Vector memory,
+    Matrix total) {
+    double level{}, sine{}, cosine{};
+    double width = high - low;
+    double s_low = std::sin(low);
+    double c_low = std::cos(low);
+    double s_high = std::sin(high);
+    double c_high = std::cos(high);
+    double of_sine = c_low - c_high;
+    double of_cosine = s_high - s_low;
+    double both = 0.5 * (s_high * s_high - s_low * s_low);
+    double turned = 0.5 * (s_high * c_high - s_low * c_low);
+    for (i64 i = 0; i < total.shape(1); ++i) {
+        std::tie(level, sine, cosine) = output_wave(rules, mode, i, a, b, omega, memory);
+        total(0, i) += level * width + sine * of_sine + cosine * of_cosine;
+        total(1, i) += level * of_sine + sine * (0.5 * width - turned) + cosine * both;
+        total(2, i) += level * of_cosine + sine * both + cosine * (0.5 * width + turned);
+    }
+}
+
 /// Add Gauss's rule for the integrals of output, output times sine and times cosine; returns the largest output.
 double panel(const Rules& rules, i64 mode, double a, double b, double omega, double low, double high, Vector memory,
     Vector z, Vector rate, Vector w, Matrix total) {
-    double phi{}, weight{};
+    double phi{}, weight{}, sine{}, cosine{};
     double largest = 0.0;
     for (i64 k = 0; k < PLACE.size(); ++k) {
         phi = 0.5 * (low + high) + 0.5 * (high - low) * PLACE(k);
         weight = 0.5 * (high - low) * WEIGHT(k);
         inputs(a, b, omega, phi, z, rate);
         outputs(rules, mode, z, memory, w);
+        sine = std::sin(phi);
+        cosine = std::cos(phi);
         for (i64 i = 0; i < w.size(); ++i) {
             total(0, i) += weight * w(i);
-            total(1, i) += weight * w(i) * std::sin(phi);
-            total(2, i) += weight * w(i) * std::cos(phi);
+            total(1, i) += weight * w(i) * sine;
+            total(2, i) += weight * w(i) * cosine;
             largest = greatest_of(largest, std::fabs(w(i)));
         }
     }
@@ -128,13 +225,13 @@ double panel(const Rules& rules, i64 mode, double a, double b, double omega, dou
 
 /// Add the integrals of output, output times sine and times cosine from phase to phase, shape (3, w).
 ///
-/// One panel is exact to rounding where the output is affine in a sinusoid. Smooth functions may vary within a small
-/// part of a step: there panels are halved until two halves give what the whole gives, and grow again behind.
+/// Those of an output that is affine in a sinusoid are closed forms. Smooth functions may vary within a small part of a
+/// step: their panels are halved until two halves give what the whole gives, and grow again behind.
 void integrate(const Rules& rules, i64 mode, double a, double b, double omega, double low, double high, Vector memory,
     Vector z, Vector rate, Vector w, Matrix total, Matrix once, Matrix twice) {
     double right{}, middle{}, largest{}, worst{};
     if (rules.smooth_kind.size() == 0) {
-        panel(rules, mode, a, b, omega, low, high, memory, z, rate, w, total);
+        add_waves(rules, mode, a, b, omega, low, high, memory, total);
         return;
     }
     double left = low;
@@ -185,19 +282,20 @@ void write(const Rules& rules, i64 g, double a, double b, double omega, double p
     }
 }
 
-/// Integrals over one period into `total`, (3, w); returns the mode at its end, -1 where switches never end.
-i64 period(const Rules& rules, i64 mode, double a, double b, double omega, Vector memory, Vector z, Vector rate,
-    Vector w, Vector before, Matrix total, Matrix once, Matrix twice) {
+/// Integrals over some steps into `total`, (3, w); the mode at their end, -1 where switches never end, and these.
+std::tuple<i64, i64> steps(const Rules& rules, i64 mode, double a, double b, double omega, i64 first, i64 last,
+    Vector memory, Vector z, Vector rate, Vector w, Vector before, Matrix total, Matrix once, Matrix twice) {
     double phi{}, stop{}, where{};
     i64 g{};
     total.fill(0.0);
     double step = 2.0 * PI / STEPS;
-    for (i64 i = 0; i < STEPS; ++i) {
+    i64 switches = 0;
+    for (i64 i = first; i < last; ++i) {
         phi = i * step;
         stop = (i + 1) * step;
         for (i64 events = 0, events_end = MOST_EVENTS + 1; events < events_end; ++events) {
             if (events == MOST_EVENTS) {
-                return -1;
+                return {-1, switches};
             }
             std::tie(g, where) = next_event(rules, mode, a, b, omega, phi, stop, memory, z, rate, w);
             integrate(rules, mode, a, b, omega, phi, where, memory, z, rate, w, total, once, twice);
@@ -207,9 +305,10 @@ i64 period(const Rules& rules, i64 mode, double a, double b, double omega, Vecto
             phi = where;
             write(rules, g, a, b, omega, phi, z, rate, memory, before);
             mode = rules.target(g);
+            switches = switches + 1;
         }
     }
-    return mode;
+    return {mode, switches};
 }
 
 /// Mean outputs and gains (points, w) for points of amplitude, bias and frequency (points,).
@@ -217,7 +316,7 @@ i64 period(const Rules& rules, i64 mode, double a, double b, double omega, Vecto
 /// Not a number where an element switches without end, or does not answer with the period of its input.
 void describe(const Rules& rules, i64 start_mode, Vector a, Vector b, Vector omega, Matrix mean, ComplexMatrix gain) {
     Scope scope;
-    i64 mode{}, first{};
+    i64 mode{}, first{}, switches{};
     bool repeats{}, same{};
     double moved{}, size{};
     i64 n_w = rules.constant.shape(1);
@@ -236,20 +335,27 @@ void describe(const Rules& rules, i64 start_mode, Vector a, Vector b, Vector ome
         mode = start_mode;
         repeats = false;
         filling::fill(memory, rules.start);
+        std::tie(mode, std::ignore) = steps(rules, mode, a(p), b(p), omega(p), 0, RUN_IN, memory, z, rate, w, before,
+            total, once, twice);
         for (i64 turn_ = 0; turn_ < PERIODS; ++turn_) {
+            if (mode < 0) {
+                break;
+            }
             first = mode;
             filling::fill(begin, memory);
-            mode = period(rules, mode, a(p), b(p), omega(p), memory, z, rate, w, before, total, once, twice);
+            std::tie(mode, switches) = steps(rules, mode, a(p), b(p), omega(p), RUN_IN, RUN_IN + STEPS, memory, z,
+                rate, w, before, total, once, twice);
             // The integrals are those of the last period: of an answer that has not come back they would be of one turn.
             same = mode >= 0 && mode == first;
             repeats = same;
             for (i64 h = 0; h < n_h; ++h) {
                 moved = std::fabs(memory(h) - begin(h));
                 size = std::fabs(memory(h)) + a(p);
-                same = same && moved <= (1e-14 * size);
+                // Each switch is where it is to rounding, and so is what it writes.
+                same = same && moved <= (1e-14 * size * (1 + switches));
                 repeats = repeats && moved <= (REPEATS * (size + std::fabs(b(p))));
             }
-            if (same || mode < 0) {
+            if (same) {
                 break;
             }
         }
