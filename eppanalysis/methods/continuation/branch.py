@@ -346,7 +346,7 @@ class Walk:
         for border in borders(last):
             new, back = across(border, way)
             if new is not None:
-                return self._crossed(points, shown_at(border, last), new, back)
+                return self._crossed(points, border if back else shown_at(border, last), new, back)
         return self._crossed(points, last, *beyond(last), outside)
 
     def _change(self, points: list[Point], ds: float) -> tuple[Point | None, str]:
