@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -389,7 +389,7 @@ class Case(ShownCase):
             put(data, path, plain, source, name)
             # Its sections too, for what the change makes missing; fields that stay keep their own entries.
             origins.update({".".join(map(str, path[:i])): source for i in range(1, len(path) + 1)})
-        made = self._made_of(replace(self._raw, data=data, origins=origins))
+        made = self._made_of(replace(self._raw, data=data, origins=origins), values if source.startswith("--") else ())
         for name, value in values.items():
             old, new = (case.parameters.get(name) for case in (self, made))
             # A plain number is in SI units; what a field with a unit of its own refuses has been refused before.
@@ -457,12 +457,12 @@ class Case(ShownCase):
             return plain
         return plain if typed_unit(plain) else write_si(number, old.unit, old.friendly)
 
-    def _made_of(self, raw: RawCase) -> Case:
-        """The case with other data; its refusals are in the units that people type."""
+    def _made_of(self, raw: RawCase, typed: Collection[str]) -> Case:
+        """The case with other data; what was not `typed` as it is, is refused in the units that people type."""
         try:
             return load(raw, (self._raw.data, self._validated))
         except CaseError as error:
-            raise self._as_typed(error) from None
+            raise (error if error.field in typed else self._as_typed(error)) from None
 
     def _as_typed(self, error: CaseError) -> CaseError:
         """A refusal of a number that was handed on in SI units, with the number in the unit that people type."""
