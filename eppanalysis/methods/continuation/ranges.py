@@ -53,6 +53,6 @@ def _ranges(orbit: Orbit, Y: Array, Ys: Array) -> tuple[Array, Array]:
     # What an element gives in a mode that it leaves at once is no value of the motion.
     lasts = np.flatnonzero(arcs.event_sequence.at_once != 1)
     acting = arcs.acting and arcs.acting._replace(sense=arcs.acting.sense[lasts])
-    parts = (a[lasts] for a in (arcs.F, arcs.S, arcs.smooth, Y, Ys, orbit.starts[:-1], orbit.tau))
-    extents(acting, *parts, low, high)
+    F, S, smooth = arcs.F[lasts], arcs.S[lasts], arcs.smooth[lasts]
+    extents(acting, F, S, smooth, Y[lasts], Ys[lasts], orbit.starts[:-1][lasts], orbit.tau[lasts], low, high)
     return low, high

@@ -365,7 +365,9 @@ def test_where_the_tests_find_cycles_on_the_safe_side_there_is_no_bound(wheelcha
     bounds = made_bounds.bounds_of(wheelchair, "loop.gain", "play.gap", *cells)
     assert [cell.known is Known.NONE for cell in bounds] == [i < n for i in range(2)]
     said, rows = str(bounds), epp.manual_table(bounds).rows if n < 2 else ()
-    assert said.startswith("No bound on play gap" if n == 2 else "Free of limit cycles below a play gap of 9.9 mm (exact 10 mm)")
+    assert said.startswith(
+        "No bound on play gap" if n == 2 else "Free of limit cycles below a play gap of 9.9 mm (exact 10 mm)"
+    )
     assert ("At a loop gain of 0.9: Not verified: it hunts. At a loop gain of 1: " in said) == (n == 2)
     assert ("it hunts" in said) == (n == 2) and ("no bound at 1 of 2 values" in said) == (n == 1)
     assert [row[-1].startswith("Not verified: it hunts") for row in rows] == [i < n for i in range(len(rows))]
