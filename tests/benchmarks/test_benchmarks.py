@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytest.importorskip("numba", reason="rivals written by hand are compiled by numba, which the development tools bring")
+
 from benchmarks import fixed_step, growth, job_a, job_c, job_calls, job_orbit, job_sweep, libraries, mode_steps, report
 from benchmarks.timing import Contender, alternate
 from tests.reference.elbow_reference import Elbow, row

@@ -89,7 +89,8 @@ def predict_limit_cycles(
     """
     own, at = standing(system, operating_point, "predict_limit_cycles")
     if not isinstance(own, DataSystem):
-        within_range(own)
+        # Elements meet what B and C make together: units of the states alone may be of any size.
+        within_range(own.name, own.A, own.D, np.abs(own.C).max(initial=0.0) * own.B)
     parts = _parts(own, at)
     return _of_parts(own, at, parts) if parts else _of_one(own, at)
 

@@ -129,16 +129,16 @@ class Linear:
         return np.asarray(found[size > 1e-9 * size.max(initial=0.0)], complex)
 
 
-def within_range(system: LureSystem, *more: Array) -> None:
+def within_range(name: str, *parts: Array) -> None:
     """Refuse a loop with numbers whose squares are infinite, of which nothing can be told.
 
     Raises
     ------
     ModelError
-        If its matrices, or `more`, hold such a number.
+        If one of its parts holds such a number.
     """
-    if max(np.abs(part).max(initial=0.0) for part in (system.A, system.B, system.C, system.D, *more)) > _LARGEST:
-        what = f"{system.name}: numbers beyond all range, whose squares are infinite"
+    if max(np.abs(part).max(initial=0.0) for part in parts) > _LARGEST:
+        what = f"{name}: numbers beyond all range, whose squares are infinite"
         raise ModelError(what, expected="values of ordinary magnitude")
 
 
@@ -203,7 +203,7 @@ class Linearised:
         gains = {i: np.asarray(element.linear_gain(), float) for i, element in enumerate(system.elements)}
         without = [i for i, gain in gains.items() if not np.all(np.isfinite(gain))]
         K = gain_matrix(system, {i: gain for i, gain in gains.items() if i not in without})
-        within_range(system, K)
+        within_range(system.name, system.A, system.B, system.C, system.D, K)
         return cls(system, K, tuple(without))
 
     def rule(self) -> tuple[str, ...]:
