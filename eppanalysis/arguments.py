@@ -208,6 +208,8 @@ def floats(value: Any, name: str, **options: Any) -> NDArray[Any]:
     [1.0, 2.0]
     """
     try:
+        if getattr(getattr(value, "dtype", None), "kind", "") in ("M", "m"):  # dates, which numpy counts in any unit
+            raise TypeError
         return np.array(value, float, copy=options.pop("copy", None), **options)
     except (TypeError, ValueError, OverflowError):
         raise ModelError(name, value, "numbers") from None
