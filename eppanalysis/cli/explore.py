@@ -56,7 +56,9 @@ def _leading_to(address: str) -> Iterator[Path]:
     number, name = tempfile.mkstemp(prefix="eppanalysis-", suffix=".html")
     try:
         with open(number, "w", encoding="utf-8") as file:
-            file.write(f'<!DOCTYPE html>\n<meta charset="utf-8">\n<meta http-equiv="refresh" content="0; url={address}">\n')
+            file.write(
+                f'<!DOCTYPE html>\n<meta charset="utf-8">\n<meta http-equiv="refresh" content="0; url={address}">\n'
+            )
             file.write(f'<title>eppanalysis</title>\n<a href="{address}">eppanalysis</a>\n')
         yield Path(name)
     finally:

@@ -80,7 +80,7 @@ def record_of(
     Parameters
     ----------
     given : path, mapping of str to array, or DataFrame
-        A file has a column ``time [s]`` and one a signal, such as ``theta [deg]``; or a pandas data frame of such columns.
+        A file has a column ``time [s]`` and one a signal, such as ``theta [deg]``; so has a frame, without units.
     units : mapping of str to str
         SI unit of every signal that the loop has.
     columns : mapping of str to (str, str), optional

@@ -21,7 +21,7 @@ import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.resources import files
 from multiprocessing import parent_process
@@ -62,7 +62,8 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         kernel = numba.njit(**{"pipeline_class": Kernel} | options | {"cache": False})(function)
         if options.get("cache") and folder is not None and isinstance(kernel, Dispatcher):
             module = function.__module__.removeprefix(f"{__package__}.")
-            with _kept_in(os.path.join(folder, f"{module}-{sources(module)}")):
+            # Where there is no place for it any more, the code is compiled in each process.
+            with _kept_in(os.path.join(folder, f"{module}-{sources(module)}")), suppress(OSError, RuntimeError):
                 kernel._cache = Files(function)
         return _whatever_the_value(kernel)
 
@@ -116,10 +117,12 @@ def sources(module: str) -> str:
 def store() -> str | None:
     """Folder in which this process keeps compiled code: the first that can be written; None where nothing can.
 
-    NUMBA_CACHE_DIR where it is given; beside the sources; in the user's folder for such things. A read-only
+    NUMBA_CACHE_DIR where it is given; in a working copy beside the sources; in the user's folder for such things. An
     installation without a home has none of these: then in a temporary folder of this user's, as standard error says.
+    Among installed files nothing is put that the installer does not know: it would stay when the package goes, and be
+    imported.
     """
-    given, beside = config.CACHE_DIR, Path(__file__).with_name("__pycache__")
+    given, beside = config.CACHE_DIR, Path(__file__).with_name("__pycache__") if _in_working_copy() else None
     for place in (given and Path(given).absolute(), beside, Path(AppDirs("eppanalysis", False).user_cache_dir)):
         if place and place.is_absolute() and _takes_files(place):  # a home that nobody knows leaves "~"
             return str(place)
@@ -128,6 +131,11 @@ def store() -> str | None:
         kept = f"compiled code is kept in {folder}" if folder else "code is compiled anew in each process"
         sys.stderr.write(f"Neither the installation nor a folder of the user's can be written: {kept}.\n")
     return folder
+
+
+def _in_working_copy() -> bool:
+    """Whether the package lies where it is worked on, and not where an installer has put it."""
+    return Path(__file__).parents[2].joinpath("pyproject.toml").is_file()
 
 
 def _temporary() -> str | None:

@@ -7,10 +7,14 @@ nothing spent a third of its time there. Here both wait until something is compi
 
 from __future__ import annotations
 
+import hashlib
+import pickle
+from contextlib import suppress
+from io import BytesIO
 from typing import Any
 
 from llvmlite import binding as llvm
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompileResult, compile_result
 from numba.core.runtime import rtsys
@@ -69,10 +73,67 @@ class _Kernel(CompileResultCacheImpl):
         )
 
 
+_DIGEST = 16
+
+
+def _digest(content: bytes) -> bytes:
+    return hashlib.blake2b(content, digest_size=_DIGEST).digest()
+
+
+class DamagedError(OSError):
+    """Raised on a file that is not as it was written; as of one that is not there, numba then compiles anew."""
+
+
+def _read(path: str) -> bytes:
+    with open(path, "rb") as file:
+        whole = file.read()
+    content = whole[:-_DIGEST]
+    if _digest(content) != whole[-_DIGEST:]:
+        raise DamagedError(path)
+    return content
+
+
+class _Sealed(IndexDataCacheFile):
+    """Numba's index and code files, with a digest behind each."""
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            content = BytesIO(_read(self._index_path))
+        except OSError:
+            return {}
+        if pickle.load(content) != self._version:
+            return {}
+        stamp, overloads = pickle.loads(content.read())
+        return overloads if stamp == self._source_stamp else {}
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        content = pickle.dumps(self._version, protocol=-1) + self._dump((self._source_stamp, overloads))
+        self._write(self._index_path, content)
+
+    def _load_data(self, name: str) -> Any:
+        return pickle.loads(_read(self._data_path(name)))
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), self._dump(data))
+
+    def _write(self, path: str, content: bytes) -> None:
+        with self._open_for_write(path) as file:
+            file.write(content + _digest(content))
+
+
 class Files(FunctionCache):
     """The files of one kernel, an index and one with the code for each type of arguments."""
 
     _impl_class = _Kernel
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        self._cache_file = _Sealed(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+
+    def save_overload(self, signature: Any, data: CompileResult) -> None:
+        """Keep the code for arguments of these types, if there is room for it."""
+        with suppress(OSError):
+            super().save_overload(signature, data)
 
     def load_overload(self, signature: Any, target_context: Any) -> CompileResult | None:
         """Code for arguments of these types, if there is any: numba's tables are read by its compiler, not here."""

@@ -26,9 +26,9 @@ from eppanalysis.errors import EppError
 from eppanalysis.models.systems.inputs import Recorded, Steps
 from eppanalysis.readable import count
 from eppanalysis.sweep import integrity
-from eppanalysis.sweep.code import code_digest
 from eppanalysis.sweep.analyses import Columns, Task, Variable
 from eppanalysis.sweep.axes import Design
+from eppanalysis.sweep.code import code_digest
 
 if TYPE_CHECKING:
     import xarray

@@ -149,3 +149,16 @@ def test_where_nothing_can_be_written_kernels_are_compiled_all_the_same(tmp_path
 
 def test_modules_of_tests_call_no_kernel(called_by_collecting: set[str]) -> None:
     assert called_by_collecting == set()
+
+
+@pytest.mark.slow
+def test_among_installed_files_no_code_is_put_that_would_stay_when_the_package_goes(tmp_path, copy) -> None:
+    """A copy without what a working copy has beside it is one that an installer has made."""
+    before = sorted(copy.rglob("*"))
+    places = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "HOME": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
+    folder, hits, said = run(copy, **places)
+    assert folder.is_relative_to(tmp_path / "cache") and (hits, said) == (0, "")
+    assert run(copy, **places)[:2] == (folder, 1)
+    assert sorted(copy.rglob("*")) == before
+    (copy / "pyproject.toml").touch()
+    assert run(copy, **places)[0].is_relative_to(copy / "eppanalysis" / "kernels" / "__pycache__")

@@ -67,3 +67,58 @@ def test_what_numba_itself_refuses_is_refused_by_loaded_code(tmp_path) -> None:
     refused = "negative_dimensions_not_allowed"
     assert call(tmp_path, "room") == [refused, "0", "1", "True"]
     assert call(tmp_path, "room") == [refused, "1", "0", "False"]
+
+
+def _cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def _flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    for place in range(len(content) // 3, len(content) - 16, max(1, len(content) // 40)):
+        content[place] ^= 0x10
+    path.write_bytes(content)
+
+
+def _folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+DAMAGES = {
+    "cut": _cut,
+    "empty": lambda path: path.write_bytes(b""),
+    "bits": _flip,
+    "something else": lambda path: path.write_bytes(b"\x80\x04]." + bytes(100)),
+    "gone": Path.unlink,
+    "a folder in its place": _folder,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kept", ["nbi", "nbc"])
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damaged_code_is_compiled_anew_and_kept_again(tmp_path: Path, damage: str, kept: str) -> None:
+    (tmp_path / "kernels.py").write_text(KERNELS)
+    assert call(tmp_path, "lengths") == ["13.0", "0", "1", "True"]
+    for path in (tmp_path / "kept").rglob(f"*.{kept}"):
+        DAMAGES[damage](path)
+    assert call(tmp_path, "lengths") == ["13.0", "0", "1", "True"]
+    again = ["13.0", "0", "1", "True"] if damage == "a folder in its place" else ["13.0", "1", "0", "False"]
+    assert call(tmp_path, "lengths") == again
+
+
+@pytest.mark.slow
+def test_where_there_is_no_room_for_code_it_is_compiled_all_the_same(tmp_path: Path) -> None:
+    """A file may have no more than a few bytes, as on a full disk; nothing of it is left, and later there is room."""
+    resource = pytest.importorskip("resource")
+    (tmp_path / "kernels.py").write_text(KERNELS)
+    place = {"NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": ":".join([str(tmp_path), *sys.path])}
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", CALL, "lengths"], env=place, capture_output=True, text=True, check=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (64, 64)),
+    )  # fmt: skip
+    assert done.stdout.split() == ["13.0", "0", "1", "True"]
+    assert not [path for path in (tmp_path / "kept").rglob("*") if path.is_file()]
+    assert call(tmp_path, "lengths") == ["13.0", "0", "1", "True"]
+    assert call(tmp_path, "lengths") == ["13.0", "1", "0", "False"]

@@ -1,4 +1,4 @@
-"""A store belongs to the code that has computed it: what changes numbers changes its identity, pictures and words do not."""
+"""A store belongs to the code that has computed it: what changes numbers changes its identity, pictures do not."""
 
 from __future__ import annotations
 
