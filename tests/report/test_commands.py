@@ -22,8 +22,8 @@ from eppanalysis.report.sections import SECTIONS
 from eppanalysis.sweep.axes import make_design
 
 CASES = epp.shipped_cases()
-#: What makes a command of minutes one of seconds, behind what is printed: one bound, tested by few runs.
-FEWER = {"bounds": ("--points", "1", "--starts", "10")}
+#: What makes a command of minutes one of seconds, behind what is printed: a bound that is tested by few runs.
+FEWER = {"bounds": ("--starts", "10")}
 #: A loop of a file of one's own, in the units of a data sheet.
 MINE = """
 kind = "diagram"
