@@ -181,7 +181,7 @@ class _Processes:
         running: dict[Future[Columns], Bounds] = {}
         lost: list[Bounds] = []
         while waiting or running:
-            failed = []
+            failed: list[Bounds] = []
             while waiting and len(running) < _AHEAD * self.n and not failed:
                 bounds = waiting.popleft()
                 try:
