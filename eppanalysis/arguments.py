@@ -29,6 +29,8 @@ Made = TypeVar("Made", bound=type)
 
 #: Items of a sequence or mapping that are looked at.
 _MOST_ITEMS = 10_000
+#: What numpy calls types of dates and durations.
+_TIMES = ("M", "m")
 #: A whole number beyond this is no count of anything that fits into a computer, and none that compiled code can hold.
 _LARGEST = 2**53
 #: Most of what is counted: of anything, and of what is less (or more) than that.
@@ -207,6 +209,8 @@ def floats(value: Any, name: str, **options: Any) -> NDArray[Any]:
     >>> floats([1, 2], "gap").tolist()
     [1.0, 2.0]
     """
+    if getattr(getattr(value, "dtype", None), "kind", "") in _TIMES:  # which numpy makes numbers of, in units of its own
+        raise ModelError(f"{name}: holds dates or durations", expected="numbers")
     try:
         if getattr(getattr(value, "dtype", None), "kind", "") in ("M", "m"):  # dates, which numpy counts in any unit
             raise TypeError

@@ -146,7 +146,7 @@ def test_a_data_frame_is_a_record_as_its_columns_are(form: str) -> None:
     assert found.period == pytest.approx(2.0 * np.pi / 0.9, rel=1e-3)
 
 
-@pytest.mark.parametrize("wrong", ["a text", "a date", "a hole", "no time", "an unknown signal", "twice"])
+@pytest.mark.parametrize("wrong", ["a text", "a date", "a duration", "a hole", "no time", "an unknown signal", "twice"])
 def test_a_data_frame_that_is_no_record_is_one_sentence(wrong: str) -> None:
     import pandas as pd
 
@@ -158,6 +158,8 @@ def test_a_data_frame_that_is_no_record_is_one_sentence(wrong: str) -> None:
             frame["x"] = frame["x"].map(lambda v: f"{v} V")
         case "a date":
             frame["time"] = pd.Timestamp("2026-01-01") + pd.to_timedelta(t, "s")
+        case "a duration":
+            frame["time"] = pd.to_timedelta(t, "s")
         case "a hole":
             frame.loc[7, "x"] = np.nan
         case "no time":
