@@ -22,6 +22,8 @@ from eppanalysis.report.sections import SECTIONS
 from eppanalysis.sweep.axes import make_design
 
 CASES = epp.shipped_cases()
+#: An elbow, loops with one element and with several, a sampled one and one with dead time.
+SOME = ("backlash_discrete_pi_kp05_ki02", "backlash_servo", "fig8a_original", "relay_biased_fopdt", "two_mass_deadzone")
 #: What makes a command of minutes one of seconds, behind what is printed: a bound that is tested by few runs.
 FEWER = {"bounds": ("--starts", "10")}
 #: A loop of a file of one's own, in the units of a data sheet.
@@ -76,6 +78,15 @@ def printed(case: epp.Case) -> list[str]:
         for full in (False, True):
             texts += [line.rpartition("')")[0] or line for line in section.cell(case, full=full).splitlines()]
     return list(dict.fromkeys(commands_in(texts)))
+
+
+def run_all(case: epp.Case) -> None:
+    """Run what is printed, bounds with few runs behind them."""
+    for text in printed(case):
+        words = shlex.split(text)[1:]
+        if words[0] != "guide":  # three gains of an elbow: the guideline of its own tests
+            done = CliRunner().invoke(app, [*words, *FEWER.get(words[0], ())])
+            assert done.exit_code == 0, f"{text}: {done.output}"
 
 
 def resolve(text: str) -> None:
@@ -150,14 +161,11 @@ def test_a_case_that_no_file_holds_is_asked_in_python(mine: epp.Case) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", SOME)
 def test_commands_of_a_shipped_case_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a case of each kind; of all of them, which takes half an hour, in tests/stress."""
     monkeypatch.chdir(tmp_path)
-    for text in printed(epp.case(name)):
-        words = shlex.split(text)[1:]
-        if words[0] != "guide":  # three gains of an elbow: the guideline of its own tests
-            done = CliRunner().invoke(app, [*words, *FEWER.get(words[0], ())])
-            assert done.exit_code == 0, f"{text}: {done.output}"
+    run_all(epp.case(name))
 
 
 @pytest.mark.slow
