@@ -42,9 +42,14 @@ def test_the_bound_lies_between_what_is_proved(bounds) -> None:
 def test_the_files_hold_for_the_values_they_name(bounds, valve, tmp_path) -> None:
     paths = bounds.write_certificates(tmp_path / "proofs")
     assert [path.name for path in paths] == [f"{THRESHOLD}=1.json", f"{THRESHOLD}=1-cycle.json"]
-    said = [epp.check_certificate(path) for path in paths]
-    assert all(check.accepted for check in said)
-    assert "no periodic motion but rest" in str(said[0]) and "close to a limit cycle" in str(said[1])
+    values = bounds[0].proved.free, bounds[0].proved.cycle
+    said = [epp.check_certificate(path, valve.with_values({GAIN: v})) for path, v in zip(paths, values, strict=True)]
+    assert all(check.accepted and check.about for check in said)
+    assert "no periodic motion but rest" in str(said[0]) and "has a limit cycle" in str(said[1])
+    swapped = [
+        epp.check_certificate(path, valve.with_values({GAIN: v})) for path, v in zip(paths, values[::-1], strict=True)
+    ]
+    assert all(check.accepted and check.about is False for check in swapped)
     assert epp.certify(valve.with_values({GAIN: bounds[0].proved.free}), "absence").proved
     assert not epp.certify(valve.with_values({GAIN: bounds[0].exact}), "absence").proved
 
