@@ -22,8 +22,8 @@ from eppanalysis.report.sections import SECTIONS
 from eppanalysis.sweep.axes import make_design
 
 CASES = epp.shipped_cases()
-#: An elbow, loops with one element and with several, a sampled one and one with dead time.
-SOME = ("backlash_discrete_pi_kp05_ki02", "backlash_servo", "fig8a_original", "relay_biased_fopdt", "two_mass_deadzone")
+#: A discrete loop, a ring, an elbow, and a loop with dead time.
+SOME = ("backlash_discrete_pi_kp05_ki02", "backlash_servo", "fig8a_original", "relay_biased_fopdt")
 #: What makes a command of minutes one of seconds, behind what is printed: a bound that is tested by few runs.
 FEWER = {"bounds": ("--starts", "10")}
 #: A loop of a file of one's own, in the units of a data sheet.
