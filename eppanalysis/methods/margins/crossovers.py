@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.methods.margins.linearised import Linear
@@ -27,8 +26,8 @@ _CLOSEST = 1e-11
 _MOST_NODES = 400_000
 #: Sign changes of the phase that are followed to their roots.
 _MOST_ROOTS = 40
-#: Local minima of the distance from -1 between whose nodes the least is sought.
-_MOST_MINIMA = 12
+#: Dips of the distance from -1 of which the bottom is sought; and by what share a node must lie lower to be below it.
+_MOST_MINIMA, _ROUNDED = 12, 1e-9
 #: Sine of the phase below which a response is real all along, not crossing the axis.
 _REAL = 1e-11
 #: How far from one, as a factor, a gain margin may lie for the grid to end there; further out the loop gain is less.
@@ -101,18 +100,18 @@ class Response:
     def nearest_to_minus_one(self) -> tuple[float, float]:
         """Least ``2 |1 + L|/|1 - L|`` over all frequencies, and the frequency of it."""
         with np.errstate(all="ignore"):
-            size = _disk(self.value)
+            size, slope = _disk(self.value), self._disk_slope(self.omega)
         size = np.where(np.isnan(size), np.inf, size)
-        padded = np.concatenate([[np.inf], size, [np.inf]])
         # The grid shows every dip, as neighbours on it are joined by a straight line: only its bottom is sought.
-        minima = np.flatnonzero((padded[1:-1] <= padded[:-2]) & (padded[1:-1] <= padded[2:]))
-        minima = minima[np.argsort(size[minima], kind="stable")[:_MOST_MINIMA]]
-        low, high = (self.omega[np.clip(minima + side, 0, size.size - 1)] for side in (-1, 1))
+        dips = np.flatnonzero((slope[:-1] < 0.0) & (slope[1:] >= 0.0))
+        dips = dips[np.argsort(np.minimum(size[dips], size[dips + 1]), kind="stable")[:_MOST_MINIMA]]
         with np.errstate(all="ignore"):
-            bottom = between(self._disk_slope, low, high)
-        found = np.append(bottom[np.isfinite(bottom)], self.omega[minima])
+            found = between(lambda w, _: self._disk_slope(w), self.omega[dips], self.omega[dips + 1])
         value = _disk(self.loop.response(found)) if found.size else found
         best = min(zip(value.tolist(), found.tolist(), strict=True), default=(_INF, _NAN))
+        lowest = int(np.argmin(size))
+        if size[lowest] < best[0] * (1.0 - _ROUNDED):  # at the end of the grid
+            best = float(size[lowest]), float(self.omega[lowest])
         ends = [self._slow_end(), self._fast_end() or (float("inf"), 0.0) if not self.loop.time_step else None]
         return min([best, *((float(_disk(np.array([e[1] + 0j]))[0]), e[0]) for e in ends if e is not None)])
 
@@ -136,7 +135,7 @@ class Response:
             changes = changes[np.argsort(far, kind="stable")[:_MOST_ROOTS]]
         return _crossing(lambda w: sign(self.loop.response(w)), omega[changes], omega[changes + 1])
 
-    def _disk_slope(self, omega: Array, _: NDArray[np.intp]) -> Array:
+    def _disk_slope(self, omega: Array) -> Array:
         """Derivative of the logarithm of the distance from -1 by the frequency, but for a positive factor."""
         L = self.loop.response(omega)
         return np.asarray((self.loop.slope(omega) / ((1.0 + L) * (1.0 - L))).real, float)
