@@ -209,7 +209,7 @@ def floats(value: Any, name: str, **options: Any) -> NDArray[Any]:
     >>> floats([1, 2], "gap").tolist()
     [1.0, 2.0]
     """
-    if getattr(getattr(value, "dtype", None), "kind", "") in _TIMES:  # which numpy makes numbers of, in units of its own
+    if getattr(getattr(value, "dtype", None), "kind", "") in _TIMES:  # numpy makes numbers of them, in its own units
         raise ModelError(f"{name}: holds dates or durations", expected="numbers")
     try:
         return np.array(value, float, copy=options.pop("copy", None), **options)
