@@ -101,7 +101,7 @@ def test_the_numbers_are_those_of_the_methods(written, mine):
     assert "1.6 deg" in shown[0] and "measured" in shown[0] and "0.0465 kg·m²" in shown[0]
 
 
-@pytest.mark.xfail(strict=False, reason="a notebook names the file of its case in the commands that it prints")
+@pytest.mark.xfail(strict=True, reason="a notebook names the file of its case in the commands that it prints")
 def test_the_notebook_carries_its_case_and_uses_public_names_only(written, folder):
     code = [cell.source for cell in nbformat.read(written, 4).cells if cell.cell_type == "code"]
     plain = [re.sub(r"^%.*$", "", text, flags=re.MULTILINE) for text in code]
@@ -177,14 +177,13 @@ def test_runs_of_a_design_map_are_long_enough_for_the_slowest_cycle_that_was_fou
     assert asked == [4.0 * case.t_end, 80.0 * case.t_end]
 
 
-@pytest.mark.xfail(strict=False, reason="the cell of a guideline does not compile alone")
 def test_no_remark_of_a_guideline_is_cut_off():
     """That nothing bounds the backlash was told up to "at eithe..."."""
     case, pages = epp.case("soft_cable"), []
     with pandas.option_context("display.max_colwidth", 50):
         exec("\n".join(line for line in sections.SETUP.splitlines() if line[:1] != "%"))
         shows = {"epp": epp, "case": case, "branch": None, "display": lambda frame: pages.append(frame._repr_html_())}
-        exec(sections._GUIDELINE, shows)
+        exec(sections._guideline(case), shows)
     assert "so nothing bounds it there." in pages[0] and "..." not in pages[0]
 
 

@@ -126,10 +126,11 @@ def searched(question: Question, near: float, sign: float) -> ExactBound:
 
 def _tried(question: Question, with_cycles: list[float], without: list[float]) -> str:
     """What the searches over the range say where no branch shows where its cycles end."""
-    none = f"the exact search finds no limit cycle at {question.in_words(sorted(without))}"
+    none = f"the exact search finds no limit cycle at {question.in_words(sorted(set(without)))}"
     if not with_cycles:
         return none
-    some = f"limit cycles at {question.in_words(sorted(with_cycles))}, whose branches could not be followed to an end"
+    seen = question.in_words(sorted(set(with_cycles)))
+    some = f"limit cycles at {seen}, whose branches could not be followed to an end"
     return f"{none}, and {some}"
 
 
