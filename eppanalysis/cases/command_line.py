@@ -24,13 +24,20 @@ _SAID = ("mark", "note", "title", "expected")
 _MOST = 17
 
 
-def called(case: Case) -> tuple[str, ...]:
+def called(case: Case, *, carried: bool = False) -> tuple[str, ...]:
     """The words by which the command line finds a case: a file, or the name of one that ships, and what was set in it.
+
+    Parameters
+    ----------
+    carried : bool
+        Whether the words go into a file that is read elsewhere: they then name no folder of this machine, but a file
+        by its way from the working folder.
 
     Returns
     -------
     tuple of str
-        Empty where neither leads to the case: it was made in Python, or its file has changed.
+        Empty where neither leads to the case: it was made in Python, its file has changed, or lies outside the working
+        folder where the words are carried.
 
     Examples
     --------
@@ -39,6 +46,10 @@ def called(case: Case) -> tuple[str, ...]:
     ('fig8a_original', '--set', 'lock_pin.backlash=0.5 deg')
     """
     for name, base in _bases(case):
+        if carried and os.path.isabs(name):
+            name = _from_here(name)
+        if not name:
+            continue
         settings = tuple(_settings(base, case))
         try:
             made = base.with_values({field: value for field, value in settings}, "--set") if settings else base
@@ -47,6 +58,15 @@ def called(case: Case) -> tuple[str, ...]:
         if _computed(made._raw.data) == _computed(case._raw.data):
             return (name, *(word for field, value in settings for word in ("--set", f"{field}={_typed(value)}")))
     return ()
+
+
+def _from_here(path: str) -> str:
+    """The way to a file from the working folder; empty where it lies outside."""
+    try:
+        way = os.path.relpath(os.path.realpath(path))
+    except ValueError:  # on another drive
+        return ""
+    return "" if way.split(os.sep)[0] == os.pardir else way
 
 
 def _computed(held: Any) -> Any:
@@ -98,9 +118,9 @@ class Asking:
     words: tuple[str, ...]
 
     @classmethod
-    def of(cls, case: Case) -> Asking:
-        """By what the command line calls the case."""
-        return cls(case, called(case))
+    def of(cls, case: Case, *, carried: bool = False) -> Asking:
+        """By what the command line calls the case; see :func:`called`."""
+        return cls(case, called(case, carried=carried))
 
     @cached_property
     def over(self) -> list[str]:

@@ -232,10 +232,10 @@ def _first(case: Case, *, full: bool = False) -> str:
     """All that the first page needs: the ladder, the exact cycles, and a branch where there is one to follow."""
     name = _followed(case, full=full)
     if not name:
-        return _FIRST.format(branch="branch = None\n", called=called(case))
+        return _FIRST.format(branch="branch = None\n", called=called(case, carried=True))
     places = zip(("near", "far", "stop"), variation_of(case).branch(name), strict=True)
     follow = _FOLLOW.format(name=name, **{key: case.text(name, at) for key, at in places})
-    return _FIRST.format(branch=follow, called=called(case))
+    return _FIRST.format(branch=follow, called=called(case, carried=True))
 
 
 def _branch(case: Case, *, full: bool = False) -> str:
@@ -261,7 +261,7 @@ def _map(case: Case) -> str:
     factors = [case.readable(name)[1] for name in axes]
     x, y = (f'case.value("{name}") * {factor!r}' for name, factor in zip(axes, factors, strict=True))
     mark = f'figure.axes[0].plot({x}, {y}, "k*", markersize=12)'
-    finer = f"A finer one: {Asking.of(case).sweep(variation_of(case).axes(max(_POINTS)))}"
+    finer = f"A finer one: {Asking.of(case, carried=True).sweep(variation_of(case).axes(max(_POINTS)))}"
     coarse = _COARSE.format(n=n, finer=finer) if n < max(_POINTS) else ""
     return _MAP.format(axes=repr(axes), mark=mark, coarse=coarse, t_end=repr(time_of_maps(case)))
 
@@ -275,7 +275,7 @@ def _points(case: Case) -> int:
 
 def _guideline(case: Case) -> str:
     """At the case's own gain, and how to have it at others."""
-    more = Asking.of(case).command("guide", "-o", "guide.html") or f"epp.design_guide(case, {_gains(case)!r})"
+    more = Asking.of(case, carried=True).command("guide", "-o", "guide.html") or f"epp.design_guide(case, {_gains(case)!r})"
     return _GUIDELINE.format(full=f"At other gains: {more}")
 
 

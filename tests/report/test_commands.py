@@ -18,6 +18,7 @@ from eppanalysis.cli.commands import app
 from eppanalysis.cli.common import load_case
 from eppanalysis.methods.bounds.searched import in_samples
 from eppanalysis.report.advice import Found
+from eppanalysis.report.notebook import make_notebook
 from eppanalysis.report.sections import SECTIONS
 from eppanalysis.sweep.axes import make_design
 
@@ -158,6 +159,26 @@ def test_a_case_that_no_file_holds_is_asked_in_python(mine: epp.Case) -> None:
             for line in text.splitlines():
                 if "epp." in line:
                     compile(line[line.index("epp.") :], "advice", "eval")
+
+
+@pytest.mark.parametrize("folder", [".", "data", "../elsewhere"])
+@pytest.mark.parametrize("settings", [{}, {"K": "20 rpm"}])
+def test_a_notebook_names_no_folder_of_the_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: str, settings: dict[str, object]
+) -> None:
+    """A file below the working folder by its way from there; of one elsewhere it asks in Python."""
+    here = tmp_path / "here"
+    (here / folder).mkdir(parents=True, exist_ok=True)
+    monkeypatch.chdir(here)
+    path = (here / folder / "servo.toml").resolve()
+    path.write_text(MINE, encoding="utf-8")
+    case = epp.read_case(path)
+    code = "".join(cell.source for cell in make_notebook([case.with_values(settings) if settings else case]).cells)
+    assert str(tmp_path) not in code
+    words = called(case.with_values(settings) if settings else case, carried=True)
+    assert (not words) == (folder == "../elsewhere")
+    if words:
+        assert epp.read_case(words[0]).to_toml() == case.to_toml() and f"called={words}" in code
 
 
 @pytest.mark.slow

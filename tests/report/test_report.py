@@ -101,7 +101,6 @@ def test_the_numbers_are_those_of_the_methods(written, mine):
     assert "1.6 deg" in shown[0] and "measured" in shown[0] and "0.0465 kg·m²" in shown[0]
 
 
-@pytest.mark.xfail(strict=True, reason="a notebook names the file of its case in the commands that it prints")
 def test_the_notebook_carries_its_case_and_uses_public_names_only(written, folder):
     code = [cell.source for cell in nbformat.read(written, 4).cells if cell.cell_type == "code"]
     plain = [re.sub(r"^%.*$", "", text, flags=re.MULTILINE) for text in code]
