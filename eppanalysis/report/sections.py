@@ -275,7 +275,10 @@ def _points(case: Case) -> int:
 
 def _guideline(case: Case) -> str:
     """At the case's own gain, and how to have it at others."""
-    more = Asking.of(case, carried=True).command("guide", "-o", "guide.html") or f"epp.design_guide(case, {_gains(case)!r})"
+    more = (
+        Asking.of(case, carried=True).command("guide", "-o", "guide.html")
+        or f"epp.design_guide(case, {_gains(case)!r})"
+    )
     return _GUIDELINE.format(full=f"At other gains: {more}")
 
 

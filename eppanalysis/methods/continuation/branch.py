@@ -272,15 +272,14 @@ class Walk:
         """Points from `point` on in the direction of its tangent, until the range, the count or the branch ends."""
         points, ds = [point], 0.25 * self.max_step
         while len(points) < n_points:
-            new = step(points[-1], ds)
-            lost = astray(points[-1], new) or (new is not None and not regular(new))
+            new, outside = _ahead(points[-1], ds)
             # Steps shrink first; only at the least of them is the sequence of events taken to have ended
             # (docs/theory/exact_orbits.md, Branches).
-            if lost and ds > LEAST_STEP:
+            if new is None and ds > LEAST_STEP:
                 ds *= 0.3
                 continue
-            if new is None or lost or not admissible(new):
-                new, why = self._lost(points, points[-1], points[-1]) if lost else self._change(points, ds)
+            if new is None or outside is not None:
+                new, why = self._change(points, new, outside)
                 if new is None or standstill(points[-1], new):
                     return self._ended(points, new, why)
                 points.append(new)
@@ -349,9 +348,10 @@ class Walk:
                 return self._crossed(points, border if back else shown_at(border, last), new, back)
         return self._crossed(points, last, *beyond(last), outside)
 
-    def _change(self, points: list[Point], ds: float) -> tuple[Point | None, str]:
-        """Cross a change of the sequence of events."""
-        inside, outside = last_admissible(points[-1], ds)
+    def _change(self, points: list[Point], inside: Point | None, outside: Point | None) -> tuple[Point | None, str]:
+        """Cross a change of the sequence of events, on both sides of which orbits are known or none is."""
+        if inside is None or outside is None:
+            return self._lost(points, points[-1], points[-1])
         # One step may hold both a fold and, behind it, the change.
         if self._watch(points[-1], inside, len(points)):
             return None, "joins the branch of half its period"
@@ -453,6 +453,17 @@ class Walk:
             provenance=Provenance("pseudo-arclength continuation", {"limits": self.limits}, case=facts_of(self.case)),
             operating_point=self.case.operating_point,
         )
+
+
+def _ahead(point: Point, ds: float) -> tuple[Point | None, Point | None]:
+    """Where a step leads, and the orbit behind a change of the sequence of events in front of which it ends.
+
+    Both are None where the step has lost the branch.
+    """
+    new = step(point, ds)
+    if new is None or astray(point, new) or not regular(new):
+        return None, None
+    return (new, None) if admissible(new) else last_admissible(point, ds)
 
 
 def _same_value(one: Point, other: Point) -> bool:

@@ -310,36 +310,42 @@ def _between(
     return None if found is None else _arrived(point, distance, found)
 
 
-def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[Point, Point]:
-    """Points on both sides of where the sequence of events ceases to be true."""
-    a, inside, at_a = 0.0, None, point.unknowns
-    row = _along(point)
+def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[Point, Point | None]:
+    """Points on both sides of where the sequence of events ceases to be true.
+
+    The second is None where all orbits up to the whole distance are true: what a step found there is of another branch.
+    """
+    a, inside, row = 0.0, point, _along(point)
     far = _corrected(point, row, ds, *point.ahead(ds))
     b, outside, at_b = ds, far, None if far is None else far.unknowns
     for _ in range(n_halvings):
         c = 0.5 * (a + b)
         # Bisection on what the engine says of the orbit: no function of the distance changes its sign there.
-        u, slope = point.ahead(c)
-        # Two known orbits predict a third one between them better than one orbit alone does.
-        found = _corrected(point, row, c, u if at_b is None else 0.5 * (at_a + at_b), slope)
+        u, slope = inside.ahead(c - a)
+        # Two known orbits predict a third one between them better than one orbit alone does, but where the far one,
+        # which need not be true, is of another branch.
+        found = None if at_b is None else _corrected(point, row, c, 0.5 * (inside.unknowns + at_b), slope)
+        found = found or _corrected(point, row, c, u, slope)
         if found is None or not _true(found.orbit):
             b = c
             if found is not None:
                 outside, at_b = found, found.unknowns
         else:
-            a, inside, at_a = c, found, found.unknowns
-    first = point if inside is None else _arrived(point, a, inside)
-    return first, first if outside is None else _arrived(point, b, outside)
+            a, inside = c, _arrived(inside, c - a, found)
+    return inside, None if outside is None or b == ds else _arrived(point, b, outside)
 
 
 def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:
     """Beyond a change of the sequence: the orbit with the new one, and whether the branch turns back there.
 
     Just beyond a grazing contact the new visit grows like a root, and no step that the branch can take leads on from
-    there: then the new sequence is taken up a little further on.
+    there: then the new sequence is taken up a little further on. So it is where the visit has no duration yet, but by
+    rounding.
     """
     first: tuple[Point, bool] | None = None
     for new, turns_back in _others(inside, outside):
+        if not regular(new):
+            continue
         first = first or (new, turns_back)
         same = turns_back == first[1] and _same_sequence(new.orbit, first[0].orbit)
         if same and not astray(new, step(new, LEAST_STEP)):

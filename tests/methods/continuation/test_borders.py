@@ -64,7 +64,6 @@ def test_the_drive_just_stops_at_the_collision(branch: epp.Branch) -> None:
     assert abs(acceleration) < 1e-9 * np.ptp(orbit.ends[:, 4]) / 0.03
 
 
-@pytest.mark.xfail(strict=True, reason="a visit that grazes turns the branch round to where it came from")
 @pytest.mark.slow
 def test_the_collision_is_the_same_from_the_unstable_side(case: epp.Case, branch: epp.Branch) -> None:
     """There the drive does not stop yet; where it begins to, the longer sequence of events says where it is."""
