@@ -70,7 +70,7 @@ def blind_spots(
     Parameters
     ----------
     stable : bool
-        Whether any predicted cycle is: then the loop need not be asked whether it has a state of rest.
+        Whether any predicted cycle is: then the loop need not be asked whether it comes to rest.
     """
     of_any_size = [*_conservative(balance)]
     beyond = [*out_of_reach(balance.system, balance.static)]
@@ -83,6 +83,7 @@ def blind_spots(
             *of_any_size,
             *beyond,
             *_stick_slip(balance),
+            *([] if stable else _jumps_on(balance)),
             *_drift(balance),
             *_locked(balance, points),
             *without_rest,
@@ -269,6 +270,20 @@ def _stick_slip(balance: Balance) -> Iterator[str]:
             )
 
 
+def _jumps_on(balance: Balance) -> Iterator[str]:
+    """A valve that sticks and slips, where what the loop asks of it while it stands grows without end.
+
+    A mean output of every size holds the loop, but by jumps only some are reached.
+    """
+    names = balance.system.element_names
+    for i, e in enumerate(balance.system.elements):
+        if e.goes_on_in_jumps and any(_slow_slope(balance, i, g) < -0.5 for g in _gains(balance)):
+            yield (
+                f"{names[i]} goes on in jumps where it has stuck, and integral action does not let it stick for ever: "
+                "the loop may hunt about a place between two jumps, in cycles that are not predicted here."
+            )
+
+
 def _is_dragged(balance: Balance, element: int) -> bool:
     """Whether no mean force holds an element's input at zero: what moves under it, a belt or a disc, goes on."""
     others = np.hstack([np.delete(balance.on_bias, element, axis=1), balance.on_mean])
@@ -283,7 +298,7 @@ def _winds_up(balance: Balance, element: int) -> bool:
     is that of a speed, the others are the loop's integrators. Those of a law whose integrator is held at a limit are
     there within the limits alone: the others are what they are at rest, or in large motions.
     """
-    return any(_slow_slope(balance, element, gains) > 1.5 for gains in (_large_gains(balance), _steepest(balance)))
+    return any(_slow_slope(balance, element, gains) > 1.5 for gains in _gains(balance))
 
 
 def _drift(balance: Balance) -> Iterator[str]:
@@ -403,6 +418,11 @@ def _large_gains(balance: Balance) -> ComplexArray:
     gains = np.zeros((balance.owner.size, balance.system.C.shape[0]), complex)
     gains[np.arange(balance.owner.size), balance.rows[balance.owner]] = gain
     return gains
+
+
+def _gains(balance: Balance) -> tuple[ComplexArray, ComplexArray]:
+    """The same of large motions and of small ones."""
+    return _large_gains(balance), _steepest(balance)
 
 
 def _steepest(balance: Balance) -> ComplexArray:

@@ -403,6 +403,11 @@ class Nonlinearity(ABC):
         """Whether it resists more at rest than in motion, so that a loop with integral action hunts."""
         return False
 
+    @property
+    def goes_on_in_jumps(self) -> bool:
+        """Whether its output stays where it is until its input is well beyond, and then jumps, as a sticky valve's."""
+        return False
+
     def to_control(self) -> control.DescribingFunctionNonlinearity:
         """The element as one of python-control's own, which keeps what it remembers from call to call.
 

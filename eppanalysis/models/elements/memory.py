@@ -337,6 +337,11 @@ class JumpAndFollow(_Sticking, kind="jump_and_follow"):
         """The slope at which it follows."""
         return np.array([[self.slope]])
 
+    @property
+    def goes_on_in_jumps(self) -> bool:
+        """Whether it slips by a jump."""
+        return self.slip_jump > 0
+
     def memory_of(self, output: Array) -> float | None:
         """The output itself."""
         return float(output[0])

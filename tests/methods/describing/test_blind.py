@@ -94,6 +94,52 @@ def test_friction_hunts_under_a_limited_law_as_under_one_without_limits(law, fri
     assert predict_limit_cycles(positioned(LIMITED[law](), Friction(0.38))).warnings == ()
 
 
+def through_a_valve(controller, valve: epp.Nonlinearity, lag: float = 2.0) -> LureSystem:
+    """A flow behind a valve, held at a set point."""
+    parts = {
+        "controller": controller,
+        "valve": valve,
+        "flow": epp.blocks.TransferFunction(num=[1.0], den=[lag, 1.0]),
+        "ref": epp.blocks.Constant(value=0.3),
+    }
+    return epp.Diagram(
+        parts=parts, connect=["ref - flow -> controller", "controller -> valve", "valve -> flow"]
+    ).to_system()
+
+
+FLOW = {
+    "PI": lambda: epp.blocks.PI(kp=0.8, ti=4.0),
+    "saturated PI": lambda: epp.AntiWindupPID(kp=0.8, ki=0.2, tracking_time=4.0, lower=-1.0, upper=1.0),
+    "clamped PI": lambda: epp.ClampedPID(kp=0.8, ki=0.2, lower=-1.0, upper=1.0),
+}
+
+
+@pytest.mark.parametrize("law", FLOW)
+@pytest.mark.parametrize("jump", [0.03, 0.1])
+def test_a_valve_that_slips_by_jumps_hunts_under_integral_action(law, jump):
+    """A flow between two jumps of its valve: a stable cycle that first order does not have, and it says so."""
+    loop = through_a_valve(FLOW[law](), epp.JumpAndFollow(stick_band=0.1, slip_jump=jump))
+    prediction = predict_limit_cycles(loop)
+    assert len(prediction) == 0 and len(find_limit_cycles(loop).stable) > 0
+    assert len(prediction.warnings) == 1 and "valve goes on in jumps" in prediction.warnings[0]
+
+
+@pytest.mark.parametrize("law", [*FLOW, "P"])
+@pytest.mark.parametrize("jump", [0.0, 0.03])
+def test_a_valve_that_follows_from_where_it_stuck_or_that_nothing_integrates_does_not(law, jump):
+    """Without a jump any place is reached, and without integral action none need be."""
+    controller = FLOW[law]() if law in FLOW else epp.blocks.Gain(gain=0.8)
+    prediction = predict_limit_cycles(through_a_valve(controller, epp.JumpAndFollow(0.1, jump)))
+    assert any("valve" in w for w in prediction.warnings) == (law != "P" and jump > 0)
+
+
+def test_a_predicted_cycle_of_a_valve_is_not_warned_of():
+    """Through a tank that integrates, too, first order has the stable cycle."""
+    loop = epp.case("stiction_level_S5J2")
+    prediction = predict_limit_cycles(loop.to_system())
+    assert any(c.stable for c in prediction) and not any("jumps" in w for w in prediction.warnings)
+
+
 @pytest.mark.parametrize("law", ["saturated PI", "clamped PI"])
 def test_the_hunting_that_is_warned_of_is_there(law):
     assert epp.simulate(positioned(LIMITED[law](), STICKY[0]), t_end=600.0).limit_cycle is not None
