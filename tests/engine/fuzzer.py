@@ -118,8 +118,10 @@ def run(fuzz: Fuzz) -> str:
     base = 2.0 * hybrid.time_scale if np.isfinite(hybrid.time_scale) else 0.1
     found = run_hybrid(hybrid, t_end, times, base, 300, int(fuzz.rng.choice([1, 300])), 2_000)
     status, _ = judge(hybrid, found, t_end)
-    filled = found.samples[: int(found.stats[2])]
-    sound = all(np.all(np.isfinite(a)) for a in (filled, found.x_end, found.time[: found.n_kept]))
+    looked_at = [found.x_end, found.time[: found.n_kept]]
+    if not fuzz.wild:  # a signal with a weight of 1e308 is beyond all numbers where the states are not
+        looked_at.append(found.samples[: int(found.stats[2])])
+    sound = all(np.all(np.isfinite(a)) for a in looked_at)
     assert sound or status in WENT_WRONG, f"a run with numbers that are none ended with {status}, code {found.code}"
     return "steps used up" if found.code == STEP_LIMIT else status.name.lower()
 
