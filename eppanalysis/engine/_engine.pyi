@@ -9,6 +9,7 @@ from eppanalysis.arrays import Array, BoolArray, ComplexArray, IntArray
 _Regime = tuple[int, int, float, Array, Array, IntArray, Array]
 
 parts: Any  #: Parts of the engine, for its tests.
+AVX2: bool  #: Whether a module for AVX2 stands beside this one, and the processor has it.
 SOURCES: str  #: Digest of the sources that it was built from.
 ALWAYS: float  #: Seconds before a start from which on a delayed output is as it was.
 

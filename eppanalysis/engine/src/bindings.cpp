@@ -31,6 +31,11 @@ NB_MODULE(EPP_MODULE, m) {
 
     m.attr("ALWAYS") = ALWAYS;
     m.attr("SOURCES") = EPP_SOURCES;
+#ifdef EPP_BESIDE_AVX2
+    m.attr("AVX2") = __builtin_cpu_supports("avx2") != 0;
+#else
+    m.attr("AVX2") = false;
+#endif
     m.def("run", [](nb::handle model_, nb::handle compiled_, nb::handle work_, nb::handle workspace_,
         nb::handle samples_, nb::handle buffer_, nb::handle now_) {
         Call call;

@@ -13,7 +13,7 @@
 #include "fields.hpp"
 
 #ifndef EPP_MODULE
-#define EPP_MODULE _engine
+#define EPP_MODULE _native
 #endif
 
 namespace nb = nanobind;

@@ -188,6 +188,13 @@ double drift(double d1, Vector ev_t, Indices ev_guard, Matrix ev_x, i64 count, i
     return ratio;
 }
 
+/// Whether the last p events took time: rounding may move a large state across a switch and back, and switches that
+/// repeat at one instant are no period.
+bool takes_time(Vector ev_t, i64 count, i64 keep, i64 p) {
+    double last = ev_t(modulo(count - 1, keep));
+    return (last - ev_t(modulo(count - 1 - p, keep))) > (4e-15 * last);
+}
+
 /// The period among p and its parts: a part whose change is still decaying, or has come to rounding, is the whole.
 ///
 /// The changes of an oscillating decay do not fall evenly from period to period, so that the contraction shows only
@@ -197,7 +204,8 @@ i64 shortest(Vector ev_t, Indices ev_guard, Matrix ev_x, i64 count, i64 keep, i6
     double now{}, before{};
     bool rests{};
     for (i64 part = 1, part_end = floor_div(p, 2) + 1; part < part_end; ++part) {
-        if ((modulo(p, part)) == 0 && growth::repeats(ev_guard, count, keep, part)) {
+        if ((modulo(p, part)) == 0 && growth::repeats(ev_guard, count, keep, part) &&
+            takes_time(ev_t, count, keep, part)) {
             now = change(ev_t, ev_x, count, 0, keep, part, local, size, compared);
             before = change(ev_t, ev_x, count, p, keep, part, local, size, compared);
             rests = now <= STANDING || wandering(ev_t, ev_x, count, keep, part, local, size, compared) > 0.0;
@@ -282,8 +290,7 @@ i64 verdict(Vector ev_t, Indices ev_guard, Matrix ev_x, Matrix ev_v, i64 count, 
         if (!(may_vanish || d1 < MOST_CHANGE)) {
             continue;
         }
-        // Rounding may move a large state across a switch and back: switches that repeat at one instant are no period.
-        if (growth::repeats(ev_guard, count, keep, p) && (last - ev_t(modulo(count - 1 - p, keep))) > (4e-15 * last)) {
+        if (growth::repeats(ev_guard, count, keep, p) && takes_time(ev_t, count, keep, p)) {
             if (may_vanish) {
                 return SETTLED;
             }

@@ -300,8 +300,10 @@ def _series_of(free: Array, rate: Array) -> tuple[Array, Array, IntArray, Array]
     series: list[Array] = []
     # Guards that are multiples of one series share it, and the search for its extrema.
     while np.any(left := (number < 0) & (factor != 0.0)):
-        series.append(shape[np.argmax(left)])
+        first = np.argmax(left)
+        series.append(shape[first])
         same = np.all(np.isclose(series[-1], shape, rtol=1e-15, atol=0.0), axis=1)
+        same[first] = True  # where a weight is not a number, too
         number[left & same] = len(series) - 1
     free_series, rate_series = np.array(series).reshape(-1, 2).T.copy()
     return free_series, rate_series, number, factor

@@ -190,7 +190,7 @@ class AutomatonElement(Nonlinearity):
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean and gain by quadrature over a period in which memory repeats; accurate to about 1e-12.
 
-        Not a number where it does not come to answer with the period of its input, or switches without end.
+        Not a number where it does not come to answer with the period of its input, or switches or varies without end.
 
         A smooth function that changes within less than a thousandth of the amplitude may be taken for a jump, which is
         off by the square of that share.

@@ -215,17 +215,21 @@ void add_waves(const Rules& rules, i64 mode, double a, double b, double omega, d
 /// Add the integrals of output, output times sine and times cosine from phase to phase, shape (3, w).
 ///
 /// Those of an output that is affine in a sinusoid are closed forms. Smooth functions may vary within a small part of a
-/// step: their panels are halved until two halves give what the whole gives, and grow again behind.
-void integrate(const Rules& rules, i64 mode, double a, double b, double omega, double low, double high, Vector memory,
+/// step: their panels are halved until two halves give what the whole gives, and grow again behind. False where that
+/// takes too many: they vary too fast, or are so small that their last digits round to nothing.
+bool integrate(const Rules& rules, i64 mode, double a, double b, double omega, double low, double high, Vector memory,
     Vector z, Vector rate, Vector w, Matrix total, Matrix once, Matrix twice) {
     double right{}, middle{}, largest{}, worst{};
     if (rules.smooth_kind.size() == 0) {
         add_waves(rules, mode, a, b, omega, low, high, memory, total);
-        return;
+        return true;
     }
     double left = low;
     double width = high - low;
-    while (left < high) {
+    for (i64 panels = 0; left < high; ++panels) {
+        if (panels == MOST_PANELS) {
+            return false;
+        }
         right = ((left + 1.5 * width) > high) ? high : left + width;
         middle = 0.5 * (left + right);
         once.fill(0.0);
@@ -251,6 +255,7 @@ void integrate(const Rules& rules, i64 mode, double a, double b, double omega, d
             width = was2;
         }
     }
+    return true;
 }
 
 /// Memory values behind the event of a guard.
@@ -271,7 +276,8 @@ void write(const Rules& rules, i64 g, double a, double b, double omega, double p
     }
 }
 
-/// Integrals over some steps into `total`, (3, w); the mode at their end, -1 where switches never end, and these.
+/// Integrals over some steps into `total`, (3, w); the mode at their end, and switches. It is -1 where these, or the
+/// panels of an integral, never end.
 std::tuple<i64, i64> steps(const Rules& rules, i64 mode, double a, double b, double omega, i64 first, i64 last,
     Vector memory, Vector z, Vector rate, Vector w, Vector before, Matrix total, Matrix once, Matrix twice) {
     double phi{}, stop{}, where{};
@@ -287,7 +293,9 @@ std::tuple<i64, i64> steps(const Rules& rules, i64 mode, double a, double b, dou
                 return {-1, switches};
             }
             std::tie(g, where) = next_event(rules, mode, a, b, omega, phi, stop, memory, z, rate, w);
-            integrate(rules, mode, a, b, omega, phi, where, memory, z, rate, w, total, once, twice);
+            if (!integrate(rules, mode, a, b, omega, phi, where, memory, z, rate, w, total, once, twice)) {
+                return {-1, switches};
+            }
             if (g < 0) {
                 break;
             }
@@ -302,7 +310,7 @@ std::tuple<i64, i64> steps(const Rules& rules, i64 mode, double a, double b, dou
 
 /// Mean outputs and gains (points, w) for points of amplitude, bias and frequency (points,).
 ///
-/// Not a number where an element switches without end, or does not answer with the period of its input.
+/// Not a number where an element switches or varies without end, or does not answer with the period of its input.
 void describe(const Rules& rules, i64 start_mode, Vector a, Vector b, Vector omega, Matrix mean, ComplexMatrix gain) {
     Scope scope;
     i64 mode{}, first{}, switches{};

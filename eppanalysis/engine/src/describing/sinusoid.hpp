@@ -18,6 +18,7 @@ namespace describing_sinusoid {
 
 constexpr double AGREES = 1e-12;
 constexpr i64 MOST_EVENTS = 64;
+constexpr i64 MOST_PANELS = 10'000;
 constexpr double NARROWEST = 1e-09;
 constexpr i64 PERIODS = 6;
 // Steps after which periods are counted: what starts at a phase switches there, and a turn later to rounding.
@@ -50,7 +51,7 @@ double panel(const Rules& rules, i64 mode, double a, double b, double omega, dou
     Vector z, Vector rate, Vector w, Matrix total);
 void add_waves(const Rules& rules, i64 mode, double a, double b, double omega, double low, double high, Vector memory,
     Matrix total);
-void integrate(const Rules& rules, i64 mode, double a, double b, double omega, double low, double high, Vector memory,
+bool integrate(const Rules& rules, i64 mode, double a, double b, double omega, double low, double high, Vector memory,
     Vector z, Vector rate, Vector w, Matrix total, Matrix once, Matrix twice);
 void write(const Rules& rules, i64 g, double a, double b, double omega, double phi, Vector z, Vector rate,
     Vector memory, Vector before);

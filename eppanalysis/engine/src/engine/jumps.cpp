@@ -193,7 +193,9 @@ std::tuple<i64, i64> let_go(const Model& model, const Combinations& compiled, co
     bool kept) {
     i64 g{};
     i64 keep = buffer.t.size();
-    while (q >= 0) {
+    // As above: more than there are modes go in a circle, which the guards are judged anew to leave.
+    for (i64 turn_ = 0, turn__end = 2 * model.mode_first(model.mode_first.shape(0) - 1) + 16; q >= 0 && turn_ < turn__end;
+        ++turn_) {
         g = _left_behind(model, compiled, work, workspace, q, k, x, beyond, recent, H, Sg, last, u, modes, base_step);
         // The trial switches may have overwritten this mode combination in the table.
         q = find_combination(model, compiled, work, modes, base_step);

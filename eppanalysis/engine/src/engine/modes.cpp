@@ -151,8 +151,9 @@ bool _solve(Matrix E, Matrix F) {
                 p = i;
             }
         }
-        // A pivot of rounding: the modes contradict one another, or leave an output open.
-        if (std::fabs(E(p, k)) <= (1e-14 * size)) {
+        // A pivot of rounding: the modes contradict one another, or leave an output open. One that is no number: what
+        // sticks has no hold on its input.
+        if (!(std::fabs(E(p, k)) > (1e-14 * size))) {
             return false;
         }
         if (p != k) {
