@@ -393,7 +393,7 @@ def named_events(hybrid: HybridSystem, times: Array, guards: IntArray, modes: In
     times, guards = times[listed], guards[listed]
     # A guard is one of one element, whose mode after it makes the second half of what happened.
     kinds = guards * words.most + modes[listed, hybrid.model.guard_element[guards]]
-    return Events(times, kinds, {kind: words[kind] for kind in np.unique(kinds).tolist()})
+    return Events(times, kinds, {kind: words[kind] for kind in sorted(set(kinds.tolist()))})
 
 
 class _Words(dict[int, tuple[str, str, str]]):
