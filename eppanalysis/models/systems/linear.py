@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats, is_number
 from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.engine.balances import even_out
 from eppanalysis.errors import ModelError
 from eppanalysis.models.systems.own_states import diagonal
 
@@ -188,8 +189,6 @@ def poles(A: Array, rounding: float | None = None) -> ComplexArray:
 
 def balanced(A: Array) -> tuple[Array, Array]:
     """A state matrix in units of its states that make rows and columns alike, and these units, shape (n,)."""
-    from eppanalysis.engine.balances import even_out
-
     even_out(out := np.array(np.asarray_chkfinite(A), float, order="C"), units := np.empty(len(A)))
     return out, units
 
