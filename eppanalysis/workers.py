@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from multiprocessing import current_process, get_context, parent_process, resource_tracker
 from multiprocessing.connection import wait
@@ -22,6 +22,8 @@ from eppanalysis.errors import EppError
 P = ParamSpec("P")
 T = TypeVar("T")
 _THREADS = "OPENBLAS_NUM_THREADS"
+#: What loads a library of linear algebra beside that of numpy, which takes a fifth of a second.
+_SCIPY = "scipy.linalg"
 #: With what a process ends that would start others while it reads the script that has started it, and with what one
 #: that cannot read it.
 _READS_THE_SCRIPT, _CANNOT_READ_IT = 77, 1
@@ -139,15 +141,20 @@ def interrupts_wait() -> Iterator[None]:
 
 
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Processes that start in the block do linear algebra in one thread: more would wait for each other's cores."""
+def _one_thread_each(whatever_is_said: bool = False) -> Iterator[None]:
+    """Libraries of linear algebra that are loaded in the block take one thread, where the user says nothing else.
+
+    So do those of processes that start in it, which would wait for each other's cores.
+    """
     before = os.environ.get(_THREADS)
-    os.environ.setdefault(_THREADS, "1")  # read when the library is loaded, before anything of ours runs there
+    if whatever_is_said or before is None:
+        os.environ[_THREADS] = "1"  # read when the library is loaded, before anything of ours runs there
     try:
         yield
     finally:
-        if before is None:
-            del os.environ[_THREADS]
+        os.environ.pop(_THREADS, None)
+        if before is not None:
+            os.environ[_THREADS] = before
 
 
 class _LinearAlgebra:
@@ -155,25 +162,38 @@ class _LinearAlgebra:
 
     def __init__(self) -> None:
         self.lock, self.blocks = threading.Lock(), 0
-        self.limits: Any = None
+        self.end = ExitStack()
 
     def enter(self) -> None:
         with self.lock:
             if self.blocks == 0:
-                self.limits = _libraries().limit(limits=1, user_api="blas")
+                self._limit(_libraries(_SCIPY in sys.modules))
             self.blocks += 1
 
     def leave(self) -> None:
         with self.lock:
             self.blocks -= 1
             if self.blocks == 0:
-                self.limits.restore_original_limits()
+                self.end.close()
+
+    def _limit(self, libraries: Any) -> None:
+        """One thread until the end, for scipy's library too, which may be loaded on the way."""
+        limits = libraries.limit(limits=1, user_api="blas")
+        self.end.callback(limits.restore_original_limits)
+        if _SCIPY not in sys.modules:
+            self.end.callback(_set_threads, limits.get_original_num_threads()["blas"])
+            self.end.enter_context(_one_thread_each(whatever_is_said=True))
+
+
+def _set_threads(threads: int | None) -> None:
+    """Give all libraries of linear algebra so many threads, where scipy's has been loaded."""
+    if _SCIPY in sys.modules:
+        _libraries(True).limit(limits=threads, user_api="blas")
 
 
 @cache
-def _libraries() -> Any:
-    """The libraries of linear algebra, all of them loaded."""
-    import scipy.linalg  # noqa: F401  (has one of its own)
+def _libraries(with_scipy: bool) -> Any:
+    """The libraries of linear algebra that are loaded: that of numpy, and from a time on that of scipy."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

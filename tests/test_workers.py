@@ -139,6 +139,30 @@ def test_linear_algebra_takes_one_thread_within_public_functions_and_as_many_as_
     assert said["1"] == said["2"]
 
 
+def test_a_library_that_is_loaded_within_a_block_takes_one_thread_there_and_as_many_as_the_others_behind_it() -> None:
+    code = """
+import sys
+import numpy
+from threadpoolctl import threadpool_info
+from eppanalysis.workers import one_thread
+
+threads = lambda: [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+with one_thread():
+    assert "scipy.linalg" not in sys.modules
+    import scipy.linalg
+    print(*set(threads()))
+print(*set(threads()))
+with one_thread():
+    print(*set(threads()))
+"""
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "2"}
+    for given in (environment, {name: value for name, value in environment.items() if name != "OPENBLAS_NUM_THREADS"}):
+        run = subprocess.run([sys.executable, "-c", code], env=given, check=True, capture_output=True, text=True)
+        within, behind, again = run.stdout.split()
+        assert (within, again) == ("1", "1")
+        assert int(behind) > 1
+
+
 def test_blocks_that_overlap_end_with_the_last_of_them() -> None:
     code = """
 import scipy.linalg

@@ -80,6 +80,10 @@ def settle(
     clocked: bool,
     rest: Array,
 ) -> _Regime: ...
+def even_out(
+    A: Array,
+    sizes: Array,
+) -> None: ...
 def find_extrema(
     c: ComplexArray,
     phase: Array,

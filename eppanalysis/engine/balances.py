@@ -1,5 +1,5 @@
-"""First-order balances of many points at a time, responses of linear parts, and Newton's method for both."""
+"""First-order balances of many points at a time, responses of linear parts, Newton's method for both, even units."""
 
-from eppanalysis.engine._engine import assemble, drive, move, newton_balance, response_and_slope, shift, solve
+from eppanalysis.engine._engine import assemble, drive, even_out, move, newton_balance, response_and_slope, shift, solve
 
-__all__ = ["assemble", "drive", "move", "newton_balance", "response_and_slope", "shift", "solve"]
+__all__ = ["assemble", "drive", "even_out", "move", "newton_balance", "response_and_slope", "shift", "solve"]

@@ -7,6 +7,8 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
+from eppanalysis.engine._engine import SOURCES
+
 #: Rooms and modules of the package that no number comes from.
 _NO_NUMBERS = ("cli", "explorer", "report", "tables", "plotting", "shown", "progress", "workers")
 #: Pictures in every room.
@@ -22,8 +24,6 @@ def code_digest(package: Path = Path(__file__).parents[1]) -> str:
     A version names a release; between two of them, and in a working copy, the numbers change without it. Of the engine
     its sources count, so that its builds for different processors, which give the same bits, are the same code.
     """
-    from eppanalysis.engine._engine import SOURCES
-
     found = hashlib.blake2b(SOURCES.encode(), digest_size=16)
     for path in sorted(package.rglob("*.py"), key=lambda p: p.relative_to(package).as_posix()):
         name = path.relative_to(package)

@@ -22,6 +22,7 @@
 #include "orbits/sweep.hpp"
 #include "periodic.hpp"
 #include "responses.hpp"
+#include "units.hpp"
 #include "verdict.hpp"
 
 using namespace epp;
@@ -656,6 +657,14 @@ NB_MODULE(EPP_MODULE, m) {
     }, nb::arg("automata"), nb::arg("rest"), nb::arg("X"), nb::arg("linear"), nb::arg("means"), nb::arg("pivot"),
         nb::arg("J"), nb::arg("R"), nb::arg("W"), nb::arg("switches"),
         "The equations of a balance at its unknowns X, mean, real and imaginary parts of each input, and omega at last.");
+
+    m.def("even_out", [](nb::handle A_, nb::handle sizes_) {
+        Call call;
+        const auto A = call.take<Matrix>(A_, "A");
+        const auto sizes = call.take<Vector>(sizes_, "sizes");
+        return call.result([&] { return units::even_out(A, sizes); });
+    }, nb::arg("A"), nb::arg("sizes"),
+        "Bring a matrix into units of its states, powers of two, in which rows are as long as columns to a factor of two.");
 
     parts(m);
 }

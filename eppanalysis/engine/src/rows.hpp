@@ -7,6 +7,10 @@
 
 #include "arena.hpp"
 
+#if defined(__SSE2__) && defined(__GNUC__)
+#include <immintrin.h>
+#endif
+
 namespace epp {
 inline namespace EPP_ARCH {
 
@@ -76,6 +80,23 @@ EPP_INLINE bool all(Mask m) {
     for (int i = 1; i < LANES; ++i) both &= m[i];
     return both != 0;
 }
+EPP_INLINE bool any(Mask m) {
+    std::int64_t either = m[0];
+    for (int i = 1; i < LANES; ++i) either |= m[i];
+    return either != 0;
+}
+EPP_INLINE Register root(Register a) {
+#if defined(__AVX512F__)
+    return (Register)_mm512_sqrt_pd((__m512d)a);
+#elif defined(__AVX__)
+    return (Register)_mm256_sqrt_pd((__m256d)a);
+#elif defined(__SSE2__)
+    return (Register)_mm_sqrt_pd((__m128d)a);
+#else
+    for (int i = 0; i < LANES; ++i) a[i] = std::sqrt(a[i]);
+    return a;
+#endif
+}
 /// Sum of the lanes, by halves.
 template <int n, class R> EPP_INLINE double sum_of(R a) {
     if constexpr (n == 2)
@@ -99,8 +120,11 @@ inline double smaller(double a, double b) { return a < b ? a : b; }
 inline double zero_above(double a, double level) { return a > level ? 0.0 : a; }
 inline bool at_most(double a, double b) { return a <= b; }
 inline bool all(bool b) { return b; }
+inline bool any(bool b) { return b; }
 inline double sum(double a) { return a; }
 #endif
+
+inline double root(double a) { return std::sqrt(a); }
 
 template <class H> struct Of<Pair<H>> {
     static constexpr int size = 2 * Of<H>::size;

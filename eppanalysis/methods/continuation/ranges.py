@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eppanalysis.arrays import Array
+from eppanalysis.engine.orbits import extents
 from eppanalysis.methods.orbits.cycle import gained, orbit_shape
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.models.systems.lure import LureSystem
@@ -47,8 +48,6 @@ def signal_sizes(system: LureSystem, orbit: Orbit) -> Array:
 
 
 def _ranges(orbit: Orbit, Y: Array, Ys: Array) -> tuple[Array, Array]:
-    from eppanalysis.engine.orbits import extents
-
     arcs, low, high = orbit.arcs, np.empty(Y.shape[1]), np.empty(Y.shape[1])
     # What an element gives in a mode that it leaves at once is no value of the motion.
     lasts = np.flatnonzero(arcs.event_sequence.at_once != 1)

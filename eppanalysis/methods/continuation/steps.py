@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.engine.orbits import ARRIVED, LOST, WANTS_STEP, Curve, Plane, correct
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.ranges import NEAR, near
@@ -190,8 +191,6 @@ class _Found(NamedTuple):
 @np.errstate(over="ignore", invalid="ignore")  # an iterate that has gone astray has an infinite residual
 def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _Found | None:
     """Newton from u to the orbit in a plane across `row`, at a distance from a point."""
-    from eppanalysis.engine.orbits import ARRIVED, LOST, WANTS_STEP, Curve, Plane, correct
-
     family, old, like = point.family, point.orbit, point.orbit.arcs
     plane = Plane(row, point.unknowns, ds, slope, _MOST_LARGER * old.scale.max(), _MOST_LONGER * old.period)
     inputs = old.hybrid.n_plant, old.hybrid.x0.size - old.hybrid.n_plant

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
+from eppanalysis.engine.balances import assemble, move, newton_balance, shift, solve
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import CANCELLED, StaticBalance, static_balance, without_rounding
@@ -144,8 +145,6 @@ class Balance:
 
         With `known` only those that it lists are asked; means and gains of the others stand still, and are given there.
         """
-        from eppanalysis.engine.balances import shift
-
         m, n, nw = self.m, len(X), self.owner.size
         a, b, omega, Z = np.empty((m, 4, n)), np.empty((m, 4, n)), np.empty((4, n)), np.empty((n, m), complex)
         mean, gain, steps = np.empty((n, nw)), np.empty((n, nw), complex), np.empty((3, n, nw))
@@ -201,8 +200,6 @@ class Balance:
 
         Without the slope of the linear response, of length zero, what belongs to omega is left out.
         """
-        from eppanalysis.engine.balances import assemble
-
         n, m = len(X), self.m
         J, R = np.empty((n, 3 * m, 3 * m + 1)), np.empty((n, 3 * m))
         elements = s.means, s.gains, s.by_means, s.by_gains
@@ -234,8 +231,6 @@ class Balance:
         """
         if self.closed_forms is None:
             return False
-        from eppanalysis.engine.balances import newton_balance
-
         # Of numbers of one type, or it would be compiled anew.
         numbers, of_balance = (_STEP, *map(float, limits)), (self.places, self.pivot, self._of_means)
         newton_balance(
@@ -390,8 +385,6 @@ def moved(balance: Balance, X: Array, step: Array, longest: float) -> tuple[Arra
     (largest, sound) : array (nb,), bool array (nb,)
         Lengths of the whole steps, and whether points are finite and have not run away.
     """
-    from eppanalysis.engine.balances import move
-
     largest, sound = np.empty(len(X)), np.empty(len(X), bool)
     move(X, balance.places, step, longest, largest, sound)
     return largest, sound
@@ -413,8 +406,6 @@ def solved_in_part(
     (solution, regular) : array (nb, c), bool array (nb,)
         Singular systems give a huge solution, which the caller limits; those that are not finite zeros and False.
     """
-    from eppanalysis.engine.balances import solve
-
     out, ok = np.empty((len(R), J.shape[2])), np.empty(len(R), bool)
     solve(J, R, rows, columns, border, edge, out, ok)
     return out, ok

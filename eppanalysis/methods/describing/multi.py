@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
+from eppanalysis.engine.balances import drive
 from eppanalysis.methods.describing.balance import ON_THE_WAY, Balance, describe, moved, newton, ranges, solved_in_part
 from eppanalysis.methods.describing.curves import contour_lines, crossings, distinct, interpolate, polish, settle
 from eppanalysis.methods.describing.search import Found, frequency_scales
@@ -392,8 +393,6 @@ def start_points(balance: Balance, grid: Array, L: ComplexArray, bias: Array, le
     They begin at a level, over the amplitudes that go with the loop. With an infinite one, elements that read what the
     pivot reads have its amplitude and phase, as they have where all is balanced.
     """
-    from eppanalysis.engine.balances import drive
-
     m, p, o, n = balance.m, balance.pivot, balance.others, len(grid)
     a: Array = np.tile((level if np.isfinite(level) else 1.0) * usual_amplitudes(balance), (n, 1))
     a[:, p] = np.exp(grid[:, 0])

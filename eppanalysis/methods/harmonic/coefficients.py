@@ -15,19 +15,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
+from eppanalysis.engine.harmonics import Pieces, answer, slopes
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime, rest_value
 from eppanalysis.methods.harmonic.series import TURN, orders
 from eppanalysis.models.elements.automaton import LEAST, Smooth
-
-if TYPE_CHECKING:
-    from eppanalysis.engine.harmonics import Pieces
 
 #: Nodes of Gauss's rule on a panel, and how many waves of them are held together.
 _PANEL_NODES, _TOGETHER = 16, 2**19
@@ -45,8 +42,6 @@ def respond(element: PeriodicElement, Z: ComplexArray, omega: float) -> Answer:
     Unsettled
         If the element does not answer with the period of its input.
     """
-    from eppanalysis.engine.harmonics import answer
-
     regime, pieces, sums = answer(*element.asked(Z, omega))
     return Answer(element, Z, omega, element.regime_of(*regime), pieces, sums)
 
@@ -88,8 +83,6 @@ class Answer:
         ModelError
             If a smooth function acts on a rate.
         """
-        from eppanalysis.engine.harmonics import slopes
-
         _, S, R = self.sums
         if self._smooth is not None:
             S = S + self._smooth[1]

@@ -10,18 +10,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray, IntArray
+from eppanalysis.engine.harmonics import ENDLESS, Table, settle
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.harmonic.series import TURN, sampled
 from eppanalysis.models.elements.automaton import Automaton, Guard
 from eppanalysis.models.elements.base import Nonlinearity, automaton_of, is_hashable
-
-if TYPE_CHECKING:
-    from eppanalysis.engine.harmonics import Table
 
 
 class Unsettled(Exception):
@@ -180,8 +178,6 @@ class PeriodicElement:
 
     def _table(self) -> Table:
         """The mode guards as the compiled run takes them, the outputs of their modes inserted."""
-        from eppanalysis.engine.harmonics import Table
-
         a = self.automaton
         of = {name: column[self.guards] for name, column in a.guard_columns.items()}
         modes = {name: column[of["mode"]] for name, column in a.mode_columns.items()}
@@ -243,8 +239,6 @@ class PeriodicElement:
         Unsettled
             If the automaton does not repeat itself within six periods.
         """
-        from eppanalysis.engine.harmonics import settle
-
         return self.regime_of(*settle(*self.asked(Z, omega)))
 
     def asked(self, Z: ComplexArray, omega: float) -> tuple[Any, ...]:
@@ -261,8 +255,6 @@ class PeriodicElement:
         Unsettled
             If there is none.
         """
-        from eppanalysis.engine.harmonics import ENDLESS
-
         if count < 0:
             why = "switches without end" if count == ENDLESS else "does not answer with the period of its input"
             raise Unsettled(f"{self.name} {why}.")

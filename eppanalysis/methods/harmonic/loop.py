@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arrays import Array, ComplexArray, IntArray
+from eppanalysis.engine.harmonics import Automata, equations, jacobian
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.harmonic.coefficients import Answer, respond, stacked
 from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime
@@ -26,9 +26,6 @@ from eppanalysis.models.systems.means import StaticBalance, equilibrate, static_
 from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.readable import words
 from eppanalysis.results import LimitCycle
-
-if TYPE_CHECKING:
-    from eppanalysis.engine.harmonics import Automata
 
 #: Share of its terms below which a sum of them is rounding; a loop that was turned, and back, has lost some digits.
 _TURNED = 1e-9
@@ -81,8 +78,6 @@ class Loop:
     @cached_property
     def automata(self) -> Automata | None:
         """All elements as the engine takes them; None where some are smooth."""
-        from eppanalysis.engine.harmonics import Automata
-
         if not self.elements or any(e.smooth for e in self.elements):
             return None
         modes = np.array([e.start_mode for e in self.elements], np.int64)
@@ -156,8 +151,6 @@ class Loop:
 
         The arguments are those of :func:`eppanalysis.engine.harmonics.equations`.
         """
-        from eppanalysis.engine.harmonics import equations
-
         if self.automata is None:
             return None
         rest = np.concatenate([self._rest(f, X, n) for f in range(len(self.elements))])
@@ -241,8 +234,6 @@ class Equations:
 
     def _in_parts(self, X: Array, L: ComplexArray, dL: ComplexArray) -> Place:
         """Element by element."""
-        from eppanalysis.engine.harmonics import jacobian
-
         loop, (Z, omega) = self.loop, self.unpack(X)
         found = loop.responses(Z, omega)
         W = np.concatenate([a.coefficients for a in found])

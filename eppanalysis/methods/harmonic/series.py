@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from eppanalysis.arrays import Array, ComplexArray, IntArray
+from eppanalysis.engine.harmonics import find_extrema
 
 TURN = 2.0 * np.pi
 
@@ -50,8 +51,6 @@ def extrema(c: ComplexArray) -> list[tuple[Array, Array]]:
 
 def workspaces(c: ComplexArray) -> tuple[Array, Array, IntArray]:
     """Phases and values of the extrema of series (m, n + 1), in rows that are filled up to a count, and the counts."""
-    from eppanalysis.engine.harmonics import find_extrema
-
     m, n = c.shape[0], c.shape[1] - 1
     phase, value = np.zeros((m, 8 * n + 32)), np.zeros((m, 8 * n + 32))
     counts = np.array([find_extrema(c[i], phase[i], value[i]) for i in range(m)], np.int64)

@@ -10,17 +10,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray, IntArray
+from eppanalysis.engine.orbits import READY, SINGULAR, Chain, Channels, build_arcs
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.simulation.workspaces import of_thread
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
-
-if TYPE_CHECKING:
-    from eppanalysis.engine.orbits import Chain, Channels
 
 #: Mark of an event that is caused by the one after it at the same instant.
 LETS_GO = 3
@@ -116,8 +113,6 @@ class Arcs:
     @cached_property
     def chain(self) -> Chain:
         """The arcs for the engine."""
-        from eppanalysis.engine.orbits import Chain
-
         arrays = self.F, self.S, self.g, self.gs, self.J, self.smooth, self.event_sequence.at_once, self.free
         return Chain(*arrays, self.shift, np.nan if self.duration is None else self.duration)
 
@@ -138,8 +133,6 @@ class Arcs:
         ModelError
             If the system has no such arcs, or a delayed output that is not piecewise constant.
         """
-        from eppanalysis.engine.orbits import READY, SINGULAR, Channels, build_arcs
-
         model = hybrid.model
         _refuse_another_structure(hybrid, event_sequence, like)
         n, n_w = model.B.shape

@@ -7,19 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eppanalysis.arrays import Array, IntArray
+from eppanalysis.engine.tables import Model
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import LETS_GO, Arcs, EventSequence
 from eppanalysis.methods.simulation.effort import spend
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
-
-if TYPE_CHECKING:
-    from eppanalysis.engine.tables import Model
 
 #: An orbit with more arcs is not closed: the time that Newton's method takes goes with the cube of their number, and
 #: switches that pile up without end look like one.

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
+from eppanalysis.engine.orbits import STRAY, Effort, Motion, newton_orbit, states_at, sweep_by
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.delayed.motion import DelayedMotion
@@ -20,9 +20,6 @@ from eppanalysis.methods.orbits.guess import Guess, with_history
 from eppanalysis.methods.simulation.effort import left, spend
 from eppanalysis.methods.simulation.stability import multipliers, return_map
 from eppanalysis.models.systems.hybrid import HybridSystem
-
-if TYPE_CHECKING:
-    from eppanalysis.engine.orbits import Effort, Motion
 
 #: Residual, relative to the size of the motion, that counts as converged; Newton goes on to rounding.
 CONVERGED = 1e-9
@@ -153,8 +150,6 @@ class Orbit:
 
     def correction(self, right: Array) -> Array:
         """Solution of the scaled linear equations for a right-hand side, in the units of the unknowns; nan for none."""
-        from eppanalysis.engine.orbits import STRAY
-
         with np.errstate(over="ignore", invalid="ignore"):  # of a motion that has shrunk to nothing
             A, b = self.scaled, right / self.row_scale
         if not (np.all(np.isfinite(A)) and np.all(np.isfinite(b))):
@@ -208,8 +203,6 @@ def evaluate(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Orbit:
 
 def _newton(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array, iterations: int) -> Orbit:
     """At most so many steps of Newton's method."""
-    from eppanalysis.engine.orbits import newton_orbit
-
     if y.size != arcs.size:
         raise ModelError("orbit: the loop changes its structure: it has other states and memory values than the orbit.")
     here, step, share, steps = room_for(arcs, y, tau), np.empty(0), 0, iterations
@@ -224,8 +217,6 @@ def _newton(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array, iterations: 
 
 def room_for(arcs: Arcs, y: Array, tau: Array) -> Motion:
     """Room for a motion along arcs, with its start and dwell times."""
-    from eppanalysis.engine.orbits import Motion
-
     p, N, n = arcs.n_arcs, arcs.size, arcs.free.size + arcs.n_arcs
     ends = np.empty((p + 1, N)), np.empty((p, N))
     equations = np.empty((n, n)), np.empty(n), np.empty(p), np.empty(N), np.empty(n)
@@ -234,8 +225,6 @@ def room_for(arcs: Arcs, y: Array, tau: Array) -> Motion:
 
 def effort_of(arcs: Arcs) -> Effort:
     """What sweeps along arcs may cost, and do."""
-    from eppanalysis.engine.orbits import Effort
-
     p = arcs.n_arcs
     return Effort(left(), _SWEEP + _ARC * p + _ENTRY * (arcs.free.size + p) ** 2, _SERIES)
 
@@ -250,8 +239,6 @@ def residual_slope(orbit: Orbit, by: Arcs, start: Array) -> Array:
     start : array, shape (N,)
         Derivative of the start, of what is no unknown in it.
     """
-    from eppanalysis.engine.orbits import sweep_by
-
     arcs, out = orbit.arcs, np.empty(orbit.r.size)
     p = arcs.n_arcs
     spend(_SWEEP + 2.0 * _ARC * p)
@@ -272,8 +259,6 @@ def middle(orbit: Orbit, arc: int) -> Array:
     """The vector y half-way along an arc, where what sticks is exactly on its level."""
     if orbit.motion is not None:
         return np.asarray(orbit.motion.states(np.array([orbit.motion.marks[arc] - 0.5 * orbit.tau[arc]]))[0], float)
-    from eppanalysis.engine.orbits import states_at
-
     arcs, one = orbit.arcs, slice(arc, arc + 1)
     y, marks = np.empty((1, arcs.size)), np.array([0.0, orbit.tau[arc]])
     channels = arcs.acting and arcs.acting._replace(sense=arcs.acting.sense[one])
@@ -299,8 +284,6 @@ def _put_on_levels(orbit: Orbit, arc: int, y: Array) -> None:
 
 def sample_arcs(orbit: Orbit, times: Array) -> Array:
     """Signals at increasing `times` of one period, shape (nt, signals); not for loops with smooth channels."""
-    from eppanalysis.engine.orbits import states_at
-
     marks = np.concatenate([[0.0], np.cumsum(orbit.tau)])
     y = np.empty((times.size, orbit.arcs.size))
     states_at(orbit.arcs.acting, orbit.arcs.F, orbit.arcs.S, orbit.arcs.smooth, orbit.starts, marks, times, y)

@@ -13,6 +13,7 @@ from itertools import islice
 import numpy as np
 
 from eppanalysis.arrays import Array, IntArray
+from eppanalysis.engine.orbits import sizes_of_residuals
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.delayed.motion import delayed_motion, is_delayed
@@ -128,8 +129,6 @@ def _goes_along(guess: Guess, orbit: Orbit) -> bool:
 
 def _close_delayed(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
     """The exact orbit where what is delayed moves, begun as others are."""
-    from eppanalysis.engine.orbits import sizes_of_residuals
-
     first = begin_of(guess.event_sequence, guess.tau)
     it, tau = guess.event_sequence.rotated(first), np.roll(guess.tau, -first)
     try:

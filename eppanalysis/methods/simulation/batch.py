@@ -15,6 +15,8 @@ import numpy as np
 
 from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array, BoolArray, IntArray
+from eppanalysis.engine.runs import SAMPLES, Outcome, run_cells
+from eppanalysis.engine.workspace import make_event_buffer, make_progress, make_samples, make_workspaces
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.kept import EARLY, VERDICTS
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -187,8 +189,6 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
         raise EppError(f"simulate_batch: t_end is {t_end}; expected a positive number of seconds.")
     if threads < 1:
         raise EppError(f"simulate_batch: threads is {threads}; expected 1 or more.")
-    from eppanalysis.engine.runs import Outcome
-
     n, n_y = stack.n_cells, len(stack.signal_names)
     mean, low, high, rms = np.full((4, n, n_y), np.nan)
     out = Outcome(
@@ -212,9 +212,6 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
 
 def _run_all(stack: HybridStack, t_end: float, threads: int, max_events: int, out: Any) -> None:
     """Run all cells on threads, each of which takes some at a time; an interrupt stops them."""
-    from eppanalysis.engine.runs import SAMPLES, run_cells
-    from eppanalysis.engine.workspace import make_event_buffer, make_progress, make_samples, make_workspaces
-
     n, n_y, base = stack.n_cells, len(stack.signal_names), 2.0 * stack.time_scale
     one = type(stack.model)(*(a[0] for a in stack.model))
     spare: list[tuple[Any, Any, Any, Any, Any, Any, Any]] = []

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
+from eppanalysis.engine.runs import spans
 from eppanalysis.errors import EppError
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
@@ -268,8 +269,6 @@ class _Pieces:
 
     def analyse(self, names: Sequence[str], values: Array) -> PeriodShape:
         """Mean, peak-to-peak, harmonics and waveform of signals at `times`, shape (s, pieces, nodes)."""
-        from eppanalysis.engine.runs import spans
-
         begin, period = float(self.start[0]), float(self.size.sum())
         n, points, each = self.rule
         w = (self.size[:, None] * _rule(n)[1] / 2).ravel() / period

@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from eppanalysis.arrays import Array
+from eppanalysis.engine.runs import rounding_of_motion
 from eppanalysis.models.elements.automaton import SMOOTH_FUNCTIONS, SMOOTH_KINDS
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
 from eppanalysis.models.systems.sampled.strobe import sampled_among
@@ -113,8 +114,6 @@ def left_by_rounding(
     period : float
         [s]
     """
-    from eppanalysis.engine.runs import rounding_of_motion
-
     of = _sizes_of(hybrid)
     own, changes = of.still
     if of.per_smooth.shape[2]:

@@ -5,12 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arrays import Array, BoolArray, IntArray
+from eppanalysis.engine.runs import ALWAYS, lines_before, run, verdict_of_run
+from eppanalysis.engine.workspace import (
+    HISTORY,
+    PAUSED,
+    SINGULAR,
+    STEP_LIMIT,
+    Samples,
+    Workspace,
+    make_progress,
+    make_samples,
+)
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.effort import left, spend
 from eppanalysis.methods.simulation.kept import EARLY, VERDICTS, Run, from_event
@@ -36,9 +47,6 @@ from eppanalysis.models.systems.subject import CaseLike, system_of
 from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
 from eppanalysis.results.events import Events
 from eppanalysis.results.provenance import Provenance
-
-if TYPE_CHECKING:
-    from eppanalysis.engine.workspace import Samples, Workspace
 
 #: A run of so many steps of the grid has settled which modes its elements are in, and nothing else.
 _INSTANT = 1e-12
@@ -213,8 +221,6 @@ def _of_smooth(hybrid: HybridSystem) -> tuple[bool, float]:
 @cache
 def _without_samples(n_y: int) -> Samples:
     """Workspace for signals at no times, which nothing is written to."""
-    from eppanalysis.engine.workspace import make_samples
-
     return make_samples(np.zeros(0), n_y)
 
 
@@ -231,8 +237,6 @@ def _begin(hybrid: HybridSystem, workspace: Workspace, modes: IntArray) -> None:
 
 def _write_past(hybrid: HybridSystem, workspace: Workspace, past: Array) -> None:
     """What delayed outputs (lines,) have been until the start, where the engine reads what it has put out itself."""
-    from eppanalysis.engine.runs import ALWAYS
-
     lines = np.flatnonzero(hybrid.model.smooth_kind == DELAY_LINE)
     workspace.line_t[lines, 0], workspace.line_h[lines, 0] = (-ALWAYS, 0.0), 2.0 * ALWAYS
     workspace.line_c[lines, 0] = 0.0
@@ -259,16 +263,6 @@ def run_hybrid(
     Spent
         If the search that it belongs to may compute no more.
     """
-    from eppanalysis.engine.runs import lines_before, run
-    from eppanalysis.engine.workspace import (
-        HISTORY,
-        PAUSED,
-        SINGULAR,
-        STEP_LIMIT,
-        make_progress,
-        make_samples,
-    )
-
     spend(_SET_UP)
     (compiled, work, workspace), buffer = (
         of_thread.workspaces(hybrid, base),
@@ -319,8 +313,6 @@ def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
 
     A run that repeats itself while rounding hides what its elements do has these, too, and is undecided.
     """
-    from eppanalysis.engine.runs import verdict_of_run
-
     if run.code in EARLY:
         status, found = EARLY[run.code], np.zeros(4)
         if not np.all(np.abs(run.x_end) < _LARGEST_STATE):
@@ -393,7 +385,7 @@ def named_events(hybrid: HybridSystem, times: Array, guards: IntArray, modes: In
     times, guards = times[listed], guards[listed]
     # A guard is one of one element, whose mode after it makes the second half of what happened.
     kinds = guards * words.most + modes[listed, hybrid.model.guard_element[guards]]
-    return Events(times, kinds, {kind: words[kind] for kind in np.unique(kinds).tolist()})
+    return Events(times, kinds, {kind: words[kind] for kind in sorted(set(kinds.tolist()))})
 
 
 class _Words(dict[int, tuple[str, str, str]]):

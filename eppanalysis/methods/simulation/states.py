@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import scipy.linalg
 
 from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.models.systems.algebraic import reached
@@ -68,7 +67,9 @@ def unread_apart(system: LureSystem) -> OtherStates | None:
     still = column[:, None] * vt[int(np.sum(s > _UNREAD * s.max(initial=0.0))) :].T
     if not still.size:
         return None
-    places = scipy.linalg.qr((still / column[:, None]).T, mode="r", pivoting=True)[-1][: still.shape[1]]
+    from scipy.linalg import qr
+
+    places = qr((still / column[:, None]).T, mode="r", pivoting=True)[-1][: still.shape[1]]
     still = still @ np.linalg.inv(still[places])
     beside = np.where(np.abs(still) <= _UNREAD * np.outer(column, 1.0 / column[places]), 0.0, still)
     beside[places] = 0.0

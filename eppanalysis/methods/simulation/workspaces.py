@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+from eppanalysis.engine.tables import Model
+from eppanalysis.engine.workspace import EventBuffer, make_event_buffer, make_workspaces
 from eppanalysis.models.systems.hybrid import HybridSystem
-
-if TYPE_CHECKING:
-    from eppanalysis.engine.tables import Model
-    from eppanalysis.engine.workspace import EventBuffer
-
 
 #: Workspaces that a thread keeps.
 _STRUCTURES = 4
@@ -40,8 +37,6 @@ class _Own(threading.local):
 
     def workspaces(self, hybrid: HybridSystem, base: float) -> tuple[Any, Any, Any]:
         """Workspaces for a model, emptied where they hold mode combinations of another model or for another step."""
-        from eppanalysis.engine.workspace import make_workspaces
-
         model = hybrid.model
         if self.last is not None and self.last.model is model and self.last.base == base:
             return self.last.workspaces
@@ -58,8 +53,6 @@ class _Own(threading.local):
 
     def buffer(self, hybrid: HybridSystem, keep: int) -> EventBuffer:
         """A buffer for so many events, the beginning of the longest one so far."""
-        from eppanalysis.engine.workspace import EventBuffer, make_event_buffer
-
         sizes = hybrid.x0.size, hybrid.H0.size, hybrid.modes0.size
         memory = self.events
         if (

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
 from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.engine.describing import describe_map
 from eppanalysis.errors import ModelError, shown
 from eppanalysis.models.elements.automaton import Automaton, slopes_of, switching_levels
 from eppanalysis.models.elements.exact import Exact, Reading
@@ -150,8 +151,6 @@ class ClosedForm(NamedTuple):
 
     def described(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array]:
         """Mean and gain of the map, of any one shape, and the derivatives of the mean by bias and amplitude."""
-        from eppanalysis.engine.describing import describe_map
-
         shape, a, b = np.shape(amplitude), amplitude.flatten(), bias.flatten()
         mean, gain, by = np.empty(a.size), np.empty(a.size), np.empty((2, a.size))
         breakpoints, slopes, intercepts, jumps = self.pieces

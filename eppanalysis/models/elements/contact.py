@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
 from eppanalysis.arrays import Array
+from eppanalysis.engine.describing import describe_lock_pin, describe_nordin_shaft
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import DAMPING, IN, SLOPE, Answer, ClosedForm, Nonlinearity
@@ -107,8 +108,6 @@ class LockPin(Nonlinearity, kind="lock_pin"):
         ModelError
             If an amplitude or a frequency is negative.
         """
-        from eppanalysis.engine.describing import describe_lock_pin
-
         a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
         mean, gain = np.empty(a.size), np.empty(a.size, complex)
@@ -202,8 +201,6 @@ class NordinShaft(Nonlinearity, kind="nordin_shaft"):
         ModelError
             If an amplitude or a frequency is negative.
         """
-        from eppanalysis.engine.describing import describe_nordin_shaft
-
         a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
         mean, share = np.empty(a.size), np.empty(a.size, complex)

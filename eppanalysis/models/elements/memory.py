@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
 from eppanalysis.arrays import Array
+from eppanalysis.engine.describing import describe_stiction_pulley
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, RATIO, SLOPE, Answer, Nonlinearity
@@ -440,8 +441,6 @@ class StictionPulley(_Sticking, kind="stiction_pulley"):
         ModelError
             If an amplitude is negative.
         """
-        from eppanalysis.engine.describing import describe_stiction_pulley
-
         a, b = amplitude_and_bias(amplitude, bias, omega)
         mean, gain = np.empty((a.size, 2)), np.empty((a.size, 2), complex)
         springs, points = (self.forearm_stiffness, self.harness_stiffness), (a.flatten(), b.flatten())

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
 from eppanalysis.arrays import Array
+from eppanalysis.engine.describing import Rules, describe_automaton
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import SMOOTH_KINDS, Automaton, Guard
 from eppanalysis.models.elements.base import Answer, Nonlinearity, OwnStates
 from eppanalysis.models.elements.phases import broadcast
-
-if TYPE_CHECKING:
-    from eppanalysis.engine.describing import Rules
 
 _MOST_EVENTS = 1000
 
@@ -201,8 +199,6 @@ class AutomatonElement(Nonlinearity):
             If an amplitude is negative, or the automaton has more than two inputs, an output with impulses or a smooth
             function of others.
         """
-        from eppanalysis.engine.describing import describe_automaton
-
         if self.rules.has_impulses:
             raise ModelError("AutomatonElement: its output has impulses", expected="none, for a describing function")
         if np.any(self.rules.smooth_on_smooth):
@@ -224,8 +220,6 @@ class AutomatonElement(Nonlinearity):
 
     @cached_property
     def _rules(self) -> Rules:
-        from eppanalysis.engine.describing import Rules
-
         a = self.rules
         sizes = {"z": a.n_inputs, "w": a.n_outputs, "h": a.n_memory}
 

@@ -11,12 +11,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, wraps
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray, IntArray
+from eppanalysis.engine.tables import Model
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import SMOOTH_KINDS, Automaton, AutomatonBuilder
 from eppanalysis.models.elements.base import Nonlinearity, automaton_of
@@ -28,9 +29,6 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.own_states import diagonal
 from eppanalysis.models.systems.starts import admitted, not_held, starting_values
 from eppanalysis.readable import listed, words
-
-if TYPE_CHECKING:
-    from eppanalysis.engine.tables import Model
 
 T = TypeVar("T")
 DELAY_LINE = len(SMOOTH_KINDS)
@@ -204,8 +202,6 @@ class _Packer:
         self.n_H = n_memory + len(self.input_signals) + 1
 
     def pack(self) -> HybridSystem:
-        from eppanalysis.engine.tables import Model
-
         x0, A, K, V, breakpoints, carrier = self._inputs()
         B, C, D, Kz = self._about_elements(V, carrier)
         S, smooth = self._smooth(B, C, D, Kz)

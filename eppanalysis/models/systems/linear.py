@@ -10,7 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats, is_number
 from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.engine.balances import even_out
 from eppanalysis.errors import ModelError
+from eppanalysis.models.systems.own_states import diagonal
 
 #: What is smaller than this share of the terms that it is made of is rounding: a realisation in other coordinates
 #: (rotated, balanced, identified) has such remainders where another one has zeros.
@@ -187,12 +189,8 @@ def poles(A: Array, rounding: float | None = None) -> ComplexArray:
 
 def balanced(A: Array) -> tuple[Array, Array]:
     """A state matrix in units of its states that make rows and columns alike, and these units, shape (n,)."""
-    from scipy.linalg import matrix_balance  # a fifth of a second, which a mistake in a case need not wait for
-
-    # Scipy casts the units to places of a permutation that is not asked for; those beyond all integers warn.
-    with np.errstate(invalid="ignore"):
-        out, (units, _) = matrix_balance(A, permute=False, separate=True)
-    return np.asarray(out, float), np.asarray(units, float)
+    even_out(out := np.array(np.asarray_chkfinite(A), float, order="C"), units := np.empty(len(A)))
+    return out, units
 
 
 def integrators_apart(A: Array, rounding: float | None = None) -> tuple[Array, Array, int]:
@@ -256,13 +254,11 @@ def coordinates_with_integrators_apart(
     if around is None:
         even, size = balanced(A - unit)
     else:
-        from scipy.linalg import block_diag
-
         B, sizes, C = around
         k = n + B.shape[1]
         whole = np.zeros((k + len(C),) * 2)
         whole[:n, :n], whole[:n, n:k], whole[k:, :n] = A - unit, B, C
-        whole[n:k, k:] = block_diag(np.zeros((0, 0)), *map(np.ones, sizes))
+        whole[n:k, k:] = diagonal([np.ones(size) for size in sizes])
         size = balanced(whole)[1][:n]
         even = (A - unit) * size / size[:, None]
     # In discrete time the entries of A are near one, so that their rounding does not shrink with the sample time.

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
 from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.engine.balances import response_and_slope
 from eppanalysis.models.systems.linear import solved
 from eppanalysis.models.systems.signals import SignalMap
 
@@ -72,8 +73,6 @@ class Responses(ABC):
 
     def _answers(self, omega: ArrayLike, C: Array, count: int) -> ComplexArray:
         """Responses to what C takes of the states, and their derivatives by `omega` if two are asked for."""
-        from eppanalysis.engine.balances import response_and_slope
-
         apart, T = self._for_responses
         omega = np.asarray(omega, float)
         s, ds = self._place(1j * omega)

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray, IntArray
+from eppanalysis.engine.tables import Model
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.memory import Slip
 
 if TYPE_CHECKING:
-    from eppanalysis.engine.tables import Model
     from eppanalysis.models.elements.automaton import Automaton
 
 #: Distance from a value, relative to its terms, that is rounding.

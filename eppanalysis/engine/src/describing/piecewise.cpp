@@ -84,45 +84,65 @@ std::tuple<double, double, double, double> reach(Vector amplitude, Vector bias) 
     return {bottom, top, lowest, highest};
 }
 
+/// As many inputs as a register holds, from one on; fewer at the end, where amplitudes of zero stand for more.
+struct Some {
+    i64 first, count;
+
+    Register of(Vector a) const {
+        if (count == LANES) return Of<Register>::load(&a(first));
+        double few[LANES] = {};
+        for (i64 k = 0; k < count; ++k) few[k] = a(first + k);
+        return Of<Register>::load(few);
+    }
+    /// Add to what is kept of those that are `inside`.
+    template <class Flags> void add(Vector a, Flags inside, Register more) const {
+        const Register before = of(a);
+        const Register after = inside ? before + more : before;
+        if (count == LANES) return keep(&a(first), after);
+        double few[LANES];
+        keep(few, after);
+        for (i64 k = 0; k < count; ++k) a(first + k) = few[k];
+    }
+};
+
 /// Add what a sloped piece brings on one `side` (1 above, -1 below) of the bias; it runs outwards, start to end.
 ///
 /// ``integral cos^2(phi) dphi`` and ``integral (pi/2 - phi) cos(phi) dphi`` are written in the middle of the two ends'
 /// angles from the peak and the half width between them.
 void add_piece(double start, double end, double slope, double side, Vector amplitude, Vector bias, Vector mean,
-    Vector gain, Strided<double, 1> level, Strided<double, 1> sway) {
-    double A{}, near{}, far{}, swept{}, s1{}, c1{}, s2{}, c2{}, sin_middle{}, cos_middle{}, sin_width{}, cos_width{},
-        flat{}, q{}, cube{}, here{}, lever{};
-    bool whole{}, inside{};
-    for (i64 i = 0; i < amplitude.size(); ++i) {
-        A = amplitude(i);
-        near = (start - bias(i)) * side;
-        far = (end - bias(i)) * side;
+    Vector gain, Vector level, Vector sway) {
+    const Register none = Of<Register>::spread(0.0);
+    for (i64 i = 0; i < amplitude.size(); i += LANES) {
+        const Some part{i, least_of<i64>(LANES, amplitude.size() - i)};
+        const Register A = part.of(amplitude), b = part.of(bias);
+        Register near = (start - b) * side;
+        Register far = (end - b) * side;
         // Between two breakpoints, not between their rounded distances from the bias.
-        whole = (near >= 0.0) & (far < A);
-        near = greatest_of(near, 0.0);
-        far = least_of(far, A);
-        swept = whole ? (end - start) * side : far - near;
-        inside = (far > near) & (A > 0.0);
-        if (!inside) {
+        const auto whole = (near >= 0.0) & (far < A);
+        near = none > near ? none : near;
+        far = A < far ? A : far;
+        const auto inside = (far > near) & (A > 0.0);
+        if (!any(inside)) {
             continue;
         }
-        std::tie(s1, c1) = halves(A, near);
-        std::tie(s2, c2) = halves(A, far);
-        sin_middle = s1 * c2 + c1 * s2;
-        cos_middle = c1 * c2 - s1 * s2;
+        const Register swept = whole ? none + (end - start) * side : far - near;
+        const auto [s1, c1] = halves(A, near);
+        const auto [s2, c2] = halves(A, far);
+        const Register sin_middle = s1 * c2 + c1 * s2;
+        const Register cos_middle = c1 * c2 - s1 * s2;
         // From the swept width itself: as a difference of two angles a piece much narrower than the amplitude would lose
         // its digits.
-        sin_width = 0.5 * swept / (A * sin_middle);
-        cos_width = c1 * c2 + s1 * s2;
-        flat = sin_middle * sin_width;
-        q = sin_width * sin_width;
-        cube = sin_width * q;
-        here = cube * value(EXCESS, q) + 2.0 * flat * sin_middle * cos_width;
-        lever = 2.0 * (angle(sin_middle, cos_middle) * flat + cos_middle * cube * value(LEVER, q));
-        gain(i) += 2.0 / PI * slope * here;
-        mean(i) += side * slope / PI * A * lever;
-        level(i) += 2.0 / PI * slope * sin_width * value(ASIN, q);
-        sway(i) += side * 2.0 / PI * slope * sin_width * cos_middle;
+        const Register sin_width = 0.5 * swept / (A * sin_middle);
+        const Register cos_width = c1 * c2 + s1 * s2;
+        const Register flat = sin_middle * sin_width;
+        const Register q = sin_width * sin_width;
+        const Register cube = sin_width * q;
+        const Register here = cube * value(EXCESS, q) + 2.0 * flat * sin_middle * cos_width;
+        const Register lever = 2.0 * (angle(sin_middle, cos_middle) * flat + cos_middle * cube * value(LEVER, q));
+        part.add(gain, inside, 2.0 / PI * slope * here);
+        part.add(mean, inside, side * slope / PI * A * lever);
+        part.add(level, inside, 2.0 / PI * slope * sin_width * value(ASIN, q));
+        part.add(sway, inside, side * 2.0 / PI * slope * sin_width * cos_middle);
     }
 }
 
@@ -262,16 +282,17 @@ void describe(Vector breakpoints, Vector slopes, Vector intercepts, Vector jumps
     bool sloped{};
     start(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain, by);
     std::tie(bottom, top, lowest, highest) = reach(amplitude, bias);
+    const Vector level(by.row(0).data, {by.shape(1)}), sway(by.row(1).data, {by.shape(1)});
     i64 k = breakpoints.size();
     std::tie(sloped, even) = shape;
     for (i64 piece = 0, piece_end = sloped ? k + 1 : 0; piece < piece_end; ++piece) {
         low = (piece > 0) ? breakpoints(piece - 1) : -INF;
         high = (piece < k) ? breakpoints(piece) : INF;
         if (slopes(piece) != 0.0 && high > lowest && low < top) {
-            add_piece(low, high, slopes(piece), 1.0, amplitude, bias, mean, gain, by.row(0), by.row(1));
+            add_piece(low, high, slopes(piece), 1.0, amplitude, bias, mean, gain, level, sway);
         }
         if (slopes(piece) != 0.0 && low < highest && high > bottom) {
-            add_piece(high, low, slopes(piece), -1.0, amplitude, bias, mean, gain, by.row(0), by.row(1));
+            add_piece(high, low, slopes(piece), -1.0, amplitude, bias, mean, gain, level, sway);
         }
     }
     i64 first = searchsorted_right(breakpoints, bottom);

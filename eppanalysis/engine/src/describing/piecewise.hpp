@@ -14,6 +14,7 @@
 // and what is left of it are polynomials of one order, which take a fraction of what library calls take.
 
 #include "engine/constants.hpp"
+#include "rows.hpp"
 #include "structures.hpp"
 
 namespace epp {
@@ -55,11 +56,8 @@ std::tuple<bool, double> shape_of(Vector breakpoints, Vector slopes, Vector jump
 void start(Vector breakpoints, Vector slopes, Vector intercepts, Vector jumps, Vector amplitude, Vector bias,
     Vector mean, Vector gain, Strided<double, 2> by);
 std::tuple<double, double, double, double> reach(Vector amplitude, Vector bias);
-inline std::tuple<double, double> halves(double amplitude, double distance);
-inline double value(Vector coefficients, double q);
-inline double angle(double s, double c);
 void add_piece(double start, double end, double slope, double side, Vector amplitude, Vector bias, Vector mean,
-    Vector gain, Strided<double, 1> level, Strided<double, 1> sway);
+    Vector gain, Vector level, Vector sway);
 void slopes_at(double t, double A, Matrix f);
 void even_side(Vector edges, i64 first, i64 last, double bias, double A, Vector sums, Matrix below, Matrix above);
 void add_stairs(Vector edges, double jump, Vector amplitude, Vector bias, Vector mean, Vector gain, Strided<double,
@@ -71,30 +69,29 @@ void describe(Vector breakpoints, Vector slopes, Vector intercepts, Vector jumps
 void biased_sinusoid(Vector breakpoints, Vector slopes, Vector intercepts, Vector jumps, Vector amplitude, Vector bias,
     Vector mean, Vector gain, Matrix by);
 
-/// Sine and cosine of half the angle from the peak at which the input has gone `distance` from its bias.
-inline std::tuple<double, double> halves(double amplitude, double distance) {
-    return {std::sqrt((amplitude - distance) * (0.5 / amplitude)), std::sqrt((amplitude + distance) *
-        (0.5 / amplitude))};
+/// Sine and cosine of half the angle from the peak at which the input has gone `distance` from its bias; of one input,
+/// or of as many as a register holds.
+template <class R> EPP_INLINE std::tuple<R, R> halves(R amplitude, R distance) {
+    const R share = 0.5 / amplitude;
+    return {root((amplitude - distance) * share), root((amplitude + distance) * share)};
 }
 
-inline double value(Vector coefficients, double q) {
-    double x = 4.0 * q - 1.0;
-    Vector c = coefficients;
-    double s = x * x;
+template <class R> EPP_INLINE R value(Vector c, R q) {
+    const R x = 4.0 * q - 1.0, s = x * x;
     // Even and odd powers apart, as one sum alone would wait for each of its products; written out, as a loop would
     // choose among the coefficients at each turn.
-    double even = ((((c(20) * s + c(18)) * s + c(16)) * s + c(14)) * s + c(12)) * s + c(10);
+    R even = ((((c(20) * s + c(18)) * s + c(16)) * s + c(14)) * s + c(12)) * s + c(10);
     even = ((((even * s + c(8)) * s + c(6)) * s + c(4)) * s + c(2)) * s + c(0);
-    double odd = (((c(19) * s + c(17)) * s + c(15)) * s + c(13)) * s + c(11);
+    R odd = (((c(19) * s + c(17)) * s + c(15)) * s + c(13)) * s + c(11);
     odd = ((((odd * s + c(9)) * s + c(7)) * s + c(5)) * s + c(3)) * s + c(1);
     return even + x * odd;
 }
 
 /// Angle from 0 to pi/2 of the sine `s` and cosine `c`.
-inline double angle(double s, double c) {
-    double least = least_of(s, c);
-    double angle = least * value(ASIN, least * least);
-    return (s <= c) ? angle : HALF_PI - angle;
+template <class R> EPP_INLINE R angle(R s, R c) {
+    const R least = c < s ? c : s;
+    const R angle = least * value(ASIN, least * least);
+    return s <= c ? angle : HALF_PI - angle;
 }
 
 }  // namespace describing_piecewise

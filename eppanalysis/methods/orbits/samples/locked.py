@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from eppanalysis.arrays import Array, ComplexArray, IntArray
+from eppanalysis.engine.orbits import carry
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.guess import brought_about, marked
@@ -135,8 +136,6 @@ class Round:
         return D[free]
 
     def _carry(self, D: Array, modes: IntArray, guards: IntArray, tau: Array, starts: Array) -> None:
-        from eppanalysis.engine.orbits import carry
-
         it = EventSequence(modes, guards, np.full((guards.size, 3), -1), brought_about(self.start.model, guards, tau))
         arcs = Arcs.build(self.start, it)
         at_once = marked(arcs, starts, tau).at_once

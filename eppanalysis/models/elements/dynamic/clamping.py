@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
 from eppanalysis.arrays import Array, ComplexArray
+from eppanalysis.engine.describing import describe_clamped
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder
 from eppanalysis.models.elements.base import DAMPING, OUT, SLOPE, SLOPE_PER_TIME, TIME, Answer, OwnStates
@@ -142,8 +143,6 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
 
     def _with_derivative(self, a: Array, b: Array, w: Array) -> Answer:
         """The same where the error follows from v by the filter of the derivative, too (see the engine)."""
-        from eppanalysis.engine.describing import describe_clamped
-
         ahead = self.kd / self.filter_time
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             low, high = (self.lower - b) / a, (self.upper - b) / a

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import floats
 from eppanalysis.arrays import Array
+from eppanalysis.engine.describing import describe_rate_limit, describe_rate_limit_inside
 from eppanalysis.models.elements.base import OUT_PER_TIME, PER_TIME, Answer, Nonlinearity, OwnStates, RateLimit
 from eppanalysis.models.elements.dynamic.state import StateOutput, lag
 from eppanalysis.models.elements.own import AutomatonElement
@@ -49,8 +50,6 @@ class _Chasing(PiecewiseLinear):
 
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean of the law alone, which a periodic motion has only without a bias, and gain without one."""
-        from eppanalysis.engine.describing import describe_rate_limit_inside
-
         a, _, w = broadcast(amplitude, bias, omega)
         mean, _ = super().describing_function(amplitude, bias, omega)
         # The loop filters the input and not the error, so the sine is the one at the limiter's input that makes an
@@ -87,8 +86,6 @@ class _RateLimited(StateOutput):
         ModelError
             If an amplitude or a frequency is negative.
         """
-        from eppanalysis.engine.describing import describe_rate_limit
-
         a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             alpha, kappa = a * w / self.rate, np.where(w > 0, self._chasing.bandwidth / w, w + np.inf)

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.dynamic.sampled import SampledController
+from eppanalysis.models.systems.own_states import diagonal
 from eppanalysis.models.systems.sampled.ages import StraightReading
 from eppanalysis.models.systems.sampled.places import Places, at
 
@@ -58,7 +58,7 @@ class Form:
         drive, out = np.zeros((2 * k, len(D))), np.zeros((len(late), 2 * k))
         drive[1::2] = 6.0 / t[:, None] ** 2 * chosen[waiting]
         out[waiting, 0::2], out[waiting, 1::2] = np.eye(k), np.diag(-t / 3.0)
-        waits = scipy.linalg.block_diag(*(np.array([[0.0, 1.0], [-6.0 / x**2, -4.0 / x]]) for x in t))
+        waits = diagonal([np.array([[0.0, 1.0], [-6.0 / x**2, -4.0 / x]]) for x in t])
         at_once = chosen * (late == 0.0)[:, None]
         return cls(
             np.block([[A_c, np.zeros((n, 2 * k))], [drive @ now[:, :n], waits]]),
@@ -74,7 +74,7 @@ class Form:
     @classmethod
     def side_by_side(cls, forms: Sequence[Form]) -> Form:
         """Several controllers as one, matrix by matrix."""
-        return cls(*(scipy.linalg.block_diag(*(getattr(form, f.name) for form in forms)) for f in fields(cls)))
+        return cls(*(diagonal([getattr(form, f.name) for form in forms]) for f in fields(cls)))
 
 
 @dataclass(frozen=True, eq=False)
