@@ -168,12 +168,11 @@ def test_an_orbit_has_all_the_switches_of_its_motion():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [306, 320])
-def test_motions_far_faster_than_the_loop_are_no_cycles_because_they_nearly_close(seed):
+def test_motions_far_faster_than_the_loop_are_no_cycles_because_they_nearly_close():
     """A relay behind two poles more than zeros, in turned states: its input moves by h**2 beside terms of h, so that
     motions of every size close to rounding of these. Tsypkin's locus says that there is none, by numbers of 60 digits.
     """
-    loop = problem("relay on lags", seed).system
+    loop = problem("relay on lags", 306).system
     flint = pytest.importorskip("flint")
     A, B, C = (flint.arb_mat(m.tolist()) for m in (loop.A, loop.B, loop.C))
     one = flint.arb_mat(np.eye(len(loop.A)).tolist())
