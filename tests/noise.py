@@ -22,7 +22,6 @@ import scipy.linalg
 import scipy.sparse.linalg
 
 import eppanalysis as epp
-from eppanalysis.models.systems.lure import LureSystem
 from tests.coordinates import InOtherWords
 
 #: Relative difference of two numbers, and what is nothing whatever its size (SI units): one that is exactly zero by
@@ -121,7 +120,7 @@ def with_shaken_matrices(case: epp.Case, seed: int) -> InOtherWords:
     def moved(part: Any, *names: str) -> Any:
         return part and replace(part, **{name: shaken(getattr(part, name), seed) for name in names})
 
-    def change(system: LureSystem) -> LureSystem:
+    def change(system: epp.LureSystem) -> epp.LureSystem:
         signals = moved(system.signals, "C", "D", "D_input")
         cuts = moved(system.cuts, "B", "E", "C", "D", "F")
         return replace(

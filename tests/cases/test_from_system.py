@@ -15,7 +15,6 @@ from hypothesis import given, settings, strategies as st
 import eppanalysis as epp
 from eppanalysis.methods.bounds.harmonic import look
 from eppanalysis.models.elements.memory import Slip
-from eppanalysis.models.systems.inputs import Constant, InputSignal, Ramp, Recorded, Sine, Step, Steps
 from eppanalysis.models.systems.signals import SignalMap
 from tests.shared import of_kind
 
@@ -88,20 +87,20 @@ def test_any_loop_reads_back_to_the_same_bits(loop: epp.LureSystem) -> None:
     assert again.operating_point == epp.OperatingPoint.of(loop)
 
 
-INPUT_SIGNALS: tuple[InputSignal, ...] = (
-    Constant(0.1),
-    Step(0.1, 1 / 3),
-    Steps([0.1, 0.7], [1 / 3, -0.2]),
-    Ramp(0.1, 0.2, 1 / 3),
-    Ramp(1 / 7),
-    Sine(0.1, 1 / 3, 0.2),
-    Recorded([0.0, 0.1, 1 / 3], [0.1, 0.2, 1 / 7]),
+INPUT_SIGNALS: tuple[epp.inputs.InputSignal, ...] = (
+    epp.inputs.Constant(0.1),
+    epp.inputs.Step(0.1, 1 / 3),
+    epp.inputs.Steps([0.1, 0.7], [1 / 3, -0.2]),
+    epp.inputs.Ramp(0.1, 0.2, 1 / 3),
+    epp.inputs.Ramp(1 / 7),
+    epp.inputs.Sine(0.1, 1 / 3, 0.2),
+    epp.inputs.Recorded([0.0, 0.1, 1 / 3], [0.1, 0.2, 1 / 7]),
 )
 
 
 @pytest.mark.parametrize("input_signal", INPUT_SIGNALS, ids=lambda m: type(m).__name__)
 @pytest.mark.parametrize("by_name", [False, True])
-def test_motions_are_read_back(input_signal: InputSignal, by_name: bool) -> None:
+def test_motions_are_read_back(input_signal: epp.inputs.InputSignal, by_name: bool) -> None:
     loop = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0))
     pushed = epp.LureSystem.build(loop.A, loop.B, loop.C, loop.elements, D_input=[[1.0]], input_names=["hand"])
     case = epp.Case.from_system(pushed, input={"hand": input_signal} if by_name else input_signal, t_end=2 / 3)
@@ -122,7 +121,7 @@ def test_what_no_case_file_can_hold_is_said() -> None:
     with pytest.raises(epp.EppError, match="play 1"):
         epp.Case.from_system(epp.LureSystem.from_blocks([epp.Play(1.0), ([1.0], [1.0, 1.0])], element_names=["play 1"]))
     with pytest.raises(epp.EppError, match=r"run\.inputs\.foot is 'foot'; expected an input of the loop: none"):
-        epp.Case.from_system(loop_of_a_relay(), input={"foot": Constant(1.0)})
+        epp.Case.from_system(loop_of_a_relay(), input={"foot": epp.inputs.Constant(1.0)})
 
 
 def loop_of_a_relay() -> epp.LureSystem:

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import eppanalysis as epp
 from eppanalysis.cases import Case, case, json_schema, read_case, shipped_cases, shipped_cases_folder
 from eppanalysis.errors import CaseError
-from eppanalysis.models.systems.inputs import Ramp, Recorded, Sine, Step, Steps
 from tests.shared import of_kind
 
 BASE = (shipped_cases_folder() / "elbow.toml").read_text(encoding="utf-8")
@@ -400,7 +400,7 @@ def test_exported_case_is_the_same(name: str, tmp_path: Path) -> None:
 def test_truth_table(name: str, outcome: str) -> None:
     found = case(name)
     assert found.expected.outcome == outcome and found.expected.paper and found.expected.finding
-    assert isinstance(found.input, Step) and found.input.size == pytest.approx(0.020, rel=1e-15)
+    assert isinstance(found.input, epp.inputs.Step) and found.input.size == pytest.approx(0.020, rel=1e-15)
 
 
 def test_truth_table_overrides_only() -> None:
@@ -589,17 +589,17 @@ def _with_input(folder: Path, line: str) -> Case:
 
 
 def test_inputs(tmp_path: Path) -> None:
-    assert _with_input(tmp_path, '{ kind = "step", size = "5 mm", time = "1 s" }').input == Step(0.005, 1.0)
+    assert _with_input(tmp_path, '{ kind = "step", size = "5 mm", time = "1 s" }').input == epp.inputs.Step(0.005, 1.0)
     ramp = _with_input(tmp_path, '{ kind = "ramp", rate = "10 mm/s", start = "1 s", stop = "2 s" }')
-    assert ramp.input == Ramp(0.01, 1.0, 2.0)
+    assert ramp.input == epp.inputs.Ramp(0.01, 1.0, 2.0)
     sine = _with_input(tmp_path, '{ kind = "sine", amplitude = "5 mm", frequency = "2 Hz", phase = "90 deg" }')
-    assert sine.input == Sine(0.005, 2.0, np.radians(90.0))
+    assert sine.input == epp.inputs.Sine(0.005, 2.0, np.radians(90.0))
     steps = _with_input(tmp_path, '{ kind = "steps", times = ["0 s", "500 ms"], values = ["20 mm", "0 mm"] }').input
-    assert isinstance(steps, Steps)
+    assert isinstance(steps, epp.inputs.Steps)
     assert steps.value([0.0, 0.4, 0.5]).tolist() == pytest.approx([0.02, 0.02, 0.0])
     write(tmp_path, "time [ms], position [mm]\n0, 0\n500, 10\n1000, 10\n", "pull.csv")
     recorded = _with_input(tmp_path, '{ kind = "recorded", file = "pull.csv" }').input
-    assert isinstance(recorded, Recorded)
+    assert isinstance(recorded, epp.inputs.Recorded)
     assert recorded.value([0.25, 0.75]).tolist() == pytest.approx([0.005, 0.01])
 
 

@@ -26,7 +26,7 @@ from eppanalysis.limits import cut
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch
 from eppanalysis.methods.bounds.harmonic import Question, look
 from eppanalysis.methods.bounds.regions import OwnRuns
-from eppanalysis.methods.bounds.result import BoundCell, DesignBounds
+from eppanalysis.methods.bounds.result import BoundCell
 from eppanalysis.methods.bounds.tolerances.bound import half_widths_of
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.tables.manual import Shade
@@ -297,7 +297,7 @@ def test_bounds_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
         BoundCell(3 * LBF, "none", message="No limit cycle exists anywhere in the range."),
     )  # fmt: skip
 
-    def fake(case: epp.Case, over: str, limit: str, **_: object) -> DesignBounds:
+    def fake(case: epp.Case, over: str, limit: str, **_: object) -> epp.DesignBounds:
         return bounds_of(case, over, limit, *cells)
 
     monkeypatch.setattr("eppanalysis.methods.bounds.design.design_bounds", fake)

@@ -28,7 +28,6 @@ from eppanalysis.methods.design.goal import Sense
 from eppanalysis.methods.design.result import Optimum
 from eppanalysis.methods.dither.runs import DitherRun, Start
 from eppanalysis.methods.search.basin import Basin
-from eppanalysis.methods.search.trigger import Trigger
 from eppanalysis.methods.simulation.batch import BatchResult
 from eppanalysis.plotting import SMALL, WIDTH
 from eppanalysis.readable import number, readable
@@ -64,7 +63,7 @@ def examples() -> dict[type, Result]:
         trajectory(),
         prediction(),
         cycles_of("relay_deadzone"),
-        Trigger("theta", 0.01, 0.00999, 0.01001, 0.02, unit="rad"),
+        epp.Trigger("theta", 0.01, 0.00999, 0.01001, 0.02, unit="rad"),
         Basin(np.array([[0.0, 1.0], [1.0, 1.0], [2.0, 3.0]]), np.array([-1, 0, 0])),
         epp.ladder(epp.case("relay_ideal_khalil79")),
         wheelchair_branch(),

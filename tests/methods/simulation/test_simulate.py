@@ -22,7 +22,6 @@ from scipy.signal import lsim
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.models.systems.inputs import Constant, InputSignal, Ramp, Recorded, Sine, Step, Steps
 from eppanalysis.results import Status
 from tests.random_loops import random_loop
 from tests.reference.elbow_reference import LBF, ROWS, row, simulate_reference
@@ -67,7 +66,7 @@ def test_second_harness_step_agrees_with_an_independent_integrator(second: tuple
     times = np.linspace(0.0, t_end, 202)[1:]
     reference = simulate_reference(row(4), t_end, times, rtol=1e-11, atol=1e-13, second=second)
     case = epp.case(ROWS[4]["name"])
-    run = epp.simulate(case.to_system(), Steps([0.0, second[0]], [0.02, 0.02 + second[1]]), t_end, times)
+    run = epp.simulate(case.to_system(), epp.inputs.Steps([0.0, second[0]], [0.02, 0.02 + second[1]]), t_end, times)
     for name, size in {"theta": 1e-10, "theta_dot": 1e-8, "sensor_force": 1e-8, "harness_force": 1e-8}.items():
         np.testing.assert_allclose(run.signals[name], reference.signals[name], rtol=0, atol=size)
 
@@ -181,7 +180,7 @@ def test_a_short_pulse_between_samples_is_not_stepped_over() -> None:
         D_input=[[1.0]],
         input_names=("u",),
     )
-    input_signal = Recorded([0.0, 5.0, 5.0005, 5.001, 10.0], [0.0, 0.0, 2.0, 0.0, 0.0])
+    input_signal = epp.inputs.Recorded([0.0, 5.0, 5.0005, 5.001, 10.0], [0.0, 0.0, 2.0, 0.0, 0.0])
     run = epp.simulate(system, input_signal, 10.0, [0.0, 10.0])
     assert [e.time for e in run.events] == pytest.approx([5.00025, 5.00075], abs=1e-12)
     held = epp.simulate(replace(system, signals=_states(system)), input_signal, 10.0, [10.0])
@@ -297,20 +296,20 @@ def test_sample_times_must_increase_within_the_run(t_eval: list[float]) -> None:
 
 def test_an_unknown_input_and_an_input_signal_without_input_are_refused() -> None:
     with pytest.raises(ModelError, match="no input 'harnes'; expected one of: harness_position"):
-        epp.simulate(epp.case("fig8a_original").to_system(), {"harnes": Step(0.02)}, 1.0)
+        epp.simulate(epp.case("fig8a_original").to_system(), {"harnes": epp.inputs.Step(0.02)}, 1.0)
     with pytest.raises(ModelError, match="0 inputs"):
-        epp.simulate(epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.Saturation()), Step(1.0), 1.0)
+        epp.simulate(epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.Saturation()), epp.inputs.Step(1.0), 1.0)
 
 
 # Input signals -------------------------------------------------------------------------------------------------
-INPUT_SIGNALS: dict[str, InputSignal] = {
-    "constant": Constant(0.4),
-    "step": Step(1.5, time=0.7),
-    "steps": Steps([0.4, 1.2, 3.1], [1.0, -0.5, 0.8]),
-    "ramp": Ramp(0.8, start=0.5, stop=2.5),
-    "endless ramp": Ramp(0.5),
-    "sine": Sine(1.2, 0.4, 0.3),
-    "recorded": Recorded([0.3, 1.0, 1.4, 3.0], [0.0, 2.0, -1.0, 0.5]),
+INPUT_SIGNALS: dict[str, epp.inputs.InputSignal] = {
+    "constant": epp.inputs.Constant(0.4),
+    "step": epp.inputs.Step(1.5, time=0.7),
+    "steps": epp.inputs.Steps([0.4, 1.2, 3.1], [1.0, -0.5, 0.8]),
+    "ramp": epp.inputs.Ramp(0.8, start=0.5, stop=2.5),
+    "endless ramp": epp.inputs.Ramp(0.5),
+    "sine": epp.inputs.Sine(1.2, 0.4, 0.3),
+    "recorded": epp.inputs.Recorded([0.3, 1.0, 1.4, 3.0], [0.0, 2.0, -1.0, 0.5]),
 }
 #: Where each of them is not smooth, read off above.
 KINKS = {"step": [0.7], "steps": [0.4, 1.2, 3.1], "ramp": [0.5, 2.5], "recorded": [0.3, 1.0, 1.4, 3.0]}
@@ -367,7 +366,11 @@ def test_input_signals_against_scipy(kind: str) -> None:
 def test_an_input_signal_moves_the_elbow_as_far_as_statics_say() -> None:
     """Behind any motion: F = K (x_h - R theta), and what the band law makes of F is held by the drive's friction."""
     case = epp.case("fig8b_reduced_backlash")
-    input_signals = (Step(0.01), Ramp(0.02, start=0.2, stop=0.7), Recorded([0.0, 0.5, 1.0], [0.0, 0.004, 0.01]))
+    input_signals = (
+        epp.inputs.Step(0.01),
+        epp.inputs.Ramp(0.02, start=0.2, stop=0.7),
+        epp.inputs.Recorded([0.0, 0.5, 1.0], [0.0, 0.004, 0.01]),
+    )
     for run in (epp.simulate(case.to_system(), input_signal, 4.0) for input_signal in input_signals):
         assert run.status is Status.SETTLED
         end = run.settled_at
@@ -458,7 +461,7 @@ def test_two_cables_rest_with_equal_tensions() -> None:
 def test_a_slack_cable_never_pushes() -> None:
     """A harness that is let go by 20 mm slackens the cable: no force until the elbow has come down."""
     case = epp.case("fig8b_reduced_backlash")
-    run = epp.simulate(case.to_system(), Step(-0.02), 4.0)
+    run = epp.simulate(case.to_system(), epp.inputs.Step(-0.02), 4.0)
     assert run.signals["sensor_force"].min() == 0.0
     assert np.any(run.signals["sensor_force"][(run.t > 0.01) & (run.t < 0.1)] == 0.0)
     assert run.settled_at["theta"] == pytest.approx(-0.02 / 0.019, abs=0.005)
@@ -595,7 +598,9 @@ def test_a_run_that_leaves_an_unstable_cycle_from_rounding_is_on_no_cycle(name: 
     case = epp.case(name)
     system, final = case.to_system(), case.operating_point
     (cycle,) = cycles_of(name).unstable
-    rest = {n: Constant(final.inputs[n] - float(v)) for n, v in zip(system.input_names, system.v0, strict=True)}
+    rest = {
+        n: epp.inputs.Constant(final.inputs[n] - float(v)) for n, v in zip(system.input_names, system.v0, strict=True)
+    }
     run = epp.simulate(replace(system, x0=cycle.state, memory=cycle.memory), rest, t_end=periods * cycle.period)
     assert run.status is Status.UNDECIDED
 

@@ -6,12 +6,13 @@ import math
 
 import pytest
 
+import eppanalysis as epp
 from eppanalysis.cases import case, json_schema, variation_of
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.devices.declared import Form, declared_fields
-from eppanalysis.models.devices.elbow.parameters import ElbowParameters, declared
+from eppanalysis.models.devices.elbow.parameters import declared
 
-SECTIONS = ElbowParameters.sections()
+SECTIONS = epp.ElbowParameters.sections()
 FIELDS = {f"{s}.{f}": about for s, section in SECTIONS.items() for f, about in declared_fields(section).items()}
 OUTSIDE = [
     (name, math.nextafter(limit, limit + step))
@@ -48,7 +49,7 @@ def test_the_shipped_elbow_has_the_declared_values() -> None:
     elbow = case("elbow")
     for name in elbow.parameters:
         section, _, field = name.partition(".")
-        assert elbow.value(name) == pytest.approx(getattr(getattr(ElbowParameters(), section), field), rel=1e-12)
+        assert elbow.value(name) == pytest.approx(getattr(getattr(epp.ElbowParameters(), section), field), rel=1e-12)
 
 
 @pytest.mark.parametrize(
