@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import inspect
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from types import ModuleType
@@ -204,7 +204,7 @@ def answer(case: Any, analysis: str) -> Any:
         return str(error)
 
 
-def unlike(name: str, analysis: str, seeds: range) -> list[str]:
+def unlike(name: str, analysis: str, seeds: Iterable[int]) -> list[str]:
     """What differs between the answer on this processor and those on others."""
     case = epp.case(name)
     here = answer(case, analysis)
