@@ -367,33 +367,33 @@ def test_a_recording_beyond_all_numbers_is_refused(tmp_path: Path) -> None:
     assert error.field == "run.input" and "values[1] is inf" in str(error) and "far.csv" in str(error)
 
 
-@pytest.mark.parametrize("name", shipped_cases())
-def test_how_a_published_number_is_known_is_said_in_one_of_three_ways(name):
-    known = {"read in a source", "not read in the source", "recomputed"}
-    assert {number.how_known for number in case(name).expected.published} <= known
+def test_how_a_published_number_is_known_is_said_in_one_of_three_ways():
+    for name in shipped_cases():
+        known = {"read in a source", "not read in the source", "recomputed"}
+        assert {number.how_known for number in case(name).expected.published} <= known
 
 
-@pytest.mark.parametrize("name", shipped_cases())
-def test_shipped_case(name: str) -> None:
-    found = case(name)
-    system = found.to_system()
-    n, nw = system.B.shape
-    assert system.A.shape == (n, n) and system.C.shape == (sum(e.n_inputs for e in system.elements), n)
-    assert nw == sum(e.n_outputs for e in system.elements)
-    assert system.name == found.name == name and found.title and found.t_end > 0
-    assert all(p.mark in ("paper", "derived", "assumed", "measured", "tunable") for p in found.parameters.values())
-    assert found.expected.source
-    json.dumps(found.provenance())
+def test_shipped_case() -> None:
+    for name in shipped_cases():
+        found = case(name)
+        system = found.to_system()
+        n, nw = system.B.shape
+        assert system.A.shape == (n, n) and system.C.shape == (sum(e.n_inputs for e in system.elements), n)
+        assert nw == sum(e.n_outputs for e in system.elements)
+        assert system.name == found.name == name and found.title and found.t_end > 0
+        assert all(p.mark in ("paper", "derived", "assumed", "measured", "tunable") for p in found.parameters.values())
+        assert found.expected.source
+        json.dumps(found.provenance())
 
 
-@pytest.mark.parametrize("name", shipped_cases())
-def test_exported_case_is_the_same(name: str, tmp_path: Path) -> None:
-    found = case(name)
-    again = read_case(write(tmp_path, found.to_toml(), f"{name}.toml"))
-    assert again.parameters == found.parameters and again.expected == found.expected and again.t_end == found.t_end
-    for matrix in ("A", "B", "C", "D", "x0", "v0"):
-        np.testing.assert_array_equal(getattr(again.to_system(), matrix), getattr(found.to_system(), matrix))
-    assert again.provenance()["sha256"] == found.provenance()["sha256"]
+def test_exported_case_is_the_same(tmp_path: Path) -> None:
+    for name in shipped_cases():
+        found = case(name)
+        again = read_case(write(tmp_path, found.to_toml(), f"{name}.toml"))
+        assert again.parameters == found.parameters and again.expected == found.expected and again.t_end == found.t_end
+        for matrix in ("A", "B", "C", "D", "x0", "v0"):
+            np.testing.assert_array_equal(getattr(again.to_system(), matrix), getattr(found.to_system(), matrix))
+        assert again.provenance()["sha256"] == found.provenance()["sha256"]
 
 
 @pytest.mark.parametrize(("name", "outcome"), TRUTH_TABLE.items())
@@ -416,22 +416,22 @@ def test_answers_of_loops(name: str, omegas: tuple[float, float]) -> None:
     assert (expected.describing_function[0].omega, expected.exact[0].omega) == omegas
 
 
-@pytest.mark.parametrize("name", of_kind("loop"))
-def test_first_order_answers_close_the_loop(name: str) -> None:
+def test_first_order_answers_close_the_loop() -> None:
     """``H(j omega) N = 1`` and the balance of means hold at each answer, so signs and units of the file are right."""
-    found = case(name)
-    system, answers = found.to_system(), found.expected.describing_function or ()
-    if len(system.elements) > 1:
-        pytest.skip("a cascade is checked where it is predicted")
-    for answer in answers:
-        element, mean = system.elements[0], answer.mean or 0.0
-        out, gain = element.describing_function(answer.amplitude, mean, answer.omega)
-        # From the element's outputs to its first input; another input is the rate of that one.
-        around = system.frequency_response(answer.omega)[0] @ np.atleast_1d(gain)
-        assert complex(around) == pytest.approx(1.0, abs=1e-9)
-        if answer.mean is not None:
-            static = system.D - system.C @ np.linalg.solve(system.A, system.B)
-            assert float(static[0] @ np.atleast_1d(out)) == pytest.approx(mean, rel=1e-9)
+    for name in of_kind("loop"):
+        found = case(name)
+        system, answers = found.to_system(), found.expected.describing_function or ()
+        if len(system.elements) > 1:
+            continue  # a cascade is checked where it is predicted
+        for answer in answers:
+            element, mean = system.elements[0], answer.mean or 0.0
+            out, gain = element.describing_function(answer.amplitude, mean, answer.omega)
+            # From the element's outputs to its first input; another input is the rate of that one.
+            around = system.frequency_response(answer.omega)[0] @ np.atleast_1d(gain)
+            assert complex(around) == pytest.approx(1.0, abs=1e-9)
+            if answer.mean is not None:
+                static = system.D - system.C @ np.linalg.solve(system.A, system.B)
+                assert float(static[0] @ np.atleast_1d(out)) == pytest.approx(mean, rel=1e-9)
 
 
 def test_nominal_values_of_the_elbow() -> None:
