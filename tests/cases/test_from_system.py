@@ -157,7 +157,13 @@ ANALYSES = {
 }
 
 
-@pytest.mark.parametrize("analysis", ANALYSES)
+#: They are told most by; the others are asked in the slow tier.
+FIRST = {"predict_limit_cycles", "find_limit_cycles", "simulate", "exact_orbit", "sweep"}
+
+
+@pytest.mark.parametrize(
+    "analysis", [pytest.param(name, marks=[pytest.mark.slow] * (name not in FIRST)) for name in ANALYSES]
+)
 def test_every_analysis_gives_the_same_of_a_case_and_of_its_loop(
     analysis: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

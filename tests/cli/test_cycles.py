@@ -78,6 +78,7 @@ def test_cycles_and_triggers_are_in_units_that_people_read(monkeypatch: pytest.M
     ]
 
 
+@pytest.mark.slow
 def test_a_branch_of_one_orbit_is_one_orbit() -> None:
     ends = ("--over", "lock_pin.backlash", "--from", "1 deg", "--to", "2 deg")
     assert "\n1 orbit over" in run("branch", "fig8a_original", *ends, "--points", "1").stdout

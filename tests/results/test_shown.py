@@ -213,17 +213,18 @@ def test_table_is_a_frame_whose_units_are_of_its_columns(result):
     assert str(epp.table(result)).strip()
 
 
-def test_picture_comes_back_as_axes_given_or_its_own(result):
+def test_picture_comes_back_as_axes_given_or_its_own_and_is_read_at_8_cm(result):
     given = Figure().add_subplot()
     assert result.plot(given) is given
     assert given.lines or given.patches or given.collections
     assert not given.figure.legends  # which others that are drawn beside it have, too
     own = result.plot()
     assert isinstance(own, Axes) and own is own.figure.axes[0] and own is not given
+    assert_readable(own.figure)
 
 
-def test_every_picture_is_read_at_8_cm_and_nothing_of_it_is_cut_off_or_covered(result):
-    figure = result.plot().figure
+def assert_readable(figure: Figure) -> None:
+    """It is read at 8 cm, and nothing of it is cut off or covered."""
     figure.draw_without_rendering()
     assert figure.get_figwidth() == WIDTH and SMALL * 8.0 / 2.54 >= 6.0 * WIDTH
     assert all(text.get_fontsize() >= SMALL for text in figure.findobj(Text) if text.get_text() and text.get_visible())

@@ -72,6 +72,7 @@ def test_first_order_bound_parts_predictions_with_and_without_cycles(case: epp.C
         assert bool(len(epp.predict_limit_cycles(changed))) is there
 
 
+@pytest.mark.slow
 def test_exact_elasticities_against_moved_folds(case: epp.Case, found: epp.DesignBounds) -> None:
     h = 2e-3
     for name in ("bands.range", "cable.stiffness"):

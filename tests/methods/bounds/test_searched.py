@@ -27,6 +27,7 @@ def bounds(case: epp.Case) -> epp.DesignBounds:
     return epp.design_bounds(case, "T", "dead", at=["0.5 s"], within=(0.15, 0.3), margin=0.05)
 
 
+@pytest.mark.slow
 def test_the_bound_of_a_sampled_relay_holds_that_of_closed_forms(bounds: epp.DesignBounds) -> None:
     (cell,) = bounds
     known = max(p.high for p in patterns(0.5, 40))

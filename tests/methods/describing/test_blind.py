@@ -331,7 +331,7 @@ def test_small_swings_across_a_jump_are_said_to_die_out_where_they_do(plant, ele
     assert any("hunts across" in w for w in told.warnings) is (not dies_out and not len(told))
 
 
-@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("turned", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "element",
     [epp.Relay(), epp.Saturation(), epp.Cube(1.0), epp.DeadZone(), epp.Preload(0.3, 1.0), epp.Relay(-0.5, 1.0)],

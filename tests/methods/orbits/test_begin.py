@@ -31,7 +31,7 @@ def test_an_orbit_begins_at_the_same_event_wherever_along_it_it_is_closed(name: 
             assert anew.state == pytest.approx(cycle.state, abs=1e-8 * np.ptp(states, axis=0).max())
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (i > 1)) for i, n in enumerate(NAMES)])
 def test_a_search_lists_the_same_phases_in_the_same_order_in_turned_states_and_from_another_start(name: str) -> None:
     system, wanted = epp.case(name).to_system(), cycles_of(name)
     for seed in range(2):

@@ -53,12 +53,12 @@ def test_lock_pin(model: str, gap: float, k: float, q: float, a: float, relative
     check(epp.LockPin(gap, k, q * k / omega, model), a, relative * a, omega)
 
 
-@pytest.mark.parametrize("q", [0.0, 1e-8, 0.3, 1.0, 50.0])
 @pytest.mark.parametrize("depth", [1e-6, 0.1, 1.0, 1.9, 2.0, 2.1, 2.3, 3.0, 80.0])
-def test_every_form_of_contact(q: float, depth: float) -> None:
+def test_every_form_of_contact(depth: float) -> None:
     """`depth` is the greatest penetration over the amplitude; from 2 on the pin never gets back into the gap."""
     a, gap, k = 0.7, 2.0, 3.0
-    check(epp.LockPin(gap, k, q * k), a, gap / 2 + (depth - 1) * a, 1.0)
+    for q in (0.0, 1e-8, 0.3, 1.0, 50.0):
+        check(epp.LockPin(gap, k, q * k), a, gap / 2 + (depth - 1) * a, 1.0)
 
 
 @pytest.mark.parametrize("q", [0.01, 0.3, 4.0])
@@ -268,7 +268,7 @@ def settled_contacts(shaft: epp.NordinShaft, a: float, b: float, omega: float) -
     return out
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(20))
 def test_nordin_shaft(seed: int) -> None:
     """By adaptive quadrature of the torque over the contacts of a motion that has settled."""
     rng = np.random.default_rng(seed)
