@@ -85,6 +85,7 @@ def test_the_largest_gain_over_the_lead_is_that_of_a_grid(servo: epp.Case, found
     assert turn_from(servo.with_values({"T": best["T"]}), 6.0, 7.8) == pytest.approx(best["k"], rel=1e-8)
 
 
+@pytest.mark.slow
 def test_at_an_optimum_inside_its_range_the_other_parameter_has_no_price(found: epp.Design) -> None:
     assert abs(found.optimum.prices["T"]) < 0.05
     # Sizes of cycles scale with the play, gains do not.
