@@ -206,6 +206,7 @@ def test_what_guidelines_are_of_is_to_be_said_where_it_is_not_usual() -> None:
         epp.design_guide(epp.case("fig8a_original"), ["2 lbf"], margins={"bands.range": 0.5})
 
 
+@pytest.mark.slow
 def test_the_end_of_a_known_branch_is_the_bound() -> None:
     """0.9785869 deg is what harmonic balance, corrected, leads to; the tests of both sides are made all the same."""
     case = epp.case("fig8a_original")
@@ -400,6 +401,7 @@ def test_the_picture_of_several_variants_has_the_grid_and_what_is_known_of_it() 
     assert legends == ["exact and tested", "exact, not tested"]
 
 
+@pytest.mark.slow
 def test_a_question_without_a_bound_gets_a_sentence_and_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("eppanalysis.methods.bounds.harmonic.look", partial(look, n_scan=2))
     asked = ["--set", "loop.gain=1", "--over", "loop.gain", "--from", "0.8", "--limit", "play.gap", "--points", "1"]
@@ -439,6 +441,7 @@ def test_a_row_without_a_bound_under_tolerances_says_so(monkeypatch: pytest.Monk
     assert row.to_dict()["missing"] == row.missing
 
 
+@pytest.mark.slow
 def test_under_tolerances_the_verdict_has_the_worst_case_and_no_bar_is_full_before_the_end() -> None:
     """The cycles of a relay scale with its level, so that a level off by a tenth moves the bound by a tenth."""
     told: list[tuple[int, int | None, str]] = []

@@ -169,6 +169,7 @@ def test_slow_runs_that_shrink_are_told_from_those_on_a_cycle(servo: epp.Case, f
     assert not shrinks(beyond, x0, found.optimum.orbit)
 
 
+@pytest.mark.slow
 def test_a_run_that_shrinks_in_steps_is_told_from_one_on_a_cycle(servo: epp.Case, coarse: None) -> None:
     """With a long lead what is left of a motion stands for more than twice the time between its steps."""
     slow = servo.with_values({"T": 2.0})

@@ -207,6 +207,7 @@ def test_converges_to_the_exact_orbit_at_the_rate_of_theory(name):
     assert rate == pytest.approx(RATES[name], abs=0.45)
 
 
+@pytest.mark.slow
 def test_converges_exponentially_for_a_smooth_element():
     true, _ = errors("van_der_pol_mu1", [3, 5, 9, 13, 17])
     assert np.all(true[1:] < true[:-1])
@@ -334,6 +335,7 @@ def test_estimate_covers_the_distance_to_an_exact_orbit_or_says_that_it_cannot(n
     assert np.median([e.estimate / e.error for e in given]) < 2.0
 
 
+@pytest.mark.slow
 def test_estimate_of_a_sampled_loop_covers_what_its_order_and_its_samples_leave():
     """Either alone did not: the cycle locks to 28 samples, and the balance of order 15 is 13 % off."""
     found = entries("buck_converter", [3, 7, 8, 15, 16, 19])
