@@ -170,6 +170,7 @@ def growth_without_limits(gain: float) -> float:
     return float(growth)
 
 
+@pytest.mark.slow
 def test_a_branch_ends_where_a_loop_without_its_limit_has_cycles_of_all_sizes() -> None:
     branch = epp.continue_branch(epp.case("clegg_loop"), "gain", 3.0, 2.0)
     (end,) = branch.special
