@@ -134,10 +134,9 @@ def test_a_decay_to_the_edge_of_a_gap_takes_no_more_than_its_time():
     assert found.status is epp.Status.CONVERGED and found.settles and not found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.5, -0.5])
 def test_switches_that_accumulate_are_rest_only_where_zeros_decay(damping: float) -> None:
     """A relay on two poles more than zeros switches ever faster, then slides as the zeros say: to rest or away."""
     system = epp.LureSystem.from_tf(([1.0, damping, 2.0], np.poly([-1.0, -2.0, -0.5, -1.5])), epp.Relay())
-    start = 0.1 * np.random.default_rng(1).normal(size=4)
-    run = epp.simulate(replace(system, x0=start), t_end=400.0)
-    assert (run.status is epp.Status.SETTLED) is (damping > 0.0)
+    assert epp.find_limit_cycles(system).settles is (damping > 0.0)
