@@ -9,15 +9,13 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 import eppanalysis as epp
-from eppanalysis.models.elements import Nonlinearity
-from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.averaged import Places
 
 #: Factors on time, amplitudes and states (the seed of a random factor for each).
 UNITS = ((1e6, 1e-6, 1), (1e-6, 1e6, 2), (1.0, 1e-6, None), (1e-6, 1.0, None), (1e6, 1.0, 3))
 
 
-def in_coordinates(system: LureSystem, T: np.ndarray) -> LureSystem:
+def in_coordinates(system: epp.LureSystem, T: np.ndarray) -> epp.LureSystem:
     """The loop with the state ``T x``, written out here once more so that the package's own way is not its witness."""
     back = np.linalg.inv(T)
     signals = replace(system.signals, C=system.signals.C @ back)
@@ -41,7 +39,7 @@ def orthogonal(n: int, seed: int) -> np.ndarray:
     return Q * np.sign(np.diag(R))
 
 
-def rotated(system: LureSystem, seed: int) -> LureSystem:
+def rotated(system: epp.LureSystem, seed: int) -> epp.LureSystem:
     """The loop with its state turned by a random orthogonal matrix; the clock of sampled controllers is none of it."""
     own = Places.of(system).plant
     T = np.eye(system.A.shape[0])
@@ -49,7 +47,7 @@ def rotated(system: LureSystem, seed: int) -> LureSystem:
     return in_coordinates(system, T)
 
 
-def rescaled(system: LureSystem, time: float, amplitude: float, states: int | None = None) -> LureSystem:
+def rescaled(system: epp.LureSystem, time: float, amplitude: float, states: int | None = None) -> epp.LureSystem:
     """The loop with all times and amplitudes so many times as large, and each state in a unit of its own.
 
     `states` is the seed of these units, 1e-6 to 1e6; None leaves them.
@@ -84,7 +82,7 @@ def rescaled(system: LureSystem, time: float, amplitude: float, states: int | No
     )
 
 
-def _rescaled_element(element: Nonlinearity, time: float, amplitude: float) -> Nonlinearity:
+def _rescaled_element(element: epp.Nonlinearity, time: float, amplitude: float) -> epp.Nonlinearity:
     def scaled(name: str) -> object:
         value, role = getattr(element, name), element.units.get(name)
         if role is None or value is None:
@@ -100,13 +98,13 @@ class InOtherWords:
     """A case whose loop is changed, its parameters and their units left as they are; a run is so many times as long."""
 
     case: epp.Case
-    change: Callable[[LureSystem], LureSystem]
+    change: Callable[[epp.LureSystem], epp.LureSystem]
     time: float = 1.0
 
     def __getattr__(self, name: str) -> object:
         return getattr(self.case, name)
 
-    def to_system(self) -> LureSystem:
+    def to_system(self) -> epp.LureSystem:
         return self.change(self.case.to_system())
 
     def with_values(self, values: Mapping[str, object]) -> InOtherWords:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import inspect
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from types import ModuleType
@@ -22,7 +22,6 @@ import scipy.linalg
 import scipy.sparse.linalg
 
 import eppanalysis as epp
-from eppanalysis.models.systems.lure import LureSystem
 from tests.coordinates import InOtherWords
 
 #: Relative difference of two numbers, and what is nothing whatever its size (SI units): one that is exactly zero by
@@ -121,7 +120,7 @@ def with_shaken_matrices(case: epp.Case, seed: int) -> InOtherWords:
     def moved(part: Any, *names: str) -> Any:
         return part and replace(part, **{name: shaken(getattr(part, name), seed) for name in names})
 
-    def change(system: LureSystem) -> LureSystem:
+    def change(system: epp.LureSystem) -> epp.LureSystem:
         signals = moved(system.signals, "C", "D", "D_input")
         cuts = moved(system.cuts, "B", "E", "C", "D", "F")
         return replace(
@@ -205,7 +204,7 @@ def answer(case: Any, analysis: str) -> Any:
         return str(error)
 
 
-def unlike(name: str, analysis: str, seeds: range) -> list[str]:
+def unlike(name: str, analysis: str, seeds: Iterable[int]) -> list[str]:
     """What differs between the answer on this processor and those on others."""
     case = epp.case(name)
     here = answer(case, analysis)

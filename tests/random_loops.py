@@ -4,49 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 
-from eppanalysis.models.elements import (
-    DeadZone,
-    FiveBandLaw,
-    Friction,
-    HysteresisRelay,
-    HysteresisRelayDeadZone,
-    JumpAndFollow,
-    LockPin,
-    Nonlinearity,
-    Play,
-    Preload,
-    Quantiser,
-    Relay,
-    RelayDeadZone,
-    Saturation,
-    StictionPulley,
-)
-from eppanalysis.models.systems.lure import LureSystem
+import eppanalysis as epp
 
 
-def random_element(rng: np.random.Generator) -> Nonlinearity:
+def random_element(rng: np.random.Generator) -> epp.Nonlinearity:
     """One element with parameters of order one."""
     a, b = rng.uniform(0.2, 1.5, 2)
     choices = (
-        lambda: Saturation(-a, b, 1.0 + a),
-        lambda: DeadZone(-a, b, 1.0),
-        lambda: Relay(-a, b, rng.normal() * 0.2),
-        lambda: RelayDeadZone(a, b),
-        lambda: Preload(a, b),
-        lambda: Quantiser(a, 6),
-        lambda: HysteresisRelay(-a, b, -b, a),
-        lambda: HysteresisRelayDeadZone(a + b, a, b),
-        lambda: Play(2 * a),
-        lambda: JumpAndFollow(a + b, a * rng.uniform(), 1.0),
-        lambda: FiveBandLaw(-a - b, -a, b, b + 1.0, 2.0),
-        lambda: LockPin(a, 5 * b, rng.uniform(0, 1), "unilateral" if rng.random() < 0.7 else "classical"),
-        lambda: Friction(a, a * (1 + rng.uniform())),
-        lambda: StictionPulley(1.0 + a, 2.0 + b, 0.3 * rng.uniform(0.1, 1), rng.uniform(0.2, 1)),
+        lambda: epp.Saturation(-a, b, 1.0 + a),
+        lambda: epp.DeadZone(-a, b, 1.0),
+        lambda: epp.Relay(-a, b, rng.normal() * 0.2),
+        lambda: epp.RelayDeadZone(a, b),
+        lambda: epp.Preload(a, b),
+        lambda: epp.Quantiser(a, 6),
+        lambda: epp.HysteresisRelay(-a, b, -b, a),
+        lambda: epp.HysteresisRelayDeadZone(a + b, a, b),
+        lambda: epp.Play(2 * a),
+        lambda: epp.JumpAndFollow(a + b, a * rng.uniform(), 1.0),
+        lambda: epp.FiveBandLaw(-a - b, -a, b, b + 1.0, 2.0),
+        lambda: epp.LockPin(a, 5 * b, rng.uniform(0, 1), "unilateral" if rng.random() < 0.7 else "classical"),
+        lambda: epp.Friction(a, a * (1 + rng.uniform())),
+        lambda: epp.StictionPulley(1.0 + a, 2.0 + b, 0.3 * rng.uniform(0.1, 1), rng.uniform(0.2, 1)),
     )
     return choices[rng.integers(len(choices))]()
 
 
-def random_loop(seed: int) -> LureSystem:
+def random_loop(seed: int) -> epp.LureSystem:
     """The loop of a seed: the same one for ever."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(2, 11))
@@ -61,7 +44,7 @@ def random_loop(seed: int) -> LureSystem:
             B -= np.outer(C[row], C[row] @ B) / (C[row] @ C[row])
             C[row + 1] = C[row] @ A
         row += e.n_inputs
-    return LureSystem.build(A, B, C, elements, x0=rng.normal(size=n) * 2.0, name=f"random loop {seed}")
+    return epp.LureSystem.build(A, B, C, elements, x0=rng.normal(size=n) * 2.0, name=f"random loop {seed}")
 
 
 def _matrix(rng: np.random.Generator, n: int) -> np.ndarray:

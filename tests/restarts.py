@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 import eppanalysis as epp
-from eppanalysis.models.systems.inputs import Constant
 from eppanalysis.results import LimitCycle, Trajectory
 
 #: Relative to the period: events nearer to its begin than this belong to the start.
@@ -27,7 +26,7 @@ def cycles_of(name: str) -> tuple[epp.LureSystem, epp.OperatingPoint, list[Limit
 def restart(system: epp.LureSystem, at: epp.OperatingPoint, cycle: LimitCycle, t_end: float) -> Trajectory:
     """A run from the state and the memory of a cycle, the external inputs where they stand on it."""
     steps = zip(system.input_names, at.vector(system) - system.v0, strict=True)
-    rest = {name: Constant(float(step)) for name, step in steps}
+    rest = {name: epp.inputs.Constant(float(step)) for name, step in steps}
     times = cycle.time[cycle.time <= t_end] if cycle.time.size else None
     return epp.simulate(replace(system, x0=cycle.state, memory=cycle.memory), rest, t_end, times)
 

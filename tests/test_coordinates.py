@@ -16,7 +16,6 @@ import scipy.linalg
 import eppanalysis as epp
 from eppanalysis.methods.describing.multi import choose_pivot
 from eppanalysis.methods.harmonic.loop import Loop
-from eppanalysis.models.systems.lure import LureSystem
 from tests.coordinates import UNITS, assert_same_cycles, in_coordinates, orthogonal, rescaled, rotated, words
 from tests.shared import cycles_of, of_kind
 
@@ -36,9 +35,9 @@ def roots(*values: float) -> np.ndarray:
     return np.poly(values)
 
 
-def textbook() -> dict[str, LureSystem]:
+def textbook() -> dict[str, epp.LureSystem]:
     """Chains of integrators, multiple poles, cancellations, poles far apart, several elements, discrete time."""
-    tf, ring = LureSystem.from_tf, LureSystem.from_blocks
+    tf, ring = epp.LureSystem.from_tf, epp.LureSystem.from_blocks
     mode = [1.0, 0.1, 4.0]
     return {
         "play": tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(2.0)),
@@ -62,21 +61,21 @@ def textbook() -> dict[str, LureSystem]:
     }  # fmt: skip
 
 
-def _discrete() -> LureSystem:
+def _discrete() -> epp.LureSystem:
     from eppanalysis.models.systems.linear import transfer_function
 
-    return LureSystem.from_tf(transfer_function([0.4, 0.2], [1.0, -1.6, 0.6], 0.1), epp.Play(0.3))
+    return epp.LureSystem.from_tf(transfer_function([0.4, 0.2], [1.0, -1.6, 0.6], 0.1), epp.Play(0.3))
 
 
 TEXTBOOK = textbook()
 
 
-def schur(system: LureSystem) -> LureSystem:
+def schur(system: epp.LureSystem) -> epp.LureSystem:
     """The realisation that a Schur decomposition leaves."""
     return in_coordinates(system, scipy.linalg.schur(system.A)[1].T)
 
 
-def balanced(system: LureSystem) -> LureSystem:
+def balanced(system: epp.LureSystem) -> epp.LureSystem:
     """The balanced realisation of the plant with its poles moved to the left by one, as for unstable plants."""
     A = system.A - (1.0 + max(0.0, np.linalg.eigvals(system.A).real.max())) * np.eye(len(system.A))
     reach = scipy.linalg.solve_continuous_lyapunov(A, -system.B @ system.B.T)
@@ -85,7 +84,7 @@ def balanced(system: LureSystem) -> LureSystem:
     return in_coordinates(system, np.linalg.inv(scipy.linalg.sqrtm(reach).real @ U / s**0.25))
 
 
-def predict_alike(wanted: epp.Prediction, other: LureSystem, time: float = 1.0, amplitude: float = 1.0) -> None:
+def predict_alike(wanted: epp.Prediction, other: epp.LureSystem, time: float = 1.0, amplitude: float = 1.0) -> None:
     """A loop has the predictions of another one, said in the same words, with the same estimates of their errors."""
     found = epp.predict_limit_cycles(other)
     assert_same_cycles(found, wanted, other.signals.names[0], time, amplitude)
@@ -95,7 +94,7 @@ def predict_alike(wanted: epp.Prediction, other: LureSystem, time: float = 1.0, 
         np.testing.assert_allclose(mine.error_estimate, theirs.error_estimate, rtol=1e-3)
 
 
-def search_alike(wanted: epp.CycleSearch, other: LureSystem, time: float = 1.0, amplitude: float = 1.0) -> None:
+def search_alike(wanted: epp.CycleSearch, other: epp.LureSystem, time: float = 1.0, amplitude: float = 1.0) -> None:
     """A loop has the exact cycles of another one, and its search ends with the same words."""
     found = epp.find_limit_cycles(other)
     assert_same_cycles(found, wanted, other.signals.names[0], time, amplitude)
@@ -103,7 +102,7 @@ def search_alike(wanted: epp.CycleSearch, other: LureSystem, time: float = 1.0, 
     assert (found.status, found.settles, found.diverges) == (wanted.status, wanted.settles, wanted.diverges)
 
 
-def simulate_alike(case: epp.Case, wanted: epp.Trajectory, other: LureSystem) -> None:
+def simulate_alike(case: epp.Case, wanted: epp.Trajectory, other: epp.LureSystem) -> None:
     """A run of a case and that of its loop in other coordinates have the same verdict on the same motion."""
     found = epp.simulate(other, case.input, case.t_end)
     assert found.status == wanted.status
@@ -204,7 +203,7 @@ def test_an_integrator_that_cancels_leaves_no_branches_of_the_bias():
 
 def test_a_gap_that_is_left_alone_has_no_cycles_of_rounding():
     """Play of 2 on 5/(s^2 + s), turned: both of its cycles, and frequencies from the pole, not from rounding, on."""
-    loop = LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(2.0))
+    loop = epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(2.0))
     for seed in range(8):
         prediction = epp.predict_limit_cycles(in_coordinates(loop, orthogonal(2, seed)))
         assert [round(c.omega, 6) for c in prediction] == [0.318142, 1.591383]
@@ -217,13 +216,13 @@ def test_a_gap_that_is_left_alone_has_no_cycles_of_rounding():
 ])  # fmt: skip
 def test_searches_with_dead_time_do_not_depend_on_the_unit(plant, element, amplitude):
     """Unstable cycles too, and what is said of a prediction without one."""
-    system = LureSystem.from_tf(plant, element, delay=0.2)
+    system = epp.LureSystem.from_tf(plant, element, delay=0.2)
     search_alike(epp.find_limit_cycles(system), rescaled(system, 1.0, amplitude), 1.0, amplitude)
 
 
 def test_an_orbit_answers_the_prediction_that_is_as_stable():
     """A pulse of the relay is just the width of its dead zone: that a run creeps from edge to edge is no orbit."""
-    system = LureSystem.from_tf(([2.0], [1.0, 1.0, 0.0]), epp.RelayDeadZone(0.3), delay=0.3)
+    system = epp.LureSystem.from_tf(([2.0], [1.0, 1.0, 0.0]), epp.RelayDeadZone(0.3), delay=0.3)
     found = epp.find_limit_cycles(system)
     assert [c.stable for c in found] == [True] and [c.stable for c in found.unclosed] == [False]
 

@@ -16,7 +16,6 @@ import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.comparison.picture import plot_ladder
 from eppanalysis.methods.continuation.picture import plot_branch
-from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.methods.driven import picture as driven_picture
 from eppanalysis.methods.search import picture as search_picture
 from eppanalysis.plotting import figure_of_height, lines_of, put_verdict
@@ -208,7 +207,7 @@ def test_a_branch_whose_cycles_grow_without_bound_leaves_the_picture_and_not_the
     x = 3.0 - np.geomspace(3.0, 1e-6, 400)
     y = 1.0 / (3.0 - x)
     points = {"value": x, "stable": np.ones(400, bool), "frequency": 1.0 / y, "x": y}
-    branch = Branch("k", "", points, (), Status.CONVERGED, "To the limit.", ("x",), {"x": ""})
+    branch = epp.Branch("k", "", points, (), Status.CONVERGED, "To the limit.", ("x",), {"x": ""})
     upper, lower = branch.plot(signal="x").figure.axes
     assert upper.get_ylim() == (0.0, pytest.approx(2.0 / 0.3, rel=0.1))
     assert lower.get_ylim()[1] > 3.0
@@ -368,11 +367,11 @@ def test_a_name_is_no_formula():
     assert said_above(figure)[1].startswith(r"a \$\frac{\$ case")
 
 
-def branch_of(gap: tuple[float, float], frequency: tuple[float, float], unit: str = "") -> Branch:
+def branch_of(gap: tuple[float, float], frequency: tuple[float, float], unit: str = "") -> epp.Branch:
     """A stable branch of two points of a loop with play."""
     columns = {"value": gap, "period": (4.0, 4.0), "x": (2.0, 4.0), "frequency": frequency}
     points = {name: np.array(values) for name, values in columns.items()} | {"stable": np.array([True, True])}
-    return Branch(
+    return epp.Branch(
         "play.gap",
         unit,
         points,

@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+import eppanalysis as epp
 from eppanalysis.methods.simulation.simulate import run_hybrid
-from eppanalysis.models.elements import JumpAndFollow
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.signals import SignalMap
 from tests.random_loops import random_loop
 from tests.reference.lure_reference import simulate_lure
@@ -27,7 +26,7 @@ TIMES = np.linspace(0.0, 12.0, 61)
 LARGEST = 1e5
 
 
-def with_states(system: LureSystem) -> LureSystem:
+def with_states(system: epp.LureSystem) -> epp.LureSystem:
     """The loop with its states as signals: they are continuous, outputs jump."""
     n, nw, nv = system.A.shape[0], system.B.shape[1], len(system.input_names)
     names = tuple(f"x{i}" for i in range(n))
@@ -36,7 +35,7 @@ def with_states(system: LureSystem) -> LureSystem:
     )
 
 
-def states(system: LureSystem, scale: float = 1.0, shift: float = 0.0) -> tuple[np.ndarray, int, int]:
+def states(system: epp.LureSystem, scale: float = 1.0, shift: float = 0.0) -> tuple[np.ndarray, int, int]:
     """States at TIMES with the internal step scaled, how the run ended, and its forced leaves."""
     hybrid = HybridSystem.from_lure(replace(system, x0=system.x0 * (1.0 + shift)))
     run = run_hybrid(hybrid, float(TIMES[-1]), TIMES, 2.0 * scale * hybrid.time_scale, 20_000, 1)
@@ -51,11 +50,11 @@ def distance(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.max(np.abs(a[:n] - b[:n]).max(axis=1)[use] / np.maximum(size[use], 1e-300), initial=0.0))
 
 
-def starts_slipping(system: LureSystem) -> bool:
+def starts_slipping(system: epp.LureSystem) -> bool:
     """Whether a stiction element starts beyond its reach, where the two integrators take different first outputs."""
     z = system.C @ system.x0
     return any(
-        isinstance(e, JumpAndFollow) and abs(z[s.start]) > (e.stick_band + e.slip_jump) / 2
+        isinstance(e, epp.JumpAndFollow) and abs(z[s.start]) > (e.stick_band + e.slip_jump) / 2
         for e, s in zip(system.elements, system.input_slices, strict=True)
     )
 

@@ -54,10 +54,10 @@ def test_the_page_on_elements_is_that_of_the_code():
     assert elements.PAGE.read_text(encoding="utf-8") == elements.page(), "run python -m studies.pages.elements"
 
 
-@pytest.mark.parametrize("kind", ELEMENTS)
-def test_every_field_of_an_element_has_a_meaning_and_nothing_else_has(kind):
-    assert set(elements.meanings(kind)) == set(inspect.signature(element_class(kind)).parameters)
-    assert all(re.search(r"\w", text) for text in elements.meanings(kind).values())
+def test_every_field_of_an_element_has_a_meaning_and_nothing_else_has():
+    for kind in ELEMENTS:
+        assert set(elements.meanings(kind)) == set(inspect.signature(element_class(kind)).parameters)
+        assert all(re.search(r"\w", text) for text in elements.meanings(kind).values())
 
 
 @pytest.mark.parametrize("model", [CutRow, LoopFile, LoopSection, RunSection, SignalRow])
@@ -75,9 +75,9 @@ def test_no_star_of_a_unit_is_read_as_emphasis(page):
     assert "*" not in text.replace("**", "")
 
 
-@pytest.mark.parametrize("kind", BLOCKS)
-def test_every_kind_of_block_is_reached_in_python_by_one_name(kind):
-    assert getattr(epp.blocks, BLOCKS[kind].__name__) is BLOCKS[kind]
+def test_every_kind_of_block_is_reached_in_python_by_one_name():
+    for kind in BLOCKS:
+        assert getattr(epp.blocks, BLOCKS[kind].__name__) is BLOCKS[kind]
 
 
 @pytest.mark.parametrize("model", [DiagramFile, RunSection, SignalSum])
@@ -116,26 +116,26 @@ def _public() -> dict[str, object]:
     return {name: value for name, value in found.items() if inspect.isclass(value) or inspect.isfunction(value)}
 
 
-@pytest.mark.parametrize("name", _public())
-def test_an_example_imports_what_it_uses(name):
-    examples = doctest.DocTestParser().get_examples(inspect.getdoc(_public()[name]) or "")
-    nodes = [node for example in examples for node in ast.walk(ast.parse(example.source))]
-    named = [node for node in nodes if isinstance(node, ast.Name)]
-    imported = [alias for node in nodes if isinstance(node, ast.Import | ast.ImportFrom) for alias in node.names]
-    bound = {alias.asname or alias.name.partition(".")[0] for alias in imported}
-    bound |= {node.id for node in named if isinstance(node.ctx, ast.Store)} | set(dir(builtins))
-    assert {node.id for node in named} <= bound
+def test_an_example_imports_what_it_uses():
+    for name in _public():
+        examples = doctest.DocTestParser().get_examples(inspect.getdoc(_public()[name]) or "")
+        nodes = [node for example in examples for node in ast.walk(ast.parse(example.source))]
+        named = [node for node in nodes if isinstance(node, ast.Name)]
+        imported = [alias for node in nodes if isinstance(node, ast.Import | ast.ImportFrom) for alias in node.names]
+        bound = {alias.asname or alias.name.partition(".")[0] for alias in imported}
+        bound |= {node.id for node in named if isinstance(node.ctx, ast.Store)} | set(dir(builtins))
+        assert {node.id for node in named} <= bound
 
 
-@pytest.mark.parametrize("name", _public())
-def test_an_example_fits_its_page_without_scrolling(name):
-    whole = _public()[name]
-    members = [part for key, part in vars(whole).items() if key[0] != "_"] if inspect.isclass(whole) else []
-    texts = [inspect.getdoc(part) or "" for part in (whole, *members)]
-    examples = [example for text in texts for example in doctest.DocTestParser().get_examples(text)]
-    code = [f">>> {line}" for example in examples for line in example.source.splitlines()]
-    printed = [line for example in examples for line in example.want.splitlines()]
-    assert not [line for line in (*code, *printed) if len(line) > 84]
+def test_an_example_fits_its_page_without_scrolling():
+    for name in _public():
+        whole = _public()[name]
+        members = [part for key, part in vars(whole).items() if key[0] != "_"] if inspect.isclass(whole) else []
+        texts = [inspect.getdoc(part) or "" for part in (whole, *members)]
+        examples = [example for text in texts for example in doctest.DocTestParser().get_examples(text)]
+        code = [f">>> {line}" for example in examples for line in example.source.splitlines()]
+        printed = [line for example in examples for line in example.want.splitlines()]
+        assert not [line for line in (*code, *printed) if len(line) > 84]
 
 
 @pytest.fixture(scope="module")
@@ -201,36 +201,36 @@ def _listed(text: str) -> list[str]:
     return re.findall(r"^ *[*]*\w[\w*, ]*(?= :|$)", inspect.cleandoc(text), re.MULTILINE)
 
 
-@pytest.mark.parametrize("name", [name for name, value in _public().items() if inspect.isfunction(value)])
-def test_a_function_says_what_it_takes_and_returns(name):
-    function = _public()[name]
-    text = inspect.getdoc(function) or ""
-    assert not _undescribed(function, text)
-    assert inspect.signature(function).return_annotation == "None" or re.search(r"^(Returns|Yields)\n-", text, re.M)
+def test_a_function_says_what_it_takes_and_returns():
+    for name in [name for name, value in _public().items() if inspect.isfunction(value)]:
+        function = _public()[name]
+        text = inspect.getdoc(function) or ""
+        assert not _undescribed(function, text)
+        assert inspect.signature(function).return_annotation == "None" or re.search(r"^(Returns|Yields)\n-", text, re.M)
 
 
-@pytest.mark.parametrize("name", [name for name, value in _public().items() if inspect.isclass(value)])
-def test_a_class_says_what_it_is_made_from(name):
-    made = _public()[name]
-    if issubclass(made, Enum | Exception | type(epp.blocks)) or getattr(made, "__init__", None) is object.__init__:
-        return
-    fields = {p for p in inspect.signature(made).parameters if not p.startswith("_")}
-    listed = re.search(r"^(Parameters|Attributes)\n-", inspect.getdoc(made) or "", re.M)
-    assert listed or not fields
-    for maker in ("from_tf", "from_blocks", "from_control", "from_csv", "build"):
-        method = getattr(made, maker, None)
-        assert method is None or not _undescribed(method, method.__doc__, made.__doc__)
+def test_a_class_says_what_it_is_made_from():
+    for name in [name for name, value in _public().items() if inspect.isclass(value)]:
+        made = _public()[name]
+        if issubclass(made, Enum | Exception | type(epp.blocks)) or getattr(made, "__init__", None) is object.__init__:
+            continue
+        fields = {p for p in inspect.signature(made).parameters if not p.startswith("_")}
+        listed = re.search(r"^(Parameters|Attributes)\n-", inspect.getdoc(made) or "", re.M)
+        assert listed or not fields
+        for maker in ("from_tf", "from_blocks", "from_control", "from_csv", "build"):
+            method = getattr(made, maker, None)
+            assert method is None or not _undescribed(method, method.__doc__, made.__doc__)
 
 
-@pytest.mark.parametrize("name", [name for name, value in _public().items() if inspect.isclass(value)])
-def test_every_field_of_a_class_says_what_it_is(name):
-    read = pytest.importorskip("numpydoc.docscrape").NumpyDocString(inspect.getdoc(_public()[name]) or "")
-    fields = [field for section in ("Parameters", "Attributes") for field in read[section]]
-    assert not [field.name for field in fields if not "".join(field.desc).strip()]
+def test_every_field_of_a_class_says_what_it_is():
+    for name in [name for name, value in _public().items() if inspect.isclass(value)]:
+        read = pytest.importorskip("numpydoc.docscrape").NumpyDocString(inspect.getdoc(_public()[name]) or "")
+        fields = [field for section in ("Parameters", "Attributes") for field in read[section]]
+        assert not [field.name for field in fields if not "".join(field.desc).strip()]
 
 
-@pytest.mark.parametrize("name", [name for name, value in _public().items() if inspect.isclass(value)])
-def test_no_field_shows_the_docstring_of_a_type(name):
-    made = _public()[name]
-    own = vars(made) if not issubclass(made, Enum) else {}
-    assert not [field for field, value in own.items() if not field.startswith("_") and inspect.isclass(value)]
+def test_no_field_shows_the_docstring_of_a_type():
+    for name in [name for name, value in _public().items() if inspect.isclass(value)]:
+        made = _public()[name]
+        own = vars(made) if not issubclass(made, Enum) else {}
+        assert not [field for field, value in own.items() if not field.startswith("_") and inspect.isclass(value)]

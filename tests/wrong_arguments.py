@@ -24,7 +24,6 @@ import numpy as np
 import eppanalysis as epp
 from eppanalysis.methods.bounds.result import BoundCell
 from eppanalysis.models.elements import ELEMENTS
-from eppanalysis.models.systems.linear import StateSpace
 from tests.made_bounds import bounds_of
 
 HUGE = 10**400
@@ -35,7 +34,7 @@ WRONG: tuple[Any, ...] = (
     (), (1, 2), ("a", "b"), {}, {"a": 1}, {1: 2}, {"x": "y"}, {"x": None}, {"x": [1, 2]}, set(), object(), object, len,
     np.array(1.0),
     np.array([]), np.array([np.nan]), np.zeros((2, 3, 4)), np.array(["a"]), np.eye(2), Path("nowhere") / "nothing",
-    epp.Status.CONVERGED, StateSpace, StateSpace.__init__, range(3), iter(()),
+    epp.Status.CONVERGED, epp.StateSpace, epp.StateSpace.__init__, range(3), iter(()),
 )  # fmt: skip
 
 

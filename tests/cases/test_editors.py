@@ -32,9 +32,9 @@ def read(name: str) -> dict:
     return tomllib.loads((shipped_cases_folder() / f"{name}.toml").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_every_shipped_case_is_valid(validator, path):
-    validator.validate(tomllib.loads(path.read_text(encoding="utf-8")))
+def test_every_shipped_case_is_valid(validator):
+    for path in FILES:
+        validator.validate(tomllib.loads(path.read_text(encoding="utf-8")))
 
 
 def test_the_shipped_cases_are_of_all_kinds_and_some_inherit():

@@ -262,8 +262,10 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize("wrong", WRONG)
-@pytest.mark.parametrize("place", NUMBERS)
+#: Two for each place, each of them at two places or more.
+@pytest.mark.parametrize(
+    ("place", "wrong"), [(place, WRONG[(i + k) % len(WRONG)]) for i, place in enumerate(NUMBERS) for k in (0, 5)]
+)
 def test_a_wrong_number_anywhere_is_told_in_sentences(tmp_path: Path, place: str, wrong: str) -> None:
     path = tmp_path / "drawn.toml"
     path.write_text(DIAGRAM.format(**NUMBERS | {place: wrong}))

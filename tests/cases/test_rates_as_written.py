@@ -8,7 +8,6 @@ from dataclasses import replace
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.shown import for_people
 
 TABLES = {
@@ -38,7 +37,7 @@ def case() -> epp.Case:
 
 
 @pytest.fixture(scope="module")
-def branch(case: epp.Case) -> Branch:
+def branch(case: epp.Case) -> epp.Branch:
     return epp.continue_branch(case, "corner", "30 rad/s", "33 rad/s", max_step=0.5, n_others=0)
 
 
@@ -61,7 +60,7 @@ def test_hertz_are_no_angular_velocity_and_one_over_a_time_may_be_one(case: epp.
     assert epp.Case.from_tables(TABLES | {"blocks": wanted}).to_system().A.shape == (3, 3)
 
 
-def test_a_branch_reads_in_the_unit_of_its_parameter(branch: Branch) -> None:
+def test_a_branch_reads_in_the_unit_of_its_parameter(branch: epp.Branch) -> None:
     assert str(branch).startswith("Limit cycles exist for corner from 30 rad/s to 33 rad/s")
     assert "corner [rad/s]" in for_people(branch.in_brief()).columns
     axes = branch.plot().figure.axes

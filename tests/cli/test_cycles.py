@@ -17,7 +17,6 @@ import eppanalysis as epp
 from eppanalysis.cli.commands import app
 from eppanalysis.errors import EppError
 from eppanalysis.methods.search.picture import plot_cycles
-from eppanalysis.methods.search.trigger import Trigger
 from tests.shared import cycles_of, said_above
 
 
@@ -64,9 +63,9 @@ def test_a_branch_that_covers_a_part_says_which_and_why() -> None:
 
 def test_cycles_and_triggers_are_in_units_that_people_read(monkeypatch: pytest.MonkeyPatch) -> None:
     hits = (
-        Trigger("harness_position", -0.00024566037, -0.000245660366, -0.000245660378, 1.0, unit="m"),
-        Trigger("theta", 0.01, 0.009999999, 0.01, 1.0, unit="rad"),
-        Trigger("theta_dot", math.nan, 0.0, math.nan, 2.0, unit="rad/s"),
+        epp.Trigger("harness_position", -0.00024566037, -0.000245660366, -0.000245660378, 1.0, unit="m"),
+        epp.Trigger("theta", 0.01, 0.009999999, 0.01, 1.0, unit="rad"),
+        epp.Trigger("theta_dot", math.nan, 0.0, math.nan, 2.0, unit="rad/s"),
     )
     monkeypatch.setattr("eppanalysis.methods.search.trigger.trigger", lambda *_, **__: hits)
     output = run("cycles", "fig8a_original", "--trigger").stdout
@@ -79,6 +78,7 @@ def test_cycles_and_triggers_are_in_units_that_people_read(monkeypatch: pytest.M
     ]
 
 
+@pytest.mark.slow
 def test_a_branch_of_one_orbit_is_one_orbit() -> None:
     ends = ("--over", "lock_pin.backlash", "--from", "1 deg", "--to", "2 deg")
     assert "\n1 orbit over" in run("branch", "fig8a_original", *ends, "--points", "1").stdout

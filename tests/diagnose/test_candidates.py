@@ -52,6 +52,7 @@ def test_gains_take_the_place_of_elements_as_in_margins():
     assert np.sort_complex(np.linalg.eigvals(terms[0][1])) == pytest.approx(np.sort_complex(roots), abs=1e-10)
 
 
+@pytest.mark.slow
 def test_an_element_alone_is_in_the_loop_that_one_writes_by_hand():
     loop = epp.LureSystem.from_blocks(
         [epp.Saturation(-5.0, 5.0), ([5.0], [1.0, 1.0, 0.0]), epp.Play(2.0)], element_names=["limit", "gear"]

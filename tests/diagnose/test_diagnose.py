@@ -43,7 +43,7 @@ def said(given: dict[str, np.ndarray], model_error: float = 0.02) -> epp.Diagnos
     return explained(*servo(), record, oscillation_of(record), model_error)
 
 
-@pytest.mark.parametrize("mechanism", ["saturation", "rate limit"])
+@pytest.mark.parametrize("mechanism", ["saturation", pytest.param("rate limit", marks=pytest.mark.slow)])
 def test_the_limit_that_made_a_record_is_named(mechanism):
     found, size = diagnosed(mechanism, 0)
     assert judged(mechanism, found, size) == ("right", True), str(found)
@@ -60,7 +60,7 @@ def test_the_element_that_made_a_record_is_named(mechanism):
 @pytest.mark.parametrize(
     ("mechanism", "label", "recorded", "verdict"),
     [
-        ("saturation", "amplifier", "flow", "cannot be told"),
+        pytest.param("saturation", "amplifier", "flow", "cannot be told", marks=pytest.mark.slow),
         ("saturation", "drive_in", "command", "cannot be told"),
         ("rate limit", "drive", "flow", "unexplained"),
         pytest.param("linear instability", "angle", "angle", "named", marks=pytest.mark.slow),
@@ -91,6 +91,7 @@ def test_two_elements_that_explain_a_record_alike_cannot_be_told(mechanism):
     assert "Cannot be told: " in str(found)
 
 
+@pytest.mark.slow
 def test_an_interval_narrows_with_a_better_model():
     found = [said(played(0.4), error) for error in (0.05, 0.02, 0.005)]
     for one, error in zip(found, (0.05, 0.02, 0.005), strict=True):
@@ -100,6 +101,7 @@ def test_an_interval_narrows_with_a_better_model():
     assert [one.names for one in found] == [("play",)] * 3
 
 
+@pytest.mark.slow
 def test_a_loop_that_runs_ten_times_as_fast_is_told_the_same():
     slow = said(played())
     fast = epp.diagnose(

@@ -13,9 +13,7 @@ from scipy.integrate import solve_ivp
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.simulation.simulate import run_hybrid
-from eppanalysis.models.elements import Nonlinearity
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.inputs import Step
 from eppanalysis.models.systems.signals import SignalMap
 
 JUMPY = [
@@ -73,7 +71,7 @@ def test_a_saturated_loop_against_the_method_of_steps():
 
 
 @pytest.mark.parametrize("element", JUMPY, ids=lambda e: type(e).__name__)
-def test_the_step_does_not_matter(element: Nonlinearity):
+def test_the_step_does_not_matter(element: epp.Nonlinearity):
     loop = epp.LureSystem.from_tf(([3.0], [1.0, 1.5, 0.5, 0.0]), element, delay=0.7)
     hybrid = replace(HybridSystem.from_lure(loop, {}), x0=np.array([0.1, -0.2, 0.5]))
     times = np.linspace(0.0, 30.0, 61)
@@ -83,7 +81,7 @@ def test_the_step_does_not_matter(element: Nonlinearity):
 
 
 @pytest.mark.parametrize("element", [JUMPY[0], JUMPY[2]], ids=lambda e: type(e).__name__)
-def test_switches_of_long_ago_cost_nothing(element: Nonlinearity):
+def test_switches_of_long_ago_cost_nothing(element: epp.Nonlinearity):
     """Each switch comes back after every dead time, ever more faintly; what has become rounding is no border."""
     loop = epp.LureSystem.from_tf(([1.2], [1.0, 1.5, 0.5, 0.0]), element, delay=0.7)
     hybrid = replace(HybridSystem.from_lure(loop, {}), x0=np.array([0.1, -0.2, 0.9]))
@@ -100,7 +98,7 @@ def test_a_step_of_the_input_is_felt_after_the_dead_time(moved):
         signals=SignalMap(("x",), np.eye(1), np.zeros((1, 1)), np.zeros((1, 1)), np.zeros(1)),
     )  # fmt: skip
     times = np.linspace(0.0, 2.0, 41)
-    run = epp.simulate(loop, {"v": Step(2.0 - moved, 0.0)}, t_end=2.0, t_eval=times)
+    run = epp.simulate(loop, {"v": epp.inputs.Step(2.0 - moved, 0.0)}, t_end=2.0, t_eval=times)
     before = moved * (1.0 - np.exp(-np.minimum(times, 0.5)))
     after = np.maximum(times - 0.5, 0.0)
     expected = before * np.exp(-after) + 0.5 * (1.0 - np.exp(-after))

@@ -10,24 +10,23 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.results import Status
 
 
-def growing(delay: float = 2.0) -> LureSystem:
+def growing(delay: float = 2.0) -> epp.LureSystem:
     """A dead zone round 2 exp(-s delay)/(s + 1): far out the gain is 2, so it grows, with all switches at -1 and 1."""
-    loop = LureSystem.from_tf(([2.0], [1.0, 1.0]), epp.DeadZone(-1.0, 1.0))
+    loop = epp.LureSystem.from_tf(([2.0], [1.0, 1.0]), epp.DeadZone(-1.0, 1.0))
     return replace(loop, delays=np.array([delay]), x0=np.array([9.0]))
 
 
 GROW = {
-    "play, wrong zero": (LureSystem.from_tf(([-5.45, 95.9], [1.0, 0.92, 0.0]), epp.Play(0.3)), 30.0),
+    "play, wrong zero": (epp.LureSystem.from_tf(([-5.45, 95.9], [1.0, 0.92, 0.0]), epp.Play(0.3)), 30.0),
     "unstable pole": (
-        replace(LureSystem.from_tf(([2.0], [1.0, -0.5]), epp.Saturation(-1.0, 1.0)), x0=np.array([5.0])),
+        replace(epp.LureSystem.from_tf(([2.0], [1.0, -0.5]), epp.Saturation(-1.0, 1.0)), x0=np.array([5.0])),
         60.0,
     ),
     "unstable pair": (
-        replace(LureSystem.from_tf(([1.0], [1.0, -0.2, 1.0]), epp.Saturation(-1.0, 1.0)), x0=np.array([5.0, 0.0])),
+        replace(epp.LureSystem.from_tf(([1.0], [1.0, -0.2, 1.0]), epp.Saturation(-1.0, 1.0)), x0=np.array([5.0, 0.0])),
         250.0,
     ),
     "dead time": (growing(), 300.0),
@@ -52,11 +51,11 @@ def test_growth_on_its_way_through_a_dead_time_is_no_cycle(t_end: float) -> None
 
 
 def test_a_ramp_and_a_long_way_to_a_far_cycle_do_not_diverge() -> None:
-    ramp = LureSystem.from_tf(([1.0], [1.0, 0.0]), epp.Relay(1.0, 2.0))
+    ramp = epp.LureSystem.from_tf(([1.0], [1.0, 0.0]), epp.Relay(1.0, 2.0))
     assert epp.simulate(ramp, t_end=1e5, t_eval=[1e5]).status is Status.UNDECIDED
     # Steep up to 1e5, flat beyond: it grows over five decades to a cycle.
     far = epp.PiecewiseLinear([-1e5, 1e5], [0.0, 3.0, 0.0], [-3e5, 0.0, 3e5])
-    loop = replace(LureSystem.from_tf(([3.0], [1.0, 2.0, 1.0, 0.0]), far), x0=np.array([1e-3, 0.0, 0.0]))
+    loop = replace(epp.LureSystem.from_tf(([3.0], [1.0, 2.0, 1.0, 0.0]), far), x0=np.array([1e-3, 0.0, 0.0]))
     assert {epp.simulate(loop, t_end=t, t_eval=[t]).status for t in (10.0, 20.0, 40.0, 300.0)} <= {
         Status.UNDECIDED,
         Status.LIMIT_CYCLE,

@@ -9,32 +9,19 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.models.elements import (
-    Friction,
-    HysteresisRelay,
-    HysteresisRelayDeadZone,
-    JumpAndFollow,
-    LockPin,
-    Nonlinearity,
-    Play,
-    Quantiser,
-    Saturation,
-    StictionPulley,
-)
-from eppanalysis.models.systems.inputs import Ramp, Recorded, Step, Steps
 from tests.random_loops import random_element
 from tests.reference.stepwise import cascade_order, outputs, run_stepwise
 
 HOLDS = {
-    "play": Play(0.5),
-    "jump_and_follow": JumpAndFollow(1.0, 0.4),
-    "jump_beyond_the_band": JumpAndFollow(0.4, 1.0),
-    "stiction_pulley": StictionPulley(5.0, 20.0, 0.3, 0.6),
+    "play": epp.Play(0.5),
+    "jump_and_follow": epp.JumpAndFollow(1.0, 0.4),
+    "jump_beyond_the_band": epp.JumpAndFollow(0.4, 1.0),
+    "stiction_pulley": epp.StictionPulley(5.0, 20.0, 0.3, 0.6),
 }
 PATH = [1.0, -1.0, 0.9, 0.8, 0.15, -0.93, -0.8, 0.1, 0.3, 2.0, 1.9, 0.5, 0.5, -0.6]
 
 
-def static(elements: list[Nonlinearity], D: Any, D_input: Any, memory: list[Any], **more: Any) -> epp.LureSystem:
+def static(elements: list[epp.Nonlinearity], D: Any, D_input: Any, memory: list[Any], **more: Any) -> epp.LureSystem:
     """Elements in a cascade between external inputs and nothing."""
     inputs = [f"v{i}" for i in range(np.shape(D_input)[1])]
     nz, nw = np.shape(D)
@@ -44,11 +31,11 @@ def static(elements: list[Nonlinearity], D: Any, D_input: Any, memory: list[Any]
     )  # fmt: skip
 
 
-def first_memory(element: Nonlinearity, rng: np.random.Generator) -> Any:
+def first_memory(element: epp.Nonlinearity, rng: np.random.Generator) -> Any:
     """A number to begin with, where an element has a memory."""
-    if isinstance(element, Play | JumpAndFollow):
+    if isinstance(element, epp.Play | epp.JumpAndFollow):
         return float(rng.normal())
-    if isinstance(element, StictionPulley):
+    if isinstance(element, epp.StictionPulley):
         return float(rng.uniform(0.0, 0.5))
     return None
 
@@ -76,7 +63,7 @@ def test_what_holds_stays_put_until_its_input_has_crossed_the_gap(kind: str) -> 
     path = np.array(PATH) + 1.5 * (kind == "stiction_pulley")
     system = static([element], np.zeros((1, element.n_outputs)), [[1.0]], [0.2])
     times = np.arange(path.size)
-    run = epp.simulate(system, Steps(times, path), path.size, times + 0.5)
+    run = epp.simulate(system, epp.inputs.Steps(times, path), path.size, times + 0.5)
     got = np.array([v for k, v in run.signals.items() if "output" in k]).T
     memory, expected = 0.2, []
     for value in path:
@@ -88,8 +75,8 @@ def test_what_holds_stays_put_until_its_input_has_crossed_the_gap(kind: str) -> 
 @pytest.mark.parametrize("time_step", [None, 1.0])
 def test_play_by_hand(time_step: float | None) -> None:
     more = {"time_step": time_step} if time_step else {}
-    system = static([Play(0.5)], [[0.0]], [[1.0]], [0.0], **more)
-    run = epp.simulate(system, Steps([0.0, 1.0, 2.0, 3.0], [1.0, -1.0, 0.9, 0.8]), 3.0, [0.0, 1.0, 2.0, 3.0])
+    system = static([epp.Play(0.5)], [[0.0]], [[1.0]], [0.0], **more)
+    run = epp.simulate(system, epp.inputs.Steps([0.0, 1.0, 2.0, 3.0], [1.0, -1.0, 0.9, 0.8]), 3.0, [0.0, 1.0, 2.0, 3.0])
     held = run.signals["play_output"] if time_step else run.signals["play_output"][1:]
     np.testing.assert_allclose(held, [0.75, -0.75, 0.65, 0.65] if time_step else [-0.75, 0.65, 0.65], atol=1e-15)
 
@@ -99,7 +86,7 @@ def test_random_cascades_take_steps_as_their_maps_do() -> None:
     for seed in range(120):
         system, path = random_cascade(seed)
         times = np.arange(len(path))
-        input_signals = {f"v{i}": Steps(times, path[:, i]) for i in range(2)}
+        input_signals = {f"v{i}": epp.inputs.Steps(times, path[:, i]) for i in range(2)}
         run = epp.simulate(system, input_signals, float(len(path)), times + 0.5)
         memory, order, expected = list(system.memory), cascade_order(system), []
         for v in path:
@@ -109,16 +96,18 @@ def test_random_cascades_take_steps_as_their_maps_do() -> None:
         np.testing.assert_allclose(got, expected, atol=1e-9, err_msg=f"seed {seed}: {system.elements}")
 
 
-def closed(front: Nonlinearity, holds: Nonlinearity, element_names: tuple[str, str] = ("front", "holds")) -> Any:
+def closed(
+    front: epp.Nonlinearity, holds: epp.Nonlinearity, element_names: tuple[str, str] = ("front", "holds")
+) -> Any:
     """An element that jumps, straight in front of one that holds, round 4/(s (s + 1)^2)."""
     return epp.LureSystem.from_blocks([front, holds, ([4.0], [1.0, 2.0, 1.0, 0.0])], element_names=element_names)
 
 
 FRONTS = {
-    "relay": HysteresisRelay(-0.3, 0.4, -0.9, 1.0),
-    "relay_dead_zone": HysteresisRelayDeadZone(0.7, 0.3, 1.2),
-    "quantiser": Quantiser(0.45, 9),
-    "stiction": JumpAndFollow(0.9, 0.5),
+    "relay": epp.HysteresisRelay(-0.3, 0.4, -0.9, 1.0),
+    "relay_dead_zone": epp.HysteresisRelayDeadZone(0.7, 0.3, 1.2),
+    "quantiser": epp.Quantiser(0.45, 9),
+    "stiction": epp.JumpAndFollow(0.9, 0.5),
 }
 
 
@@ -139,9 +128,9 @@ def test_cascades_in_a_loop_agree_with_their_maps_step_by_step(front: str, behin
 def test_relay_before_a_gap_is_a_relay_of_what_the_gap_leaves(gap: float) -> None:
     """A relay of levels 1 drives play of width b between 1 - b/2 and -(1 - b/2)."""
     level = 1.0 - gap / 2.0
-    both = closed(HysteresisRelay(-0.3, 0.3), Play(gap))
+    both = closed(epp.HysteresisRelay(-0.3, 0.3), epp.Play(gap))
     plant = ([4.0], [1.0, 2.0, 1.0, 0.0])
-    alone = epp.LureSystem.from_blocks([HysteresisRelay(-0.3, 0.3, -level, level), plant])
+    alone = epp.LureSystem.from_blocks([epp.HysteresisRelay(-0.3, 0.3, -level, level), plant])
     (cycle,), (known,) = epp.find_limit_cycles(both), epp.find_limit_cycles(alone)
     assert cycle.period == pytest.approx(known.period, rel=1e-12)
     assert cycle.stable
@@ -153,18 +142,23 @@ def test_relay_before_a_gap_is_a_relay_of_what_the_gap_leaves(gap: float) -> Non
 
 def test_what_overshoots_on_the_way_is_no_motion() -> None:
     """A step through a limiter straight into play: the play sees the limit, and stays there as the step goes back."""
-    system = static([Saturation(-1.0, 1.0), Play(0.4)], [[0.0, 0.0], [1.0, 0.0]], [[1.0], [0.0]], [None, 0.0])
-    run = epp.simulate(system, Steps([0.0, 1.0, 2.0], [0.0, 50.0, 0.95]), 3.0, [0.5, 1.5, 2.5])
+    system = static([epp.Saturation(-1.0, 1.0), epp.Play(0.4)], [[0.0, 0.0], [1.0, 0.0]], [[1.0], [0.0]], [None, 0.0])
+    run = epp.simulate(system, epp.inputs.Steps([0.0, 1.0, 2.0], [0.0, 50.0, 0.95]), 3.0, [0.5, 1.5, 2.5])
     np.testing.assert_allclose(run.signals["play_output"], [0.0, 0.8, 0.8], atol=1e-12)
 
 
 def test_jump_and_bend_at_once_on_a_moving_input() -> None:
     """A ramp carries play up, and a step goes back within the gap: it stays until the ramp has made that up."""
-    system = static([Play(1.0)], [[0.0]], [[1.0, 1.0]], [0.0])
-    run = epp.simulate(system, {"v0": Ramp(1.0), "v1": Step(-0.6, 2.0)}, 4.0, [1.9, 2.1, 2.5, 2.7, 4.0])
+    system = static([epp.Play(1.0)], [[0.0]], [[1.0, 1.0]], [0.0])
+    run = epp.simulate(
+        system, {"v0": epp.inputs.Ramp(1.0), "v1": epp.inputs.Step(-0.6, 2.0)}, 4.0, [1.9, 2.1, 2.5, 2.7, 4.0]
+    )
     np.testing.assert_allclose(run.signals["play_output"], [1.4, 1.5, 1.5, 1.6, 2.9], atol=1e-12)
     turned = epp.simulate(
-        system, {"v0": Recorded([0.0, 2.0, 4.0], [0.0, 2.0, 0.0]), "v1": Step(0.5, 2.0)}, 4.0, [1.9, 2.1, 2.9, 3.5]
+        system,
+        {"v0": epp.inputs.Recorded([0.0, 2.0, 4.0], [0.0, 2.0, 0.0]), "v1": epp.inputs.Step(0.5, 2.0)},
+        4.0,
+        [1.9, 2.1, 2.9, 3.5],
     )
     np.testing.assert_allclose(turned.signals["play_output"], [1.4, 2.0, 2.0, 1.5], atol=1e-12)
 
@@ -173,10 +167,10 @@ def test_jump_and_bend_at_once_on_a_moving_input() -> None:
 def test_what_sticks_is_thrown_off_when_its_surface_jumps(jump: float) -> None:
     """A mass on a belt that starts at once: friction takes it along evenly until it sticks again."""
     system = epp.LureSystem.build(
-        [[0.0]], [[-1.0]], [[1.0]], [Friction(0.5)], D_input=[[-1.0]], input_names=("belt",), state_names=("speed",),
-        element_names=("friction",),
+        [[0.0]], [[-1.0]], [[1.0]], [epp.Friction(0.5)], D_input=[[-1.0]], input_names=("belt",),
+        state_names=("speed",), element_names=("friction",),
     )  # fmt: skip
-    run = epp.simulate(system, Step(jump, 1.0), 4.0, np.linspace(0.0, 4.0, 41))
+    run = epp.simulate(system, epp.inputs.Step(jump, 1.0), 4.0, np.linspace(0.0, 4.0, 41))
     speed = run.signals["friction_input"] + np.where(run.t >= 1.0, jump, 0.0)
     expected = np.sign(jump) * np.clip(0.5 * (run.t - 1.0), 0.0, abs(jump))
     np.testing.assert_allclose(np.delete(speed, 10), np.delete(expected, 10), atol=1e-12)
@@ -184,8 +178,8 @@ def test_what_sticks_is_thrown_off_when_its_surface_jumps(jump: float) -> None:
 
 @pytest.mark.parametrize("model", ["unilateral", "classical"])
 def test_lock_pin_is_thrown_across_its_gap(model: str) -> None:
-    pin = LockPin(0.2, 10.0, 0.5, model)
+    pin = epp.LockPin(0.2, 10.0, 0.5, model)
     system = static([pin], np.zeros((2, 1)), [[1.0], [0.0]], [None])
     path = np.array([0.3, -0.4, 0.05, -0.15, 0.5])
-    run = epp.simulate(system, Steps(np.arange(5), path), 5.0, np.arange(5) + 0.5)
+    run = epp.simulate(system, epp.inputs.Steps(np.arange(5), path), 5.0, np.arange(5) + 0.5)
     np.testing.assert_allclose(run.signals["lock_pin_output"], [pin.output((v, 0.0))[0] for v in path], atol=1e-12)

@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.models.systems.inputs import Ramp
-from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.results import Status
 
 
-def relay_loop() -> LureSystem:
+def relay_loop() -> epp.LureSystem:
     """A relay around 1/(s (s + 1) (s + 2)), whose cycle attracts quickly."""
-    return LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    return epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
 
 
 def statistics(run: epp.Trajectory) -> dict[str, float]:
@@ -51,7 +49,7 @@ def test_events_of_repeated_periods_keep_their_rhythm() -> None:
 
 def test_a_slow_contraction_is_not_cut_short() -> None:
     """Where what is still to come exceeds rounding the run is computed: halving the time changes nothing early."""
-    loop = LureSystem.from_tf(([1.0], [1.0, 0.02, 1.0, 0.0]), epp.Saturation())
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 0.02, 1.0, 0.0]), epp.Saturation())
     run = epp.simulate(loop, t_end=60.0)
     assert statistics(run)["periods_repeated"] == 0
 
@@ -68,7 +66,7 @@ def test_the_end_of_a_repeated_run_is_that_of_one_computed(t_end: float) -> None
 def test_long_steps_do_not_pass_a_switch() -> None:
     """A slow ramp reaches the threshold of a relay after a thousand quiet seconds: at 1/rate + 1, to rounding."""
     rate = 1e-3
-    loop = LureSystem.build(
+    loop = epp.LureSystem.build(
         [[-1.0]],
         [[0.0]],
         [[1.0]],
@@ -76,13 +74,13 @@ def test_long_steps_do_not_pass_a_switch() -> None:
         B_input=[[1.0]],
         input_names=("pull",),
     )
-    run = epp.simulate(loop, Ramp(rate), t_end=1200.0, t_eval=[1200.0])
+    run = epp.simulate(loop, epp.inputs.Ramp(rate), t_end=1200.0, t_eval=[1200.0])
     assert run.events[0].time == pytest.approx(1.0 / rate + 1.0, rel=1e-13)
 
 
 def test_rest_is_passed_in_long_steps() -> None:
     """A loop at rest needs few steps, and ends where its linear part says."""
-    loop = LureSystem.from_tf(([0.5], [1.0, 2.0, 1.0]), epp.DeadZone(-10.0, 10.0))
+    loop = epp.LureSystem.from_tf(([0.5], [1.0, 2.0, 1.0]), epp.DeadZone(-10.0, 10.0))
     moved = replace(loop, x0=np.array([1.0, 1.0]))
     run = epp.simulate(moved, t_end=1e4, t_eval=[1e4])
     assert run.status is Status.SETTLED

@@ -11,19 +11,19 @@ import eppanalysis as epp
 from eppanalysis.engine import workspace
 from eppanalysis.engine.tables import make_combinations
 from eppanalysis.methods.simulation import simulate
-from eppanalysis.models.systems.inputs import Ramp, Sine
-from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.signals import SignalMap
 from eppanalysis.results import Status
 
 
-def block_on_friction(push: float, coulomb: float, static: float | None = None, x0: tuple = (0.0, 0.0)) -> LureSystem:
+def block_on_friction(
+    push: float, coulomb: float, static: float | None = None, x0: tuple = (0.0, 0.0)
+) -> epp.LureSystem:
     """A mass of one that `push` - t drives against friction: dv/dt = push - t - F."""
     A, B, C = [[0.0, 0.0], [0.0, 0.0]], [[-1.0], [0.0]], [[1.0, 0.0]]
     signals = SignalMap(
         ("v", "F"), np.array([[1.0, 0], [0, 0]]), np.array([[0.0], [1.0]]), np.zeros((2, 1)), np.zeros(2)
     )
-    return LureSystem.build(
+    return epp.LureSystem.build(
         A,
         B,
         C,
@@ -39,7 +39,7 @@ def block_on_friction(push: float, coulomb: float, static: float | None = None, 
 @pytest.mark.parametrize("excess", [1e-3, 1e-9, 1e-12, 3e-15, 1e-16, 0.0])
 def test_torque_barely_above_friction_ends(excess: float) -> None:
     """A drive that starts with its force barely above friction, and falling, moves for 2 * excess and stays."""
-    run = epp.simulate(block_on_friction(1.0 + excess, 1.0), Ramp(-1.0), t_end=0.5)
+    run = epp.simulate(block_on_friction(1.0 + excess, 1.0), epp.inputs.Ramp(-1.0), t_end=0.5)
     assert len(run.events) <= 4
     assert run.signals["v"][-1] == 0.0
     assert run.provenance.statistics["forced_leaves"] == 0
@@ -56,7 +56,7 @@ def test_sliding_block_stops_when_it_should() -> None:
 def test_two_crossings_inside_one_step_are_both_found() -> None:
     """An undamped oscillator's peak pokes through a threshold for far less than a step."""
     for depth in (1e-2, 1e-4, 1e-6, 1e-8):
-        loop = LureSystem.build(
+        loop = epp.LureSystem.build(
             [[0.0, 1.0], [-1.0, 0.0]],
             [[0.0], [0.0]],
             [[1.0, 0.0]],
@@ -72,7 +72,7 @@ def test_two_crossings_inside_one_step_are_both_found() -> None:
 
 def test_a_guard_that_is_only_touched_leaves_the_run_alone() -> None:
     """The same oscillator, touching: peak and threshold agree to rounding; a jump there must not be taken for good."""
-    loop = LureSystem.build(
+    loop = epp.LureSystem.build(
         [[0.0, 1.0], [-1.0, 0.0]], [[0.0], [0.0]], [[1.0, 0.0]], [epp.DeadZone(-2.0, 1.0 + 1e-12, 1.0)], x0=[0.0, 1.0]
     )
     run = epp.simulate(loop, t_end=40.0)
@@ -81,7 +81,7 @@ def test_a_guard_that_is_only_touched_leaves_the_run_alone() -> None:
 
 def test_start_beyond_a_sticking_level_moves_on() -> None:
     """A relay that would slide at zero starts far from it: the state must not be pulled onto the threshold."""
-    loop = LureSystem.build([[-1.0]], [[-1.0]], [[1.0]], [epp.Relay(-1.0, 1.0)], x0=[5.0])
+    loop = epp.LureSystem.build([[-1.0]], [[-1.0]], [[1.0]], [epp.Relay(-1.0, 1.0)], x0=[5.0])
     run = epp.simulate(loop, t_end=4.0, t_eval=[0.0, 1.0])
     assert run.signals["relay_input"][0] == 5.0
     assert run.signals["relay_input"][1] == pytest.approx(6.0 * math.exp(-1.0) - 1.0, rel=1e-14)
@@ -89,7 +89,7 @@ def test_start_beyond_a_sticking_level_moves_on() -> None:
 
 def test_sliding_mode_holds_the_threshold() -> None:
     """dx/dt = 0.5 - sgn(x): reaches zero and slides there with the equivalent output 0.5."""
-    loop = LureSystem.build([[0.0]], [[-1.0]], [[1.0]], [epp.Relay(-1.0, 1.0)], constant_state=[0.5], x0=[1.0])
+    loop = epp.LureSystem.build([[0.0]], [[-1.0]], [[1.0]], [epp.Relay(-1.0, 1.0)], constant_state=[0.5], x0=[1.0])
     run = epp.simulate(loop, t_end=6.0)
     late = run.t > 2.0 + 1e-9
     assert np.all(run.signals["relay_input"][late] == 0.0)
@@ -98,7 +98,7 @@ def test_sliding_mode_holds_the_threshold() -> None:
 
 def test_accumulating_switches_stop_the_run_and_say_so() -> None:
     """Two relays on a double integrator, on position and on speed: switches accumulate at the origin."""
-    zeno = LureSystem.build(
+    zeno = epp.LureSystem.build(
         [[0.0, 1.0], [0.0, 0.0]],
         [[0.0, 0.0], [-1.0, -0.5]],
         [[1.0, 0.0], [0.0, 1.0]],
@@ -124,10 +124,10 @@ def test_play_under_a_sine_switches_four_times_a_period_where_its_switches_fall_
     """Steps end at every peak, where it lets go, and at the instant of its first contact."""
     gap = 2.0 * math.sin(2.0 * math.pi * of_sixteen / 16)
     # The plant is the integral of the play's output, which nothing feeds back.
-    loop = LureSystem.build(
+    loop = epp.LureSystem.build(
         [[0.0]], [[1.0]], [[0.0]], [epp.Play(gap)], D_input=[[1.0]], input_names=("u",), B_input=[[0.0]]
     )
-    run = epp.simulate(loop, Sine(1.0, 1.0), 10.0, np.linspace(0.0, 10.0, 10 * parts + 1))
+    run = epp.simulate(loop, epp.inputs.Sine(1.0, 1.0), 10.0, np.linspace(0.0, 10.0, 10 * parts + 1))
     meets = 0.5 * math.asin(gap - 1.0) / math.pi  # after each peak the input comes back by the gap
     up = np.arange(11.0)
     times = np.sort([*(up + 0.25), *(up + 0.75), *(up + 0.5 + meets), *(up[1:] + meets), of_sixteen / 16])
@@ -141,7 +141,7 @@ def test_stribeck_friction_breaks_away_alike_in_both_directions(way: float) -> N
 
     def moved(sign: float) -> np.ndarray:
         A, B, C = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]], [[-1.0], [0.0], [0.0]], [[1.0, 0.0, 0.0]]
-        loop = LureSystem.build(
+        loop = epp.LureSystem.build(
             A,
             B,
             C,
@@ -149,7 +149,7 @@ def test_stribeck_friction_breaks_away_alike_in_both_directions(way: float) -> N
             B_input=[[1.0], [0.0], [0.0]],
             input_names=("push",),
         )
-        run = epp.simulate(loop, Ramp(sign * 1.0), t_end=2.0)
+        run = epp.simulate(loop, epp.inputs.Ramp(sign * 1.0), t_end=2.0)
         return run.signals["friction_input"]
 
     forward = moved(1.0)

@@ -15,7 +15,6 @@ import eppanalysis as epp
 from eppanalysis.engine._engine import parts
 from eppanalysis.engine.tables import aligned, padded
 from eppanalysis.engine.workspace import ORDER
-from eppanalysis.models.systems.inputs import Step
 from eppanalysis.results import Status
 from tests.stress.families import with_states
 
@@ -81,7 +80,7 @@ def test_what_rests_at_a_sample_before_it_moves_too_fast_for_the_clock_is_sample
     loop = epp.LureSystem.build(
         [[0.0]], [[-1.0]], [[1.0]], [epp.Cube(1e20)], input_names=["v"], B_input=[[0.0]], D_input=[[1.0]]
     )
-    run = epp.simulate(with_states(loop), {"v": Step(1.0, 5.0)}, t_end=10.0, t_eval=[0.0, 5.0, 10.0])
+    run = epp.simulate(with_states(loop), {"v": epp.inputs.Step(1.0, 5.0)}, t_end=10.0, t_eval=[0.0, 5.0, 10.0])
     # It goes to where x + v = 0.
     np.testing.assert_allclose(run.signals["x0"], [0.0, 0.0, -1.0], atol=1e-10)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from itertools import product
 
 import numpy as np
 import pytest
@@ -28,9 +29,7 @@ def judged(drift: float, growth: float, decay: float, turns: int, noise: float =
     return int(code), found
 
 
-@pytest.mark.parametrize("decay", [0.003, 0.03, 0.1, 0.2])
-@pytest.mark.parametrize("growth", [1.0, 1.05, 1.2])
-@pytest.mark.parametrize("drift", [1e-4, 1e-3, 3e-3])
+@pytest.mark.parametrize(("drift", "growth", "decay"), [*product([1e-4, 3e-3], [1.0, 1.2], [0.003, 0.1, 0.2])])
 def test_a_drift_beneath_a_fast_transient_is_no_cycle(drift: float, growth: float, decay: float) -> None:
     """What a long stretch changes falls steeply while a transient dies out in it; its parts drift on all the same."""
     behind = 3 + int(np.ceil(np.log(0.05 * drift) / np.log(decay)))  # the transient is gone from the last three turns

@@ -150,6 +150,7 @@ def test_other_units_of_what_is_allowed_give_the_same() -> None:
     assert math.degrees(found[0].rests_to) == pytest.approx(2.304, rel=2e-2)
 
 
+@pytest.mark.slow
 def test_a_step_is_told_where_all_cycles_are_too_large() -> None:
     """The elbow's only stable cycle has 4.39 deg: the step that starts it counts beside 4 deg, not beside 5 deg."""
     case = epp.case("fig8a_original")

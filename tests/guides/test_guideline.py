@@ -26,7 +26,7 @@ from eppanalysis.limits import cut
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch
 from eppanalysis.methods.bounds.harmonic import Question, look
 from eppanalysis.methods.bounds.regions import OwnRuns
-from eppanalysis.methods.bounds.result import BoundCell, DesignBounds
+from eppanalysis.methods.bounds.result import BoundCell
 from eppanalysis.methods.bounds.tolerances.bound import half_widths_of
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.tables.manual import Shade
@@ -206,6 +206,7 @@ def test_what_guidelines_are_of_is_to_be_said_where_it_is_not_usual() -> None:
         epp.design_guide(epp.case("fig8a_original"), ["2 lbf"], margins={"bands.range": 0.5})
 
 
+@pytest.mark.slow
 def test_the_end_of_a_known_branch_is_the_bound() -> None:
     """0.9785869 deg is what harmonic balance, corrected, leads to; the tests of both sides are made all the same."""
     case = epp.case("fig8a_original")
@@ -297,7 +298,7 @@ def test_bounds_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
         BoundCell(3 * LBF, "none", message="No limit cycle exists anywhere in the range."),
     )  # fmt: skip
 
-    def fake(case: epp.Case, over: str, limit: str, **_: object) -> DesignBounds:
+    def fake(case: epp.Case, over: str, limit: str, **_: object) -> epp.DesignBounds:
         return bounds_of(case, over, limit, *cells)
 
     monkeypatch.setattr("eppanalysis.methods.bounds.design.design_bounds", fake)
@@ -400,6 +401,7 @@ def test_the_picture_of_several_variants_has_the_grid_and_what_is_known_of_it() 
     assert legends == ["exact and tested", "exact, not tested"]
 
 
+@pytest.mark.slow
 def test_a_question_without_a_bound_gets_a_sentence_and_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("eppanalysis.methods.bounds.harmonic.look", partial(look, n_scan=2))
     asked = ["--set", "loop.gain=1", "--over", "loop.gain", "--from", "0.8", "--limit", "play.gap", "--points", "1"]
@@ -439,6 +441,7 @@ def test_a_row_without_a_bound_under_tolerances_says_so(monkeypatch: pytest.Monk
     assert row.to_dict()["missing"] == row.missing
 
 
+@pytest.mark.slow
 def test_under_tolerances_the_verdict_has_the_worst_case_and_no_bar_is_full_before_the_end() -> None:
     """The cycles of a relay scale with its level, so that a level off by a tenth moves the bound by a tenth."""
     told: list[tuple[int, int | None, str]] = []

@@ -19,7 +19,7 @@ from eppanalysis.cli.commands import app
 from eppanalysis.errors import EppError
 from eppanalysis.guides.result import Guide, GuideRow
 from eppanalysis.limits import drawing_step, to_step
-from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding
+from eppanalysis.methods.bounds.result import BoundCell, Finding
 from eppanalysis.methods.bounds.tolerances.result import Quantile
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.tables.manual import MANUALS
@@ -36,7 +36,7 @@ def cell(gain: float, bound: float, **more) -> BoundCell:
 
 
 @pytest.fixture
-def bounds() -> DesignBounds:
+def bounds() -> epp.DesignBounds:
     none = BoundCell(4.0 * LBF, Finding.NONE)
     cells = (cell(2.5, 0.98), cell(3.0, 1.1677, verified=False), none)
     return bounds_of(epp.case("fig8a_original"), "bands.range", "lock_pin.backlash", *cells)

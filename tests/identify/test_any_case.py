@@ -116,6 +116,7 @@ def test_the_integrators_agree():
     assert run.signals["motor_angle"] == pytest.approx(truth()[:, 0], abs=2e-6)
 
 
+@pytest.mark.slow
 def test_a_drive_is_found_from_its_recorded_current_and_angle(found):
     fit = found.fits[0]
     assert fit.status is Status.CONVERGED
@@ -133,6 +134,7 @@ def test_the_result_is_a_case_for_all_that_takes_one(found, tmp_path):
     assert again.with_values({"J_load": "25 g*m^2"}).value("J_load") == pytest.approx(0.025)
 
 
+@pytest.mark.slow
 def test_a_model_that_is_wrong_elsewhere_is_said_and_what_would_mend_it(tmp_path, few_draws):
     """The motor is damped threefold in the case: its fit leaves little more than noise, but is no fit."""
     text = DRIVE.replace('damping = "0.01 N*m*s/rad"', 'damping = "0.03 N*m*s/rad"')

@@ -28,7 +28,6 @@ from eppanalysis.methods.design.goal import Sense
 from eppanalysis.methods.design.result import Optimum
 from eppanalysis.methods.dither.runs import DitherRun, Start
 from eppanalysis.methods.search.basin import Basin
-from eppanalysis.methods.search.trigger import Trigger
 from eppanalysis.methods.simulation.batch import BatchResult
 from eppanalysis.plotting import SMALL, WIDTH
 from eppanalysis.readable import number, readable
@@ -64,7 +63,7 @@ def examples() -> dict[type, Result]:
         trajectory(),
         prediction(),
         cycles_of("relay_deadzone"),
-        Trigger("theta", 0.01, 0.00999, 0.01001, 0.02, unit="rad"),
+        epp.Trigger("theta", 0.01, 0.00999, 0.01001, 0.02, unit="rad"),
         Basin(np.array([[0.0, 1.0], [1.0, 1.0], [2.0, 3.0]]), np.array([-1, 0, 0])),
         epp.ladder(epp.case("relay_ideal_khalil79")),
         wheelchair_branch(),
@@ -214,17 +213,18 @@ def test_table_is_a_frame_whose_units_are_of_its_columns(result):
     assert str(epp.table(result)).strip()
 
 
-def test_picture_comes_back_as_axes_given_or_its_own(result):
+def test_picture_comes_back_as_axes_given_or_its_own_and_is_read_at_8_cm(result):
     given = Figure().add_subplot()
     assert result.plot(given) is given
     assert given.lines or given.patches or given.collections
     assert not given.figure.legends  # which others that are drawn beside it have, too
     own = result.plot()
     assert isinstance(own, Axes) and own is own.figure.axes[0] and own is not given
+    assert_readable(own.figure)
 
 
-def test_every_picture_is_read_at_8_cm_and_nothing_of_it_is_cut_off_or_covered(result):
-    figure = result.plot().figure
+def assert_readable(figure: Figure) -> None:
+    """It is read at 8 cm, and nothing of it is cut off or covered."""
     figure.draw_without_rendering()
     assert figure.get_figwidth() == WIDTH and SMALL * 8.0 / 2.54 >= 6.0 * WIDTH
     assert all(text.get_fontsize() >= SMALL for text in figure.findobj(Text) if text.get_text() and text.get_visible())

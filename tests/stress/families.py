@@ -14,27 +14,7 @@ import numpy as np
 import scipy.linalg
 import scipy.signal
 
-from eppanalysis.models.elements import (
-    Cube,
-    DeadZone,
-    DeadZoneSaturation,
-    FiveBandLaw,
-    Friction,
-    HysteresisRelay,
-    HysteresisRelayDeadZone,
-    JumpAndFollow,
-    Nonlinearity,
-    Play,
-    Preload,
-    Quantiser,
-    Relay,
-    RelayDeadZone,
-    Saturation,
-    Sine,
-    Tanh,
-)
-from eppanalysis.models.systems.inputs import Step
-from eppanalysis.models.systems.lure import LureSystem
+import eppanalysis as epp
 from eppanalysis.models.systems.signals import SignalMap
 
 Rng = np.random.Generator
@@ -45,9 +25,9 @@ Fraction = tuple[np.ndarray, np.ndarray]
 class Problem:
     """A loop, the steps of its input, and how long it is worth running [s]."""
 
-    system: LureSystem
+    system: epp.LureSystem
     t_end: float
-    steps: Mapping[str, Step] = field(default_factory=dict)
+    steps: Mapping[str, epp.inputs.Step] = field(default_factory=dict)
 
 
 def _poles(rng: Rng, count: int, integrators: int = 0, resonant: bool = False, unstable: bool = False) -> np.ndarray:
@@ -86,7 +66,7 @@ def _size(rng: Rng, low: float = 0.2, high: float = 1.5) -> float:
     return float(rng.uniform(low, high))
 
 
-def with_states(system: LureSystem) -> LureSystem:
+def with_states(system: epp.LureSystem) -> epp.LureSystem:
     """The loop with its states as signals: they are continuous, outputs jump."""
     n, nw, nv = system.A.shape[0], system.B.shape[1], len(system.input_names)
     names = tuple(f"x{i}" for i in range(n))
@@ -94,7 +74,7 @@ def with_states(system: LureSystem) -> LureSystem:
     return replace(system, signals=signals)
 
 
-def turned(system: LureSystem, rng: Rng) -> LureSystem:
+def turned(system: epp.LureSystem, rng: Rng) -> epp.LureSystem:
     """The same loop in states turned by a random orthogonal matrix."""
     Q = scipy.linalg.qr(rng.normal(size=system.A.shape))[0]
     return system.in_coordinates(Q.T, Q)
@@ -102,18 +82,18 @@ def turned(system: LureSystem, rng: Rng) -> LureSystem:
 
 def _ring(
     rng: Rng,
-    elements: list[Nonlinearity],
+    elements: list[epp.Nonlinearity],
     plant: Fraction,
     *,
     bias: float = 0.0,
     delay: float = 0.0,
     step: bool = False,
-) -> LureSystem:
+) -> epp.LureSystem:
     """One element before a plant, or elements in parallel on it, with an input at the summing point."""
     A, B, C, _ = scipy.signal.tf2ss(*plant)
     n, count = A.shape[0], len(elements)
     share = np.ones(count) / count if count > 1 else np.ones(1)
-    return LureSystem.build(
+    return epp.LureSystem.build(
         A, B @ share[None, :], -np.repeat(C, count, axis=0), elements, x0=rng.normal(size=n) * rng.choice([0.3, 2.0]),
         constant_input=np.full(count, bias), delays=np.full(count, delay),
         input_names=["reference"] if step else [], B_input=np.zeros((n, 1)) if step else None,
@@ -121,11 +101,13 @@ def _ring(
     )  # fmt: skip
 
 
-def _single(element: Callable[[Rng], Nonlinearity], degree: int = 2, **options: object) -> Callable[[Rng], LureSystem]:
+def _single(
+    element: Callable[[Rng], epp.Nonlinearity], degree: int = 2, **options: object
+) -> Callable[[Rng], epp.LureSystem]:
     """Family of one element: order 2 to 8 behind it."""
     ring = {k: options.pop(k) for k in ("bias", "delay", "step") if k in options}
 
-    def make(rng: Rng) -> LureSystem:
+    def make(rng: Rng) -> epp.LureSystem:
         integrators = int(options.get("integrators", 0))
         order = int(rng.integers(max(degree, 2 + integrators), 9))
         extra: dict = {k: (v(rng) if callable(v) else v) for k, v in ring.items()}
@@ -135,14 +117,14 @@ def _single(element: Callable[[Rng], Nonlinearity], degree: int = 2, **options: 
 
 
 def _cascade(
-    first: Callable[[Rng], Nonlinearity], second: Callable[[Rng], Nonlinearity]
-) -> Callable[[Rng], LureSystem]:
+    first: Callable[[Rng], epp.Nonlinearity], second: Callable[[Rng], epp.Nonlinearity]
+) -> Callable[[Rng], epp.LureSystem]:
     """Two elements straight behind one another before the plant."""
 
-    def make(rng: Rng) -> LureSystem:
+    def make(rng: Rng) -> epp.LureSystem:
         A, B, C, _ = scipy.signal.tf2ss(*_plant(rng, int(rng.integers(3, 7)), 3))
         n = A.shape[0]
-        return LureSystem.build(
+        return epp.LureSystem.build(
             A, np.hstack([np.zeros((n, 1)), B]), np.vstack([-C, np.zeros((1, n))]), [first(rng), second(rng)],
             D=[[0.0, 0.0], [1.0, 0.0]], x0=rng.normal(size=n), constant_input=[0.1 * rng.normal(), 0.0],
         )  # fmt: skip
@@ -150,28 +132,28 @@ def _cascade(
     return make
 
 
-def _friction(rng: Rng) -> LureSystem:
+def _friction(rng: Rng) -> epp.LureSystem:
     """A mass with dry friction under PID control: static friction above Coulomb's, a bias force."""
     mass, kp, kd, ki = rng.uniform(0.5, 2.0), rng.uniform(1.0, 4.0), rng.uniform(0.1, 1.0), rng.uniform(0.0, 0.6)
     coulomb = _size(rng)
     A = [[0.0, 1.0, 0.0], [-kp / mass, -kd / mass, -ki / mass], [1.0, 0.0, 0.0]]
-    return LureSystem.build(
-        A, [[0.0], [-1.0 / mass], [0.0]], [[0.0, 1.0, 0.0]], [Friction(coulomb, coulomb * rng.uniform(1.05, 1.6))],
+    return epp.LureSystem.build(
+        A, [[0.0], [-1.0 / mass], [0.0]], [[0.0, 1.0, 0.0]], [epp.Friction(coulomb, coulomb * rng.uniform(1.05, 1.6))],
         x0=rng.normal(size=3) * 2.0, constant_state=[0.0, 0.2 * rng.normal() / mass, 0.0],
     )  # fmt: skip
 
 
-def _belt(rng: Rng) -> LureSystem:
+def _belt(rng: Rng) -> epp.LureSystem:
     """A block on a spring on a running belt with friction that falls with the speed."""
     mass, spring, damping, speed = 1.0, rng.uniform(0.5, 3.0), rng.uniform(0.0, 0.05), rng.uniform(0.1, 1.0)
     coulomb = _size(rng)
-    return LureSystem.build(
+    return epp.LureSystem.build(
         [[0.0, 1.0], [-spring / mass, -damping / mass]], [[0.0], [-1.0 / mass]], [[0.0, 1.0]],
-        [Friction(coulomb, coulomb, rng.uniform(0.3, 2.0))], constant_input=[-speed], x0=rng.normal(size=2),
+        [epp.Friction(coulomb, coulomb, rng.uniform(0.3, 2.0))], constant_input=[-speed], x0=rng.normal(size=2),
     )  # fmt: skip
 
 
-def _coupled(rng: Rng) -> LureSystem:
+def _coupled(rng: Rng) -> epp.LureSystem:
     """Two or three elements on random full matrices."""
     n, count = int(rng.integers(3, 9)), int(rng.integers(2, 4))
     makers = (_saturation, _dead_zone, _play, _hysteresis_relay, _quantiser, _three_level, _jump_and_follow)
@@ -181,13 +163,13 @@ def _coupled(rng: Rng) -> LureSystem:
     blocks = scipy.linalg.block_diag(*pairs)
     A = scipy.linalg.block_diag(blocks, -np.eye(n % 2)) if n % 2 else blocks
     B, C = rng.normal(size=(n, count)), rng.normal(size=(count, n))
-    return LureSystem.build(A, B, C, elements, x0=rng.normal(size=n), constant_state=0.2 * rng.normal(size=n))
+    return epp.LureSystem.build(A, B, C, elements, x0=rng.normal(size=n), constant_state=0.2 * rng.normal(size=n))
 
 
-def _sampled(element: Callable[[Rng], Nonlinearity]) -> Callable[[Rng], LureSystem]:
+def _sampled(element: Callable[[Rng], epp.Nonlinearity]) -> Callable[[Rng], epp.LureSystem]:
     """A plant behind a zero-order hold: a loop in discrete time."""
 
-    def make(rng: Rng) -> LureSystem:
+    def make(rng: Rng) -> epp.LureSystem:
         loop = _ring(rng, [element(rng)], _plant(rng, int(rng.integers(2, 6)), 2), bias=0.3 * rng.normal())
         period = float(rng.choice([0.05, 0.1, 0.2]))
         n = loop.A.shape[0]
@@ -197,52 +179,52 @@ def _sampled(element: Callable[[Rng], Nonlinearity]) -> Callable[[Rng], LureSyst
     return make
 
 
-def _saturation(r: Rng) -> Nonlinearity:
-    return Saturation(-_size(r), _size(r), r.uniform(0.5, 4.0))
+def _saturation(r: Rng) -> epp.Nonlinearity:
+    return epp.Saturation(-_size(r), _size(r), r.uniform(0.5, 4.0))
 
 
-def _dead_zone(r: Rng) -> Nonlinearity:
-    return DeadZone(-_size(r), _size(r), r.uniform(0.5, 3.0))
+def _dead_zone(r: Rng) -> epp.Nonlinearity:
+    return epp.DeadZone(-_size(r), _size(r), r.uniform(0.5, 3.0))
 
 
-def _play(r: Rng) -> Nonlinearity:
-    return Play(_size(r, 0.2, 2.0))
+def _play(r: Rng) -> epp.Nonlinearity:
+    return epp.Play(_size(r, 0.2, 2.0))
 
 
-def _hysteresis_relay(r: Rng) -> Nonlinearity:
-    return HysteresisRelay(-_size(r, 0.02, 0.8), _size(r, 0.02, 0.8), -_size(r), _size(r))
+def _hysteresis_relay(r: Rng) -> epp.Nonlinearity:
+    return epp.HysteresisRelay(-_size(r, 0.02, 0.8), _size(r, 0.02, 0.8), -_size(r), _size(r))
 
 
-def _quantiser(r: Rng) -> Nonlinearity:
-    return Quantiser(_size(r, 0.1, 0.8), int(r.integers(2, 12)))
+def _quantiser(r: Rng) -> epp.Nonlinearity:
+    return epp.Quantiser(_size(r, 0.1, 0.8), int(r.integers(2, 12)))
 
 
-def _three_level(r: Rng) -> Nonlinearity:
+def _three_level(r: Rng) -> epp.Nonlinearity:
     off = _size(r, 0.1, 0.5)
-    return HysteresisRelayDeadZone(off + _size(r, 0.02, 0.4), off, _size(r))
+    return epp.HysteresisRelayDeadZone(off + _size(r, 0.02, 0.4), off, _size(r))
 
 
-def _jump_and_follow(r: Rng) -> Nonlinearity:
-    return JumpAndFollow(_size(r, 0.4, 1.5), _size(r, 0.02, 0.3))
+def _jump_and_follow(r: Rng) -> epp.Nonlinearity:
+    return epp.JumpAndFollow(_size(r, 0.4, 1.5), _size(r, 0.02, 0.3))
 
 
-def _relay(r: Rng) -> Nonlinearity:
-    return Relay(-1.0, 1.0)
+def _relay(r: Rng) -> epp.Nonlinearity:
+    return epp.Relay(-1.0, 1.0)
 
 
-def _relay_dead_zone(r: Rng) -> Nonlinearity:
-    return RelayDeadZone(_size(r, 0.1, 1.0), _size(r))
+def _relay_dead_zone(r: Rng) -> epp.Nonlinearity:
+    return epp.RelayDeadZone(_size(r, 0.1, 1.0), _size(r))
 
 
-def _five_band(r: Rng) -> Nonlinearity:
+def _five_band(r: Rng) -> epp.Nonlinearity:
     low, high = -_size(r, 0.05, 0.5), _size(r, 0.05, 0.5)
-    return FiveBandLaw(low - _size(r), low, high, high + _size(r), 2.0)
+    return epp.FiveBandLaw(low - _size(r), low, high, high + _size(r), 2.0)
 
 
 #: What makes each family's loops.
-FAMILIES: dict[str, Callable[[Rng], LureSystem]] = {
+FAMILIES: dict[str, Callable[[Rng], epp.LureSystem]] = {
     "relay on lags": _single(_relay),
-    "asymmetric relay": _single(lambda r: Relay(-_size(r), _size(r), 0.2 * r.normal())),
+    "asymmetric relay": _single(lambda r: epp.Relay(-_size(r), _size(r), 0.2 * r.normal())),
     "relay with hysteresis": _single(_hysteresis_relay, 1),
     "relay with hysteresis, integrator": _single(_hysteresis_relay, 1, integrators=1),
     "relay with hysteresis, non-minimum phase": _single(_hysteresis_relay, 1, nonminimum=True),
@@ -255,8 +237,8 @@ FAMILIES: dict[str, Callable[[Rng], LureSystem]] = {
     "saturation, biased": _single(_saturation, 2, bias=lambda r: 0.4 * r.normal()),
     "dead zone, non-minimum phase": _single(_dead_zone, 1, nonminimum=True),
     "dead zone, resonance": _single(_dead_zone, 2, resonant=True),
-    "dead zone and saturation": _single(lambda r: DeadZoneSaturation(_size(r, 0.1, 0.5), 2.0, _size(r))),
-    "preload": _single(lambda r: Preload(_size(r), r.uniform(0.3, 1.5))),
+    "dead zone and saturation": _single(lambda r: epp.DeadZoneSaturation(_size(r, 0.1, 0.5), 2.0, _size(r))),
+    "preload": _single(lambda r: epp.Preload(_size(r), r.uniform(0.3, 1.5))),
     "quantiser": _single(_quantiser),
     "quantiser, integrator, biased": _single(_quantiser, 2, integrators=1, bias=lambda r: 0.4 * r.normal()),
     "play, integrator": _single(_play, 2, integrators=1),
@@ -267,9 +249,11 @@ FAMILIES: dict[str, Callable[[Rng], LureSystem]] = {
     "five bands": _single(_five_band, 2, integrators=1),
     "friction under PID": _friction,
     "friction on a belt": _belt,
-    "cube": _single(lambda r: Cube(_size(r)), 1),
-    "tanh, deep in saturation": _single(lambda r: Tanh(_size(r), float(np.exp(r.uniform(np.log(3.0), np.log(100.0)))))),
-    "sine": _single(lambda r: Sine(_size(r)), 2, resonant=True),
+    "cube": _single(lambda r: epp.Cube(_size(r)), 1),
+    "tanh, deep in saturation": _single(
+        lambda r: epp.Tanh(_size(r), float(np.exp(r.uniform(np.log(3.0), np.log(100.0)))))
+    ),
+    "sine": _single(lambda r: epp.Sine(_size(r)), 2, resonant=True),
     "saturation before play": _cascade(_saturation, _play),
     "relay with hysteresis before play": _cascade(_hysteresis_relay, _play),
     "quantiser before jump and follow": _cascade(_quantiser, _jump_and_follow),
@@ -298,5 +282,5 @@ def problem(family: str, seed: int) -> Problem:
     if rng.random() < 0.5:
         system = turned(system, rng)
     t_end = 12.0
-    steps = {n: Step(float(rng.normal() * 2.0), float(rng.uniform(0.5, 6.0))) for n in system.input_names}
+    steps = {n: epp.inputs.Step(float(rng.normal() * 2.0), float(rng.uniform(0.5, 6.0))) for n in system.input_names}
     return Problem(replace(with_states(system), name=f"{family} {seed}"), t_end, steps)

@@ -16,8 +16,7 @@ import numpy as np
 import scipy.integrate
 from numpy.typing import NDArray
 
-from eppanalysis.models.systems.inputs import Step
-from eppanalysis.models.systems.lure import LureSystem
+import eppanalysis as epp
 from tests.reference.events import AT_ZERO, Options, _check_progress, _first_crossing, _polish
 from tests.reference.lure_elements import Follower, Situation, handler_of
 from tests.reference.lure_reference import Loop
@@ -40,7 +39,9 @@ class _Run:
 class Machine(Loop):
     """A loop whose inputs step, with the past of its elements' outputs."""
 
-    def __init__(self, system: LureSystem, steps: Mapping[str, Step], options: Options = OPTIONS) -> None:
+    def __init__(
+        self, system: epp.LureSystem, steps: Mapping[str, epp.inputs.Step], options: Options = OPTIONS
+    ) -> None:
         self.options = options
         self.delay = float(np.max(system.delays, initial=0.0))
         if np.ptp(system.delays) > 0.0:
@@ -187,7 +188,7 @@ class Machine(Loop):
         return solver.t, solver.y, None
 
 
-def iterate(system: LureSystem, steps: Mapping[str, Step], count: int) -> Array:
+def iterate(system: epp.LureSystem, steps: Mapping[str, epp.inputs.Step], count: int) -> Array:
     """States of a sampled loop of one element at its first `count` samples."""
     (element,), x = system.elements, system.x0.copy()
     handler = handler_of(element)

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 import eppanalysis as epp
-from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.results import Status, Trajectory
 from tests.stress.families import Rng, turned
 
@@ -111,11 +110,11 @@ def proof(family: str, seed: int) -> dict[str, Any]:
     return {"family": family, "seed": seed, "outcome": "refused", "loops": _MOST}
 
 
-def _closed(gain: float, element: Any, plant: Plant) -> LureSystem:
-    return LureSystem.from_tf((gain * plant[0], plant[1]), element)
+def _closed(gain: float, element: Any, plant: Plant) -> epp.LureSystem:
+    return epp.LureSystem.from_tf((gain * plant[0], plant[1]), element)
 
 
-def _least_with_cycle(made: Callable[[float], LureSystem], rng: Rng) -> tuple[float, epp.LimitCycle] | None:
+def _least_with_cycle(made: Callable[[float], epp.LureSystem], rng: Rng) -> tuple[float, epp.LimitCycle] | None:
     """The least gain tried at which an exact orbit exists, with the orbit."""
     scale = _border(made)
     start = rng.normal(size=made(1.0).A.shape[0])
@@ -137,7 +136,7 @@ def _gains(scale: float) -> Iterator[float]:
     return (float(f"{2.0 * scale * _DOWN**k:.4g}") for k in range(_STEPS))
 
 
-def _border(made: Callable[[float], LureSystem]) -> float:
+def _border(made: Callable[[float], epp.LureSystem]) -> float:
     """A gain beyond which the loop without its element is unstable; one in the middle where none is."""
     gains = np.geomspace(0.01, 1e3, 120)
     loops = (made(float(gain)) for gain in gains)
@@ -146,7 +145,7 @@ def _border(made: Callable[[float], LureSystem]) -> float:
     return float(gains[ends[-1] + 1]) if ends.size else 5.0
 
 
-def _orbit(loop: LureSystem, start: np.ndarray) -> epp.LimitCycle | None:
+def _orbit(loop: epp.LureSystem, start: np.ndarray) -> epp.LimitCycle | None:
     """The exact orbit that a run from far out ends on, if it ends on one; from near, where motions far out grow."""
     poles = np.linalg.eigvals(loop.A)
     t_end = _LENGTH / float(np.min(np.abs(poles)[np.abs(poles) > 1e-9]))
@@ -155,7 +154,7 @@ def _orbit(loop: LureSystem, start: np.ndarray) -> epp.LimitCycle | None:
     return _closed_orbit(loop, run)
 
 
-def _closed_orbit(loop: LureSystem, run: Trajectory) -> epp.LimitCycle | None:
+def _closed_orbit(loop: epp.LureSystem, run: Trajectory) -> epp.LimitCycle | None:
     if run.limit_cycle is None:
         return None
     orbit = epp.exact_orbit(loop, run.limit_cycle)

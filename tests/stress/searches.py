@@ -15,7 +15,6 @@ from scipy.stats import qmc
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
-from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.results import LimitCycle, Status, Trajectory
 from tests.stress.families import Problem, problem
 from tests.stress.machine import Machine, iterate
@@ -40,7 +39,7 @@ CLOSES = 1e-6
 _MOST_TURNS = 60
 
 
-def spread(system: LureSystem, cycles: epp.CycleSearch, count: int) -> np.ndarray:
+def spread(system: epp.LureSystem, cycles: epp.CycleSearch, count: int) -> np.ndarray:
     """Sobol points of a box twice as large as all cycles and the start, half of them in one a tenth as large."""
     n = system.A.shape[0]
     half = np.abs(system.x0) + 1e-3
@@ -88,7 +87,7 @@ def _middle(cycle: LimitCycle, name: str) -> float:
     return float(0.5 * (y.min() + y.max()))
 
 
-def _slowest(system: LureSystem) -> float:
+def _slowest(system: epp.LureSystem) -> float:
     poles = np.linalg.eigvals(system.A).astype(complex)
     if system.time_step:
         poles = np.log(np.where(np.abs(poles) > 1e-9, poles, 1e-9)) / system.time_step
@@ -97,7 +96,7 @@ def _slowest(system: LureSystem) -> float:
     return 1.0 / float(slow.min()) if slow.size else 1.0
 
 
-def _run(system: LureSystem, start: np.ndarray, t_end: float, patient: bool = True) -> Trajectory:
+def _run(system: epp.LureSystem, start: np.ndarray, t_end: float, patient: bool = True) -> Trajectory:
     """A run, made longer where it has no verdict or has not yet come as near its cycle as cycles are told apart.
 
     A cycle with a multiplier of 0.998 is come nearer by a factor of a thousand in 3,500 periods.
@@ -118,7 +117,7 @@ def _is_coarse(run: Trajectory) -> bool:
     return run.limit_cycle is not None and run.limit_cycle.error_estimate > _SAME_PERIOD
 
 
-def _ends(system: LureSystem, found: epp.CycleSearch) -> dict[str, int]:
+def _ends(system: epp.LureSystem, found: epp.CycleSearch) -> dict[str, int]:
     """How runs from spread starts end, and how many so."""
     t_end = _PERIODS * max([c.period for c in found] or [_slowest(system)])
     if system.time_step:
@@ -172,7 +171,7 @@ def _largest(cycle: LimitCycle) -> float:
     return 0.0 if cycle.multipliers is None else float(np.max(np.abs(cycle.multipliers), initial=0.0))
 
 
-def _turns(system: LureSystem, cycle: LimitCycle) -> float:
+def _turns(system: epp.LureSystem, cycle: LimitCycle) -> float:
     """Periods after which a cycle is compared with itself: one, or as many as its past is felt behind a dead time."""
     if system.time_step or not np.any(system.delays):
         return 1.0

@@ -11,7 +11,6 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.cli.cycles import _show_cycles
 from eppanalysis.errors import EppError
-from eppanalysis.methods.search.trigger import Trigger
 from eppanalysis.tables.console import ladder_table, rungs_table
 from tests.synthetic import cycle, prediction, trajectory
 
@@ -38,9 +37,9 @@ def test_texts_of_a_case_are_escaped():
 
 def test_triggers_are_in_units_that_people_read():
     triggers = [
-        Trigger("theta", 0.01, 0.0, 0.01, 0.02, unit="rad"),
-        Trigger("harness_position", float("nan"), 0.0, float("nan"), 0.03, unit="m"),
-        Trigger("x0", 0.2, 0.1, 0.2, 0.3),
+        epp.Trigger("theta", 0.01, 0.0, 0.01, 0.02, unit="rad"),
+        epp.Trigger("harness_position", float("nan"), 0.0, float("nan"), 0.03, unit="m"),
+        epp.Trigger("x0", 0.2, 0.1, 0.2, 0.3),
     ]
     assert cells(epp.table(triggers))[3:] == [
         *("theta [deg]", "0.573", "1.146"),
@@ -61,7 +60,7 @@ def test_no_table_of_results_shows_a_name_as_it_is_typed():
 
     tables = [
         epp.table([rename(ladder.run.limit_cycle)]),
-        epp.table([Trigger("x_of_motor", 1.0, 0.9, 1.1, 2.0, unit="m")]),
+        epp.table([epp.Trigger("x_of_motor", 1.0, 0.9, 1.1, 2.0, unit="m")]),
         epp.table(replace(ladder.run, status=epp.Status.SETTLED, limit_cycle=None, settled_at={"x_of_motor": 1.0})),
     ]
     for shown in map(str, tables):

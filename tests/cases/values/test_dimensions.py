@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 
 import pint
 import pytest
@@ -12,7 +13,18 @@ import eppanalysis as epp
 from eppanalysis.errors import CaseError, EppError
 from eppanalysis.models.elements import ELEMENTS
 
-UNITS = pint.UnitRegistry()
+
+@cache
+def quantity(number: float, unit: str) -> pint.Quantity:
+    """A quantity of a registry of its own, made when it is first asked for."""
+    return registry().Quantity(number, unit)
+
+
+@cache
+def registry() -> pint.UnitRegistry:
+    return pint.UnitRegistry()
+
+
 #: Units of a signal before and behind an element, several of each dimension.
 WAYS = ("deg", "rad", "mm", "inch", "N", "lbf", "V", "mm/s", "deg/s")
 #: Fields with numbers that each element takes, by their meaning: i the unit of its input, o that of its output.
@@ -50,11 +62,11 @@ def spelled(role: str, before: str, behind: str) -> str:
 @settings(deadline=None, max_examples=60)
 @given(st.sampled_from(sorted(FIELDS)), st.sampled_from(WAYS[:7]), st.sampled_from(WAYS), st.data())
 def test_a_field_of_another_dimension_is_refused_and_named(kind, before, behind, data) -> None:
-    assume(UNITS.Quantity(f"1 {before}").to_base_units().units != UNITS.Quantity(f"1 {behind}").to_base_units().units)
+    assume(quantity(1, before).to_base_units().units != quantity(1, behind).to_base_units().units)
     units = {name: spelled(role, before, behind) for name, (_, role) in FIELDS[kind].items()}
     case = made(kind, units)
     for name, (number, _) in FIELDS[kind].items():
-        expected = UNITS.Quantity(number, units[name]).to_base_units().magnitude
+        expected = quantity(number, units[name]).to_base_units().magnitude
         assert float(case.parameters[f"{kind}.{name}"].value) == pytest.approx(expected, rel=1e-12)
     wrong = data.draw(st.sampled_from(sorted(FIELDS[kind])))
     kin = [name for name, (_, role) in FIELDS[kind].items() if role == FIELDS[kind][wrong][1] and name != wrong]

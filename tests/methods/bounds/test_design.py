@@ -23,7 +23,6 @@ from eppanalysis.methods.bounds.verify import verify
 from eppanalysis.methods.harmonic.balance import harmonic_balance
 from eppanalysis.methods.harmonic.loop import inputs_of
 from eppanalysis.methods.harmonic.series import anchored
-from eppanalysis.methods.search.result import CycleSearch
 from tests import made_bounds
 
 DEGREE = math.pi / 180.0
@@ -73,6 +72,7 @@ def test_first_order_bound_parts_predictions_with_and_without_cycles(case: epp.C
         assert bool(len(epp.predict_limit_cycles(changed))) is there
 
 
+@pytest.mark.slow
 def test_exact_elasticities_against_moved_folds(case: epp.Case, found: epp.DesignBounds) -> None:
     h = 2e-3
     for name in ("bands.range", "cable.stiffness"):
@@ -119,7 +119,7 @@ def test_cycles_that_only_runs_find_lead_to_the_true_bound(
     """A bound 3 % too high, and a search that sees nothing: the runs end on a cycle, and its fold is the bound."""
     orbit = found[0].orbit
     assert orbit is not None
-    nothing = CycleSearch((), epp.Status.CONVERGED, True, False, "blind")
+    nothing = epp.CycleSearch((), epp.Status.CONVERGED, True, False, "blind")
     monkeypatch.setattr("eppanalysis.methods.bounds.verify.find_limit_cycles", lambda *_, **__: nothing)
     question = Question(case, "lock_pin.backlash", 0.002, 0.09)
     wrong = ExactBound(1.03 * FOLD, orbit.period, orbit, "fold")
@@ -247,7 +247,7 @@ def test_cycles_that_first_order_misses_everywhere_are_found_everywhere(integral
 
 
 def test_a_search_that_cannot_tell_is_no_answer(wheelchair: epp.Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    undecided = CycleSearch((), epp.Status.UNDECIDED, True, False, "blind", left_open=("9 runs neither settled",))
+    undecided = epp.CycleSearch((), epp.Status.UNDECIDED, True, False, "blind", left_open=("9 runs neither settled",))
     monkeypatch.setattr("eppanalysis.methods.bounds.harmonic.find_limit_cycles", lambda *_, **__: undecided)
     result = design_bounds(wheelchair, "play.gap", "loop.gain", at=[0.012], within=(0.3, 0.6))
     assert result[0].finding == "unsure" and not result.status.ok

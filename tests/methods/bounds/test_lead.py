@@ -13,6 +13,7 @@ def servo() -> epp.Case:
     return epp.case_from_text(SERVO)
 
 
+@pytest.mark.slow
 def test_a_bound_is_found_though_a_value_of_the_scan_is_undecided(servo):
     # At both ends of the range and at 4.472 no cycle is known, at 9.457 there is one: the fold lies between.
     found = epp.design_bounds(servo, "T", "k", at=[1.2], within=(1.0, 20.0), verify=False)

@@ -136,6 +136,7 @@ def test_bound_from_exact_orbits_alone(wheelchair: epp.Case) -> None:
     assert none.kind == "" and none.cycle is None and none.message.endswith("finds no limit cycle at 0.6, 0.8")
 
 
+@pytest.mark.slow
 def test_a_cell_without_harmonic_balance_is_bound_exactly(
     wheelchair: epp.Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:

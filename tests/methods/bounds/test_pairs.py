@@ -8,6 +8,7 @@ import eppanalysis as epp
 from tests import made_bounds
 
 
+@pytest.mark.slow
 def test_gain_of_a_generic_loop_over_its_free_play() -> None:
     """The bound parts runs from the case's own start; first order is on its unsafe side."""
     case = made_bounds.wheelchair()

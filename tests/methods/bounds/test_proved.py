@@ -27,6 +27,7 @@ def bounds(valve) -> epp.DesignBounds:
     return epp.design_bounds(valve, THRESHOLD, GAIN, at=[1.0], within=(1.0, 8.0), starts=20, prove=True)
 
 
+@pytest.mark.slow
 def test_the_bound_lies_between_what_is_proved(bounds) -> None:
     (cell,) = bounds
     assert cell.proved.free < cell.exact < cell.proved.cycle

@@ -11,7 +11,7 @@ import eppanalysis as epp
 from eppanalysis.cli.bounds import bounds_columns, sentences
 from eppanalysis.methods.bounds import searched
 from eppanalysis.methods.bounds.harmonic import Question
-from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Turn
+from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
 from eppanalysis.methods.bounds.searched import Answer, Asking, searched_cell
 from studies.virtual_spring import Haptic, comes_to_rest
 from tests.sampled_relay import patterns, sampled_relay
@@ -23,11 +23,12 @@ def case() -> epp.Case:
 
 
 @pytest.fixture(scope="module")
-def bounds(case: epp.Case) -> DesignBounds:
+def bounds(case: epp.Case) -> epp.DesignBounds:
     return epp.design_bounds(case, "T", "dead", at=["0.5 s"], within=(0.15, 0.3), margin=0.05)
 
 
-def test_the_bound_of_a_sampled_relay_holds_that_of_closed_forms(bounds: DesignBounds) -> None:
+@pytest.mark.slow
+def test_the_bound_of_a_sampled_relay_holds_that_of_closed_forms(bounds: epp.DesignBounds) -> None:
     (cell,) = bounds
     known = max(p.high for p in patterns(0.5, 40))
     assert known == pytest.approx(0.18166, abs=1e-5)
@@ -37,7 +38,7 @@ def test_the_bound_of_a_sampled_relay_holds_that_of_closed_forms(bounds: DesignB
     assert cell.bound == cell.safe_value == cell.searched and np.isnan(cell.exact) and np.isnan(cell.harmonic)
 
 
-def test_runs_on_both_sides_say_the_same(case: epp.Case, bounds: DesignBounds) -> None:
+def test_runs_on_both_sides_say_the_same(case: epp.Case, bounds: epp.DesignBounds) -> None:
     (cell,) = bounds
     assert epp.simulate(case.with_values({"dead": cell.searched})).status is epp.Status.SETTLED
     assert cell.verified and cell.n_settled == cell.n_runs > 10 and cell.other_orbit is not None
@@ -47,7 +48,7 @@ def test_runs_on_both_sides_say_the_same(case: epp.Case, bounds: DesignBounds) -
     assert again.limit_cycle.period == pytest.approx(cell.other_orbit.period, rel=1e-12)
 
 
-def test_what_the_search_does_not_cover_is_said_everywhere(case: epp.Case, bounds: DesignBounds) -> None:
+def test_what_the_search_does_not_cover_is_said_everywhere(case: epp.Case, bounds: epp.DesignBounds) -> None:
     said = bounds.not_covered
     assert f"asked at {bounds[0].n_searched} values of the range and to 5 %" in said and "not covered" in said
     assert str(bounds).startswith("No limit cycle was found above a dead of 0.18") and said in str(bounds)

@@ -35,6 +35,7 @@ class Counted:
         return self.function(*given, **named)
 
 
+@pytest.mark.slow
 def test_elasticities_are_computed_when_they_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     exact, harmonic = (Counted(monkeypatch, elasticity, f"{which}_slopes") for which in ("exact", "harmonic"))
     (cell,) = design_bounds(made_bounds.wheelchair(), GAP, GAIN, at=[0.012], starts=10)
@@ -56,6 +57,7 @@ def test_a_neighbouring_case_takes_over_programmes_and_has_the_same_bound(monkey
     assert found.order == alone.order and not written.asked
 
 
+@pytest.mark.slow
 def test_variants_of_a_guideline_share_the_processes_and_have_the_same_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = {"over": SCALE, "limit": THRESHOLD, "within": (1.0, 3.0), "variants": {LEVEL: [1.0, 1.05]}, "starts": 10}
     monkeypatch.setattr(workers, "Workers", ThreadPoolExecutor)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import importlib
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from fractions import Fraction
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from eppanalysis.methods.certificates.elbow.find import gained
 from eppanalysis.methods.certificates.registry import STATEMENTS, of_text, sealed
 from eppanalysis.methods.certificates.result import sentence
 from eppanalysis.results import LimitCycle, Status
-from tests.methods.certificates.tampering import another_form, another_size, twice
+from tests.methods.certificates.tampering import Edit, another_form, another_size, twice
 
 pytest.importorskip("flint")
 Document = dict[str, Any]
@@ -128,6 +129,12 @@ def stated(document: Document) -> Document:
     return {name: loop if name == "loop" else document[name] for name in document if name not in ("evidence", "digest")}
 
 
+def some(edits: Iterator[Edit], step: int) -> Iterator[Edit]:
+    """Of the edits of each place the first and every so many more."""
+    for _, group in groupby(edits, lambda edit: edit[0].partition(" = ")[0]):
+        yield from list(group)[::step]
+
+
 def kinds(slow: tuple[str, ...]) -> list[Any]:
     return [pytest.param(name, marks=pytest.mark.slow) if name in slow else name for name in MADE]
 
@@ -159,7 +166,8 @@ def test_names_and_kinds_of_values_are_as_they_should_be(made: Callable[[str], D
 def test_what_is_not_refused_is_true(made: Callable[[str], Document], name: str) -> None:
     document, said = made(name), 0
     checker = checker_of(document)
-    for label, edited in another_size(document):
+    # Every place of each kind; of dear ones every third value of a place.
+    for label, edited in some(another_size(document), 1 if name in FAST else 3):
         if not refused(checker, edited):
             said += 1
             assert stated(edited) == stated(document) or WITNESS[name.partition(",")[0]](edited), (

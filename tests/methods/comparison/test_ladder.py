@@ -173,6 +173,7 @@ def test_first_order_has_no_cycle_below_the_gain_of_its_fold() -> None:
         assert len(epp.predict_limit_cycles(loop)) == count
 
 
+@pytest.mark.slow
 def test_a_cycle_that_only_first_order_has() -> None:
     result = epp.ladder(epp.case("elbow_cycle_not_there"))
     assert result.agreement is Agreement.NOT_THERE and result.outcome == "settle"
@@ -301,6 +302,7 @@ def test_a_sampled_loop_is_measured_against_its_simulation() -> None:
     assert simulated.errors == {"period": 0.0, "peak-to-peak": 0.0}
 
 
+@pytest.mark.slow
 def test_a_loop_with_a_sampled_controller_climbs_to_its_locked_cycle(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, few in (("_N_RANDOM", 0), ("_SCALES", (1.0,)), ("_MOST_SOUGHT", 500)):
         monkeypatch.setattr(f"eppanalysis.methods.search.locked.{name}", few)

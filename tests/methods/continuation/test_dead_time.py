@@ -76,7 +76,7 @@ def own_period(loss: float, outside: float, upper: float) -> float:
     return switches[-1] - switches[-3]
 
 
-@pytest.mark.parametrize("kind", OVENS)
+@pytest.mark.parametrize("kind", [pytest.param(k, marks=[pytest.mark.slow] * (i > 1)) for i, k in enumerate(OVENS)])
 def test_a_dead_time_behind_blocks_is_as_one_right_behind_the_element_that_switches(kind):
     connect, changed, loss, outside = OVENS[kind]
     loop = oven(connect, changed).to_system()
@@ -87,7 +87,8 @@ def test_a_dead_time_behind_blocks_is_as_one_right_behind_the_element_that_switc
         assert branch.points["period"][k] == pytest.approx(wanted, rel=1e-8)
 
 
-@pytest.mark.parametrize("over", [(8.0, 0.0), pytest.param((0.0, 8.0), marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("over", [(8.0, 0.0), (0.0, 8.0)])
 def test_a_branch_over_a_dead_time_comes_to_none_from_the_other_end(over):
     """A loop without it has another structure, from which no branch begins."""
     connect, changed, _, _ = OVENS["a held input on the way"]

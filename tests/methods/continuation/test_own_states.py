@@ -58,7 +58,8 @@ def test_a_branch_in_absolute_angles_is_that_in_their_difference(seed):
     assert found.points["angle"][-1] == pytest.approx(run.peak_to_peak["angle"], rel=1e-5)
 
 
-@pytest.mark.parametrize("seed", [None, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [None, 2])
 def test_a_curve_of_folds_in_absolute_angles_is_that_in_their_difference(seed):
     """The loop changed its structure from value to value."""
     asked = "rock.static", "rock.coulomb", (3000.0, 6000.0), (2800.0, 2820.0)

@@ -10,6 +10,17 @@ import pytest
 import eppanalysis as epp
 
 RATES = [(0.1, 0.02), (0.3, 0.1), (0.1, 0.03), (0.25, 0.1), (0.02, 0.1), (0.1, 0.1)]
+WIRES = [("e outer inner", 0.0), ("e outer inner", 0.01), ("outer inner e", 0.0), ("outer e inner", 0.0)]
+PLACES = ["plant.out", "outer.out", "inner.out", "e.in", "e.out"]
+
+
+def of_all(rates, others):
+    """All pairs; in the quick tier each rate and each of the others with the first one."""
+    return [
+        pytest.param(rate, *other, marks=[pytest.mark.slow] * (i > 0 and k > 0))
+        for i, rate in enumerate(rates)
+        for k, other in enumerate(others)
+    ]
 
 
 def cascade(outer, inner, element, wires="e outer inner", late=0.0, gain=2.0):
@@ -26,10 +37,7 @@ def cascade(outer, inner, element, wires="e outer inner", late=0.0, gain=2.0):
     ).to_system()
 
 
-@pytest.mark.parametrize("rates", RATES)
-@pytest.mark.parametrize(
-    ("wires", "late"), [("e outer inner", 0.0), ("e outer inner", 0.01), ("outer inner e", 0.0), ("outer e inner", 0.0)]
-)
+@pytest.mark.parametrize(("rates", "wires", "late"), of_all(RATES, WIRES))
 def test_a_cascade_of_two_rates_has_the_cycle_that_runs_come_to(rates, wires, late):
     """A limit is smooth enough for a run not to lock to few samples a turn."""
     loop = cascade(*rates, epp.Saturation(-1.0, 1.0), wires, late, gain=8.0)
@@ -43,8 +51,7 @@ def test_a_cascade_of_two_rates_has_the_cycle_that_runs_come_to(rates, wires, la
     assert cycle.peak_to_peak["plant"] == pytest.approx(np.ptp(y), rel=cycle.error_estimate + 0.03)
 
 
-@pytest.mark.parametrize("rates", RATES)
-@pytest.mark.parametrize("place", ["plant.out", "outer.out", "inner.out", "e.in", "e.out"])
+@pytest.mark.parametrize(("rates", "place"), of_all(RATES, [(p,) for p in PLACES]))
 def test_margins_of_a_cascade_are_where_runs_begin_to_grow(rates, place):
     """Cut anywhere; in the mean over the samples they are good to the square of the phase between samples."""
     valve = epp.Saturation(-1e6, 1e6)

@@ -70,6 +70,7 @@ VARIED = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changed", VARIED)
 def test_every_crossing_of_the_picture_is_listed(changed):
     prediction = epp.predict_limit_cycles(axis(**changed))

@@ -16,13 +16,11 @@ from eppanalysis.methods.describing.predict import predict_limit_cycles
 from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.methods.orbits.exact import exact_orbit
 from eppanalysis.methods.search.find import find_limit_cycles
-from eppanalysis.models.elements import Play, Quantiser, RelayDeadZone, Saturation
-from eppanalysis.models.systems.lure import LureSystem
 from studies import first_order as study
 from tests.shared import predicted
 from tests.stress.first_order_loops import compare, random_loop
 
-from_tf = LureSystem.from_tf
+from_tf = epp.LureSystem.from_tf
 #: First order invents cycles in 48, 55, 127 and 181.
 SAMPLE = (2, 4, 7, 8, 48, 55, 62, 73, 127, 181)
 
@@ -38,7 +36,7 @@ def test_random_loops_no_invented_cycle_is_sure_and_real_ones_are_covered():
     assert np.median([r.estimate / r.error for r in real]) < 1.3
 
 
-@pytest.mark.parametrize("element", [RelayDeadZone(threshold=1.0), Quantiser(step=2.0, levels=1)])
+@pytest.mark.parametrize("element", [epp.RelayDeadZone(threshold=1.0), epp.Quantiser(step=2.0, levels=1)])
 def test_harmonics_may_lift_a_cycle_over_a_threshold_that_a_sine_just_passes(element):
     """A sine passes the threshold by 1e-4, harmonics are thirty times as much and push the other way; it exists."""
     den = np.polymul([1.0, 0.4, 1.0], [1.0, 0.12, 9.6])
@@ -73,13 +71,13 @@ def test_both_cycles_of_the_elbow_are_estimated_to_a_tenth():
         assert 0.15 < error < guess.error_estimate < 1.15 * error
 
 
-@pytest.mark.parametrize("element", [Saturation, RelayDeadZone, Play])
+@pytest.mark.parametrize("element", [epp.Saturation, epp.RelayDeadZone, epp.Play])
 def test_units_do_not_change_the_estimate(element):
     """Time in other units, and signals too: thresholds times `size`, a relay's level with it."""
     make = {
-        Saturation: lambda s: Saturation(-s, s),
-        RelayDeadZone: lambda s: RelayDeadZone(threshold=s, level=s),
-        Play: lambda s: Play(gap=2.0 * s),
+        epp.Saturation: lambda s: epp.Saturation(-s, s),
+        epp.RelayDeadZone: lambda s: epp.RelayDeadZone(threshold=s, level=s),
+        epp.Play: lambda s: epp.Play(gap=2.0 * s),
     }[element]
 
     def estimates(unit: float, scale: float) -> list[float]:
@@ -109,13 +107,13 @@ def test_a_small_cycle_just_above_a_threshold_is_told_from_one_that_is_none():
     assert invented.error_estimate == np.inf
 
 
-def _smallest(system: LureSystem) -> epp.LimitCycle:
+def _smallest(system: epp.LureSystem) -> epp.LimitCycle:
     return min(predict_limit_cycles(system), key=lambda c: c.amplitude("x"))
 
 
 def test_two_predictions_that_lead_to_one_cycle_are_not_both_sure():
     """Play in a servo: harmonics lead both of its predicted cycles to the one that exists."""
-    loop = from_tf(([5.0], [1.0, 1.0, 0.0]), Play(gap=2.0))
+    loop = from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))
     exact = find_limit_cycles(loop)
     said = [(c.error_estimate < 0.5, any(_error(c, e) < 0.5 for e in exact)) for c in predict_limit_cycles(loop)]
     assert said == [(False, False), (True, True)]
@@ -163,7 +161,7 @@ def test_the_error_covers_a_schmitt_trigger_on_an_unstable_plant(gain):
 def test_the_error_is_estimated_once_and_when_it_is_first_asked_for(monkeypatch):
     asked = []
     monkeypatch.setattr(error, "_estimated", lambda *given: asked.append(given) or (0.25, ()))
-    cycle = predict_limit_cycles(from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), RelayDeadZone(1.0)))[1]
+    cycle = predict_limit_cycles(from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0)))[1]
     assert not asked
     assert [cycle.error_estimate, cycle.error_estimate, cycle.may_not_exist] == [0.25, 0.25, False]
     assert len(asked) == 1

@@ -148,9 +148,8 @@ def test_harmonic_balance_on_several_paths_is_that_of_the_model():
 AGAIN = {"quantised_sensor_ct_large"}
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n != "wheelchair")) for n in CASES if n not in AGAIN]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [n for n in CASES if n not in AGAIN][::5])
 def test_intervals_cover_the_model_in_as_many_draws_as_they_say(name):
     # Wald's sequential test between 95 and 80 % (Ann Math Stat 16, 1945): of the latter it lets 7 of 100 pass. At the
     # end as many hits are asked for as 95 % have in all but 2 of 1,000 series.
@@ -319,9 +318,8 @@ def test_error_estimate_is_the_model_s_where_data_are_dense():
     assert json.dumps(found.to_dict())
 
 
-@pytest.mark.parametrize(
-    ("draws", "fewest", "most"), [(60, 51, 60), pytest.param(200, 180, 198, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("draws", "fewest", "most"), [(200, 180, 198)])
 def test_interval_covers_the_model_in_as_many_draws_as_it_says(monkeypatch, draws, fewest, most):
     # Binomial: of 95 %, fewer hits than these or more come in less than one of 200 series.
     element, poles, gain = epp.Relay(), [0.0, -1.0, -2.0], 1.0

@@ -16,37 +16,17 @@ import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import unit_at_input
 from eppanalysis.methods.describing.predict import predict_limit_cycles
-from eppanalysis.models.devices.elbow.loop import ElbowParameters, elbow
+from eppanalysis.models.devices.elbow.loop import elbow
 from eppanalysis.models.devices.elbow.parameters import Parking
-from eppanalysis.models.elements import (
-    Cube,
-    DeadZone,
-    DeadZoneSaturation,
-    Friction,
-    HysteresisRelay,
-    HysteresisRelayDeadZone,
-    JumpAndFollow,
-    LockPin,
-    PiecewiseLinear,
-    Play,
-    Preload,
-    Quantiser,
-    Relay,
-    RelayDeadZone,
-    Saturation,
-    Sine,
-)
-from eppanalysis.models.systems.linear import StateSpace
-from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.results import Status
 from tests.random_loops import random_loop
 from tests.shared import of_unknown_response, shipped, touching
 
-from_tf, from_blocks = LureSystem.from_tf, LureSystem.from_blocks
+from_tf, from_blocks = epp.LureSystem.from_tf, epp.LureSystem.from_blocks
 LBF, DEG = 4.4482216152605, np.pi / 180
 
 
-def two_mass(element, rate: bool) -> LureSystem:
+def two_mass(element, rate: bool) -> epp.LureSystem:
     """PI control of the load's position; states: twist, motor speed, load speed, load angle, integral."""
     Jm, Jl, dm, dl, kp, ki = 0.001, 0.004, 0.02, 0.02, 6.0, 30.0
     A = np.zeros((5, 5))
@@ -54,22 +34,22 @@ def two_mass(element, rate: bool) -> LureSystem:
     A[1, [1, 3, 4]] = -dm / Jm, -kp / Jm, -ki / Jm
     A[2, 2], A[3, 2], A[4, 3] = -dl / Jl, 1.0, 1.0
     C = [[1.0, 0, 0, 0, 0], [0, 1.0, -1.0, 0, 0]][: 1 + rate]
-    return LureSystem.build(A, [[0], [-1 / Jm], [1 / Jl], [0], [0]], C, [element])
+    return epp.LureSystem.build(A, [[0], [-1 / Jm], [1 / Jl], [0], [0]], C, [element])
 
 
-def sampled_servo(kp: float, ki: float) -> LureSystem:
-    plant = StateSpace(*scipy.signal.tf2ss([kp + ki, -kp], [1.0, -2.0, 1.0]), 1.0)
-    return from_tf(plant, Play(gap=2.0))
+def sampled_servo(kp: float, ki: float) -> epp.LureSystem:
+    plant = epp.StateSpace(*scipy.signal.tf2ss([kp + ki, -kp], [1.0, -2.0, 1.0]), 1.0)
+    return from_tf(plant, epp.Play(gap=2.0))
 
 
-def hunting(kd: float, ki: float) -> LureSystem:
+def hunting(kd: float, ki: float) -> epp.LureSystem:
     A = [[0, 1, 0], [-10, -kd, -ki], [1, 0, 0]]
-    return LureSystem.build(A, [[0], [-1], [0]], [[0, 1, 0]], [Friction(coulomb=1.0, static=2.0)])
+    return epp.LureSystem.build(A, [[0], [-1], [0]], [[0, 1, 0]], [epp.Friction(coulomb=1.0, static=2.0)])
 
 
-def belt() -> LureSystem:
-    stribeck = Friction(coulomb=0.0, static=1.0, stribeck=3.0)
-    return LureSystem.build([[0, 1], [-1, 0]], [[0], [1]], [[0, -1]], [stribeck], constant_input=[0.2])
+def belt() -> epp.LureSystem:
+    stribeck = epp.Friction(coulomb=0.0, static=1.0, stribeck=3.0)
+    return epp.LureSystem.build([[0, 1], [-1, 0]], [[0], [1]], [[0, -1]], [stribeck], constant_input=[0.2])
 
 
 GONCALVES = ([1, -5, -11, -5, 250, 250], [1, 12, 57, 140, 195, 150, 50])
@@ -77,42 +57,45 @@ THIRD_ORDER = [1, 2, 2, 1]
 
 # Loop, then (amplitude at the element's input, omega, mean there, stable) of every describing-function answer.
 LOOPS = {
-    "relay, third order": (from_tf(([1], [1, 3, 2, 0]), Relay()), [(0.2122065907891937, 1.4142135623730951, 0, True)]),
+    "relay, third order": (
+        from_tf(([1], [1, 3, 2, 0]), epp.Relay()),
+        [(0.2122065907891937, 1.4142135623730951, 0, True)],
+    ),
     "hysteresis, sixth order": (
-        from_tf(GONCALVES, HysteresisRelay(-0.25, 0.25)),
+        from_tf(GONCALVES, epp.HysteresisRelay(-0.25, 0.25)),
         [(3.1322724679712173, 1.5171958787034536, 0, True)],
     ),
     "relay, dead time": (
-        from_tf(([1], [1, 1]), Relay(), delay=0.5),
+        from_tf(([1], [1, 1]), epp.Relay(), delay=0.5),
         [(0.33445724230167534, 3.6731944063042516, 0, True)],
     ),
     "hysteresis, servo": (
-        from_tf(([1], [1, 1, 0]), HysteresisRelay(-0.1, 0.1)),
+        from_tf(([1], [1, 1, 0]), epp.HysteresisRelay(-0.1, 0.1)),
         [(0.24098084964495103, 2.19252753450447, 0, True)],
     ),
     "relay with dead zone": (
-        from_tf(([5], [1, 2, 1, 0]), RelayDeadZone(1.0)),
+        from_tf(([5], [1, 2, 1, 0]), epp.RelayDeadZone(1.0)),
         [(1.0606069553561213, 1.0, 0, False), (3.001204966423319, 1.0, 0, True)],
     ),
     "thruster": (
-        from_tf(([0.5, 1], [1, 0, 0]), HysteresisRelayDeadZone(0.1, 0.08, 0.05)),
+        from_tf(([0.5, 1], [1, 0, 0]), epp.HysteresisRelayDeadZone(0.1, 0.08, 0.05)),
         [(0.1013295469024534, 0.5092201259608369, 0, True)],
     ),
-    "saturation": (from_tf(([8], THIRD_ORDER), Saturation()), [(3.3439987302064953, 1.4142135623730951, 0, True)]),
+    "saturation": (from_tf(([8], THIRD_ORDER), epp.Saturation()), [(3.3439987302064953, 1.4142135623730951, 0, True)]),
     "saturation, zero at the origin": (
-        from_tf(([-1, 0], [1, 0.8, 8]), Saturation()),
+        from_tf(([-1, 0], [1, 0.8, 8]), epp.Saturation()),
         [(1.4555006310528025, 2.82842712474619, 0, True)],
     ),
     "saturation, type 1": (
-        from_tf(([9], [1, 3, 2, 0]), Saturation()),
+        from_tf(([9], [1, 3, 2, 0]), epp.Saturation()),
         [(1.8073615967974652, 1.4142135623730947, 0, True)],
     ),
     "dead zone with saturation": (
-        from_tf(([24, 6], [1, 4, 4, 0, 0]), DeadZoneSaturation(1.0, 4.0, 2.0)),
+        from_tf(([24, 6], [1, 4, 4, 0, 0]), epp.DeadZoneSaturation(1.0, 4.0, 2.0)),
         [(1.2930089342295261, 1.7320508075688767, 0, False), (4.923677709995772, 1.7320508075688767, 0, True)],
     ),
     "quantised sensor": (
-        from_tf(([5.6], [1, 3, 2, 0]), Quantiser(1.0, 20)),
+        from_tf(([5.6], [1, 3, 2, 0]), epp.Quantiser(1.0, 20)),
         [
             (0.5697547549058886, 1.414213562373095, 0, False),
             (1.0428670390085437, 1.414213562373095, 0, True),
@@ -121,15 +104,15 @@ LOOPS = {
         ],
     ),
     "asymmetric saturation": (
-        from_tf(([8], THIRD_ORDER), Saturation(-0.5, 2.0)),
+        from_tf(([8], THIRD_ORDER), epp.Saturation(-0.5, 2.0)),
         [(2.798229231045058, 1.414213562373095, -1.0530530870594652, True)],
     ),
     "biased hysteresis, dead time": (
-        from_tf(([1], [1, 1]), HysteresisRelay(-0.1, 0.1, -0.7, 1.3), delay=0.5),
+        from_tf(([1], [1, 1]), epp.HysteresisRelay(-0.1, 0.1, -0.7, 1.3), delay=0.5),
         [(0.36524608271661557, 3.170284003194721, -0.10532721167710717, True)],
     ),
     "play in a servo": (
-        from_tf(([5], [1, 1, 0]), Play(gap=2.0)),
+        from_tf(([5], [1, 1, 0]), epp.Play(gap=2.0)),
         [(1.0556953082275586, 0.31814239915748294, 0, False), (2.020632276959861, 1.591383495201434, 0, True)],
     ),
     "play, sampled, 0.3 and 0.1": (sampled_servo(0.3, 0.1), [(1.8110958716515742, 0.2720058512550302, 0, True)]),
@@ -137,22 +120,22 @@ LOOPS = {
     "play, sampled, 0.2 and 0.2": (sampled_servo(0.2, 0.2), [(3.134533004456603, 0.42897004502352304, 0, True)]),
     "play, sampled, 0.5 and 0.1": (sampled_servo(0.5, 0.1), [(1.423650407543962, 0.24872573337585752, 0, True)]),
     "two masses": (
-        two_mass(DeadZone(-0.01, 0.01, 40.0), False),
+        two_mass(epp.DeadZone(-0.01, 0.01, 40.0), False),
         [(0.014298266624319145, 37.28398567604504, 0, True)],
     ),
     "belt": (belt(), []),
     "friction hunting": (hunting(1.0, 5.0), []),
     "friction hunting, slow": (hunting(0.5, 2.0), []),
     "valve stiction": (
-        from_blocks([JumpAndFollow(5.0, 2.0), ([1], [1, 0]), ([0.4, 0.08], [1, 0])]),
+        from_blocks([epp.JumpAndFollow(5.0, 2.0), ([1], [1, 0]), ([0.4, 0.08], [1, 0])]),
         [(2.793837312449711, 0.2858259095221507, 0, True)],
     ),
-    "valve dead band": (from_blocks([JumpAndFollow(4.0, 0.0), ([2], [10, 17, 8, 1]), ([0.6, 0.1], [1, 0])]), []),
-    "van der Pol": (from_tf(([1.0, 0], [1, -1.0, 1]), Cube(1 / 3)), [(2.0, 1.0, 0, True)]),
+    "valve dead band": (from_blocks([epp.JumpAndFollow(4.0, 0.0), ([2], [10, 17, 8, 1]), ([0.6, 0.1], [1, 0])]), []),
+    "van der Pol": (from_tf(([1.0, 0], [1, -1.0, 1]), epp.Cube(1 / 3)), [(2.0, 1.0, 0, True)]),
 }
 
 
-def answers(system: LureSystem) -> list[tuple[float, float, float, bool]]:
+def answers(system: epp.LureSystem) -> list[tuple[float, float, float, bool]]:
     """(amplitude, omega, mean) at the first element's input, stability."""
     first = system.element_names[0]
     found = []
@@ -177,17 +160,17 @@ def test_every_textbook_answer_and_no_other(name):
 
 def test_two_elements_in_series():
     """Saturation and play; the second answer, inside the linear range, is that of the play alone."""
-    found = answers(from_blocks([Saturation(-0.5, 0.5), ([8.0], [1, 1, 0]), Play(gap=1.0)]))
+    found = answers(from_blocks([epp.Saturation(-0.5, 0.5), ([8.0], [1, 1, 0]), epp.Play(gap=1.0)]))
     assert found[1][:2] == pytest.approx((0.777671565035938, 1.8915772893351637), rel=1e-9)
     assert [f[3] for f in found] == [False, True]
-    alone = answers(from_tf(([8.0], [1, 1, 0]), Play(gap=1.0)))
+    alone = answers(from_tf(([8.0], [1, 1, 0]), epp.Play(gap=1.0)))
     assert found[0][1] == pytest.approx(alone[0][1], rel=1e-9)
     assert len(found) == 2
 
 
 def test_frequency_dependent_element():
     """A lock pin with damping: the balance is written out independently from the loop's own equations."""
-    pin = LockPin(gap=0.02, stiffness=40.0, damping=0.1, model="classical")
+    pin = epp.LockPin(gap=0.02, stiffness=40.0, damping=0.1, model="classical")
     ((a, omega, bias, stable),) = answers(two_mass(pin, True))
     s = 1j * omega
     load = 1.0 / (0.004 * s + 0.02)
@@ -200,16 +183,16 @@ def test_frequency_dependent_element():
 
 def play_gain(a: float) -> float:
     """Gain K of K/(s(s+1)) at which play of half gap 1 oscillates with amplitude a."""
-    N = complex(Play(gap=2.0).describing_function(a)[1])
+    N = complex(epp.Play(gap=2.0).describing_function(a)[1])
     omega = -1.0 / np.tan(np.angle(N))
     return omega * np.hypot(1.0, omega) / abs(N)
 
 
 PLAY_FOLD = minimize_scalar(play_gain, bounds=(1.01, 3.0), method="bounded", options={"xatol": 1e-12}).fun
 FOLDS = {
-    "real gain": lambda r: from_tf(([np.pi * r], [1, 2, 1, 0]), RelayDeadZone(1.0)),
-    "complex gain": lambda r: from_tf(([PLAY_FOLD * r], [1, 1, 0]), Play(gap=2.0)),
-    "several elements": lambda r: from_blocks([Saturation(-9, 9), ([PLAY_FOLD * r], [1, 1, 0]), Play(gap=2.0)]),
+    "real gain": lambda r: from_tf(([np.pi * r], [1, 2, 1, 0]), epp.RelayDeadZone(1.0)),
+    "complex gain": lambda r: from_tf(([PLAY_FOLD * r], [1, 1, 0]), epp.Play(gap=2.0)),
+    "several elements": lambda r: from_blocks([epp.Saturation(-9, 9), ([PLAY_FOLD * r], [1, 1, 0]), epp.Play(gap=2.0)]),
 }
 
 
@@ -221,14 +204,14 @@ def test_both_cycles_next_to_a_fold_and_none_beyond(kind):
     assert answers(FOLDS[kind](1 - 1e-6)) == []
 
 
-def scaled(c: float, t: float) -> list[LureSystem]:
+def scaled(c: float, t: float) -> list[epp.LureSystem]:
     """Loops with amplitudes and time in other units."""
     return [
-        from_tf(([5 / t**2], [1, 1 / t, 0]), Play(gap=2.0 * c)),
-        from_tf(([5.6 / t**3], [1, 3 / t, 2 / t**2, 0]), Quantiser(c, 20)),
-        from_tf(([8 / t**3], [1, 2 / t, 2 / t**2, 1 / t**3]), Saturation(-0.5 * c, 2.0 * c)),
-        from_tf(([1 / t], [1, 1 / t]), Relay(-c, c), delay=0.5 * t),
-        from_blocks([Saturation(-0.5 * c, 0.5 * c), ([8 / t**2], [1, 1 / t, 0]), Play(gap=c)]),
+        from_tf(([5 / t**2], [1, 1 / t, 0]), epp.Play(gap=2.0 * c)),
+        from_tf(([5.6 / t**3], [1, 3 / t, 2 / t**2, 0]), epp.Quantiser(c, 20)),
+        from_tf(([8 / t**3], [1, 2 / t, 2 / t**2, 1 / t**3]), epp.Saturation(-0.5 * c, 2.0 * c)),
+        from_tf(([1 / t], [1, 1 / t]), epp.Relay(-c, c), delay=0.5 * t),
+        from_blocks([epp.Saturation(-0.5 * c, 0.5 * c), ([8 / t**2], [1, 1 / t, 0]), epp.Play(gap=c)]),
     ]
 
 
@@ -261,7 +244,7 @@ def test_symmetric_loop_with_biased_cycles():
     phase = lambda w: np.angle((1 - 1j * w) ** 2 / (1 + 1j * w) ** 2 / (1 + 0.3j * w))  # noqa: E731
     w = scipy.optimize.brentq(phase, 3.0, 6.0)
     n = np.hypot(1.0, 0.3 * w)
-    found = answers(from_tf(([1, -2, 1], den), Cube(1.0), feedback=1))
+    found = answers(from_tf(([1, -2, 1], den), epp.Cube(1.0), feedback=1))
     a = np.sqrt((3 - n) / 3.75)
     b = np.sqrt(1 - 1.5 * a**2)
     want = [(-b, a), (0.0, np.sqrt(n / 0.75)), (b, a)]
@@ -274,18 +257,18 @@ def test_dead_time_with_bounded_gain_has_all_modes():
     omega = np.linspace(0.1, 20.0, 200001)
     turns = (omega + np.arctan(omega)) / np.pi
     modes = [np.interp(k, turns, omega) for k in (1, 3, 5, 7) if 20 / np.hypot(1, np.interp(k, turns, omega)) > 1]
-    found = answers(from_tf(([20.0], [1, 1]), Saturation(), delay=1.0))
+    found = answers(from_tf(([20.0], [1, 1]), epp.Saturation(), delay=1.0))
     assert sorted(f[1] for f in found) == pytest.approx(modes, rel=1e-6)
     assert [f[3] for f in sorted(found, key=lambda f: f[1])] == [True] + [False] * (len(modes) - 1)
 
 
 def test_amplitude_inside_a_gap_is_never_an_answer():
     for gap in (0.5, 2.0):
-        assert all(f[0] > gap / 2 for f in answers(from_tf(([50.0], [1, 1, 0]), Play(gap=gap))))
+        assert all(f[0] > gap / 2 for f in answers(from_tf(([50.0], [1, 1, 0]), epp.Play(gap=gap))))
 
 
 def test_linear_element_gives_nothing():
-    line = PiecewiseLinear(breakpoints=[0.0], slopes=[1.0, 1.0], intercepts=[0.0, 0.0])
+    line = epp.PiecewiseLinear(breakpoints=[0.0], slopes=[1.0, 1.0], intercepts=[0.0, 0.0])
     assert answers(from_tf(([9], [1, 3, 2, 0]), line)) == []
 
 
@@ -293,7 +276,7 @@ def test_signals_have_the_cycle_of_the_elements():
     cycle = predict_limit_cycles(LOOPS["asymmetric saturation"][0])[0]
     c0, c1 = cycle.harmonics["x"]
     assert c1 == pytest.approx(-1j * 2.798229231045058)  # sine phase: Re(-j a exp(j omega t)) = a sin(omega t)
-    mean, gain = Saturation(-0.5, 2.0).describing_function(abs(c1), c0.real)
+    mean, gain = epp.Saturation(-0.5, 2.0).describing_function(abs(c1), c0.real)
     assert cycle.harmonics["y"] == pytest.approx([float(mean), complex(gain) * c1])
     assert cycle.mean["x"] == pytest.approx(-8 * cycle.mean["y"])
     assert cycle.peak_to_peak["x"] == pytest.approx(2 * abs(c1))
@@ -333,10 +316,10 @@ class TestElbow:
     """The paper's elbow: several elements, biased, with a lock pin whose gain depends on frequency."""
 
     @staticmethod
-    def parameters(backlash: float = 2.5, band: float = 2.5) -> ElbowParameters:
+    def parameters(backlash: float = 2.5, band: float = 2.5) -> epp.ElbowParameters:
         from dataclasses import replace
 
-        p = ElbowParameters()
+        p = epp.ElbowParameters()
         return replace(
             p,
             pulley=replace(p.pulley, friction=0.0),
@@ -426,7 +409,7 @@ class TestMargins:
 class TestBadRequests:
     def test_unknown_input(self):
         with pytest.raises(ModelError, match="no input 'angle'; expected one of: harness_position"):
-            predict_limit_cycles(elbow(ElbowParameters()), {"angle": 1.0})
+            predict_limit_cycles(elbow(epp.ElbowParameters()), {"angle": 1.0})
 
     def test_element_without_describing_function(self):
         with pytest.raises(ModelError, match="3 inputs; expected one and its rate"):
@@ -438,7 +421,7 @@ class TestBadRequests:
         C = loop.C.copy()
         C[row] *= -1.0
         with pytest.raises(ModelError, match="is not the (rate of its first|integral of its contact rate)"):
-            predict_limit_cycles(LureSystem.build(loop.A, loop.B, C, loop.elements))
+            predict_limit_cycles(epp.LureSystem.build(loop.A, loop.B, C, loop.elements))
 
 
 class Wrapped(control.DescribingFunctionNonlinearity):
@@ -472,7 +455,7 @@ class TestPythonControl:
 
     def test_pair_next_to_a_fold_is_lost(self):
         plant = control.tf([np.pi * (1 + 1e-6)], [1, 2, 1, 0])
-        assert self.ask(plant, Wrapped(RelayDeadZone(1.0)), np.linspace(1.0001, 5, 200)) == []
+        assert self.ask(plant, Wrapped(epp.RelayDeadZone(1.0)), np.linspace(1.0001, 5, 200)) == []
         assert len(answers(FOLDS["real gain"](1 + 1e-6))) == 2
 
     def test_cycles_are_invented_beyond_a_fold(self):
@@ -489,7 +472,7 @@ class TestPythonControl:
         assert len(answers(LOOPS["play in a servo"][0])) == 2
 
     def test_one_cycle_is_found_twice(self):
-        plant, element = control.tf([5], [1, 2, 1, 0]), Wrapped(RelayDeadZone(1.0))
+        plant, element = control.tf([5], [1, 2, 1, 0]), Wrapped(epp.RelayDeadZone(1.0))
         found = control.describing_function_response(
             plant, element, np.linspace(1.001, 5, 10), np.geomspace(0.1, 10, 101), warn_nyquist=False
         ).intersections
@@ -502,7 +485,7 @@ class TestPythonControl:
         plant = control.tf([8 / t**3], [1, 2 / t, 2 / t**2, 1 / t**3])
         with pytest.raises(IndexError):
             self.ask(plant, control.saturation_nonlinearity(1), np.linspace(1, 10, 50))
-        system = from_tf(([8 / t**3], [1, 2 / t, 2 / t**2, 1 / t**3]), Saturation())
+        system = from_tf(([8 / t**3], [1, 2 / t, 2 / t**2, 1 / t**3]), epp.Saturation())
         assert answers(system)[0][0] == pytest.approx(3.3439987302064953)
 
     def test_discrete_time_is_wrong(self):
@@ -515,9 +498,9 @@ class TestPythonControl:
         omega = np.geomspace(0.1, 100, 2000)
         measured = control.frd(np.exp(-0.5j * omega) / (1j * omega + 1), omega)
         with pytest.raises(ValueError, match="FRD"):
-            control.describing_function_response(measured, Wrapped(Relay()), np.linspace(0.01, 1, 100), omega)
+            control.describing_function_response(measured, Wrapped(epp.Relay()), np.linspace(0.01, 1, 100), omega)
         rational = control.tf([1], [1, 1]) * control.tf(*control.pade(0.5, 3))
-        found = self.ask(rational, Wrapped(Relay()), np.linspace(0.01, 1, 100))
+        found = self.ask(rational, Wrapped(epp.Relay()), np.linspace(0.01, 1, 100))
         assert sorted(w for _, w in found) == pytest.approx([3.6742712, 31.413845], rel=1e-4)
         assert [f[1] for f in answers(LOOPS["relay, dead time"][0])] == pytest.approx([3.6731944063042516])
 
@@ -532,7 +515,7 @@ class TestPythonControl:
 @pytest.mark.parametrize(("gain", "stable"), [(5.9, True), (6.1, False), (24.0, False)])
 def test_a_disk_margin_is_for_loops_that_are_stable(gain: float, stable: bool) -> None:
     """By Routh, ``gain / (s (s + 1) (s + 2))`` closes stably up to a gain of 6."""
-    loop = LureSystem.from_tf(([gain], [1.0, 3.0, 2.0, 0.0]), Saturation())
+    loop = epp.LureSystem.from_tf(([gain], [1.0, 3.0, 2.0, 0.0]), epp.Saturation())
     margins = predict_limit_cycles(loop).margins
     assert margins["gain_margin"] == pytest.approx(6.0 / gain, rel=1e-6)
     assert (margins["disk_margin"] > 0.0) == stable
@@ -540,8 +523,8 @@ def test_a_disk_margin_is_for_loops_that_are_stable(gain: float, stable: bool) -
 
 def staircase(levels, reference, x0=(0.0, 0.0, 0.0)):
     """A quantised measurement of a position that is held at `reference`."""
-    base = from_tf(([5.6], [1, 3, 2, 0]), Quantiser(1.0, levels))
-    return LureSystem.build(
+    base = from_tf(([5.6], [1, 3, 2, 0]), epp.Quantiser(1.0, levels))
+    return epp.LureSystem.build(
         base.A, base.B, base.C, base.elements, B_input=-base.B, input_names=("r",), v0=[reference], x0=x0
     )
 
@@ -571,7 +554,7 @@ def test_unused_levels_and_the_start_change_no_prediction(few_levels, levels, re
 def test_cycles_between_levels_satisfy_the_balance_by_quadrature(reference):
     """Against sampled integrals of the map itself, on a grid of amplitudes with the mean from bisection."""
     phi = 2 * np.pi * (np.arange(4000) + 0.5) / 4000
-    step = Quantiser(1.0, 30)
+    step = epp.Quantiser(1.0, 30)
 
     def sampled(a):
         low, high = reference - 1.0, reference + 1.0
@@ -594,26 +577,26 @@ def test_cycles_between_levels_satisfy_the_balance_by_quadrature(reference):
 def test_an_element_that_turns_back_for_ever_is_covered_in_part_and_soon(plant):
     """The mean of a sine's output is zero at every multiple of pi and at every zero of a Bessel function."""
     begun = time.process_time()
-    found = predict_limit_cycles(from_tf(([1.0], plant), Sine(1.0)))
+    found = predict_limit_cycles(from_tf(([1.0], plant), epp.Sine(1.0)))
     assert time.process_time() - begun < 20.0
     assert found.status is Status.INCOMPLETE and "more answers than can be followed" in found.search
 
 
 def test_staircase_on_which_the_loop_may_stand_anywhere_is_said_to_be_covered_in_part():
-    loop = from_tf(([6.0, -0.98], [1, 3, 3, 1]), Quantiser(1.0, 40))
+    loop = from_tf(([6.0, -0.98], [1, 3, 3, 1]), epp.Quantiser(1.0, 40))
     found = predict_limit_cycles(loop)
     assert found.status is Status.INCOMPLETE and "may be missing" in found.search
 
 
-def coupled(seed: int, size: float, other: str) -> LureSystem:
+def coupled(seed: int, size: float, other: str) -> epp.LureSystem:
     """Two elements without thresholds, each in the other's way, levels in any unit."""
     draw = np.random.default_rng(seed)
     A = -np.diag(draw.uniform(0.3, 2.0, 4)) + np.triu(draw.normal(size=(4, 4)), 1)
     A -= np.tril(draw.normal(size=(4, 4)), -1)
     A -= (max(0.0, np.linalg.eigvals(A).real.max()) + 0.1) * np.eye(4)
     B, C = 3.0 * draw.normal(size=(4, 2)), draw.normal(size=(2, 4))
-    second = Relay(-2.0 * size, 2.0 * size) if other == "relay" else Preload(level=size, slope=0.5)
-    return LureSystem.build(A, B, C, [Relay(-size, size), second])
+    second = epp.Relay(-2.0 * size, 2.0 * size) if other == "relay" else epp.Preload(level=size, slope=0.5)
+    return epp.LureSystem.build(A, B, C, [epp.Relay(-size, size), second])
 
 
 @pytest.mark.parametrize("seed, other, size", [(0, "relay", 1e6), (3, "preload", 1e-6)])
@@ -648,11 +631,11 @@ def test_an_asymmetric_relay_behind_a_dead_time_is_predicted_at_one_frequency(le
 
 def test_what_a_grid_over_several_elements_may_miss_is_said():
     """On a finer grid two more cycles of the second loop are found, on one finer still neither."""
-    of_two = LureSystem.from_blocks([Saturation(), ([8.0], [1, 1]), Saturation(), ([1.0], [1, 3, 2])])
+    of_two = epp.LureSystem.from_blocks([epp.Saturation(), ([8.0], [1, 1]), epp.Saturation(), ([1.0], [1, 3, 2])])
     for prediction in map(predict_limit_cycles, (of_two, random_loop(15))):
         assert "wholly between points of this grid may be missed" in prediction.search
         assert "Cycles between the points of its grid may be missed." in str(prediction)
-    of_one = LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), Relay())
+    of_one = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
     assert "grid" not in str(predict_limit_cycles(of_one))
 
 

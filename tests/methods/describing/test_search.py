@@ -38,6 +38,7 @@ def test_cycles_at_a_resonance_are_those_of_the_relays_locus(damping: float, gai
     assert np.allclose(found, wanted, rtol=1e-9, atol=0.0) if wanted else not found
 
 
+@pytest.mark.slow
 def test_an_encoder_of_many_levels_has_the_cycles_of_one_of_few() -> None:
     """Among the first levels no further one counts; they cost as many evaluations as there are, not their square."""
     few, many = (

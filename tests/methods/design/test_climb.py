@@ -21,6 +21,7 @@ def top_of(values, slopes, start: Array) -> Slope:
     return climb(ask, ask(start), 0.1, 1e-6, 300)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.floats(0.05, 0.95), min_size=2, max_size=3), st.floats(0.1, 0.9))
 def test_a_smooth_top_is_found(top: list[float], start: float) -> None:

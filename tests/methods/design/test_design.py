@@ -85,6 +85,7 @@ def test_the_largest_gain_over_the_lead_is_that_of_a_grid(servo: epp.Case, found
     assert turn_from(servo.with_values({"T": best["T"]}), 6.0, 7.8) == pytest.approx(best["k"], rel=1e-8)
 
 
+@pytest.mark.slow
 def test_at_an_optimum_inside_its_range_the_other_parameter_has_no_price(found: epp.Design) -> None:
     assert abs(found.optimum.prices["T"]) < 0.05
     # Sizes of cycles scale with the play, gains do not.
@@ -168,6 +169,7 @@ def test_slow_runs_that_shrink_are_told_from_those_on_a_cycle(servo: epp.Case, f
     assert not shrinks(beyond, x0, found.optimum.orbit)
 
 
+@pytest.mark.slow
 def test_a_run_that_shrinks_in_steps_is_told_from_one_on_a_cycle(servo: epp.Case, coarse: None) -> None:
     """With a long lead what is left of a motion stands for more than twice the time between its steps."""
     slow = servo.with_values({"T": 2.0})

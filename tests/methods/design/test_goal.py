@@ -94,6 +94,7 @@ def test_the_largest_gain_at_a_phase_margin_is_its_closed_form(case: epp.Case) -
     assert "Active is what is kept: the phase margin of 45 deg." in found.sentence
 
 
+@pytest.mark.slow
 def test_what_is_kept_nowhere_would_have_to_give(case: epp.Case) -> None:
     found = epp.design(case, {"k": (20.0, 40.0)}, maximise="k", subject_to={"phase_margin": "60 deg"}, verify=False)
     assert not found.optimum.feasible

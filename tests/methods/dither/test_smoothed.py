@@ -8,12 +8,11 @@ from scipy.integrate import quad
 from scipy.special import ellipe
 
 import eppanalysis as epp
-from eppanalysis.models.elements.base import Nonlinearity
 
 SWEPT = (epp.Relay(), epp.Saturation(), epp.DeadZone(), epp.RelayDeadZone(threshold=0.7), epp.Cube(1.0))
 
 
-def mean_over_time(element: Nonlinearity, x: float, dither: float, wave: str) -> float:
+def mean_over_time(element: epp.Nonlinearity, x: float, dither: float, wave: str) -> float:
     """Mean output over a period of the dither, by quadrature of the element's own map between its breakpoints."""
 
     def at(place: float) -> float:
@@ -29,7 +28,7 @@ def mean_over_time(element: Nonlinearity, x: float, dither: float, wave: str) ->
 
 @pytest.mark.parametrize("wave", ["sine", "triangle"])
 @pytest.mark.parametrize("element", SWEPT, ids=lambda e: type(e).__name__)
-def test_the_effective_characteristic_is_the_mean_in_time(element: Nonlinearity, wave: str) -> None:
+def test_the_effective_characteristic_is_the_mean_in_time(element: epp.Nonlinearity, wave: str) -> None:
     rng = np.random.default_rng(3)
     for x, dither in zip(rng.uniform(-2.0, 2.0, 6), 10.0 ** rng.uniform(-1.5, 1.0, 6), strict=True):
         known = mean_over_time(element, float(x), float(dither), wave)
@@ -39,7 +38,7 @@ def test_the_effective_characteristic_is_the_mean_in_time(element: Nonlinearity,
 
 @pytest.mark.parametrize("wave", ["sine", "triangle"])
 @pytest.mark.parametrize("element", SWEPT, ids=lambda e: type(e).__name__)
-def test_the_equivalent_gain_is_that_of_the_effective_characteristic(element: Nonlinearity, wave: str) -> None:
+def test_the_equivalent_gain_is_that_of_the_effective_characteristic(element: epp.Nonlinearity, wave: str) -> None:
     """The describing function is made of means over the bias; here the slow sine is the outer mean."""
     for a, b, dither in ((0.6, 0.2, 0.9), (2.3, -0.4, 0.5), (0.3, 1.1, 0.25)):
         one = epp.smoothed(element, dither, wave)
@@ -69,7 +68,7 @@ STEEP = {
 }
 
 
-def mean_beside(element: Nonlinearity, centre: float, x: float, dither: float, wave: str) -> float:
+def mean_beside(element: epp.Nonlinearity, centre: float, x: float, dither: float, wave: str) -> float:
     """The same of one that is steep or jumps at a known place, from there outwards decade by decade."""
     end = 0.5 * np.pi if wave == "sine" else 1.0
     share = np.clip((centre - x) / dither, -1.0, 1.0)

@@ -1,18 +1,11 @@
 """Responses over frequency and amplitude: folds against closed forms and integrators, linear loops, python-control."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.methods.driven.closing import passed
-from eppanalysis.methods.driven.drive import drive_of
-from eppanalysis.methods.driven.follow import Road
-from eppanalysis.methods.orbits.arcs import Arcs
-from eppanalysis.methods.orbits.orbit import evaluate
 from tests import driven_loops
 from tests.driven_loops import TURN, duffing
 
@@ -165,27 +158,3 @@ def test_a_pair_of_mirror_images_leaves_the_symmetric_response_at_one_frequency(
     above = epp.forced_response(system, amplitude=1.0, frequency=1.001 * points[0].frequency, most_periods=1)
     assert all(abs(r.cycle.mean["plant"]) > 1e-4 for r in below.stable)
     assert [abs(r.cycle.mean["plant"]) < 1e-9 for r in above.stable] == [True]
-
-
-@pytest.mark.parametrize("over", ["frequency", "amplitude"])
-def test_the_derivative_by_the_parameter_is_exact(saturated, over):
-    """Beside central differences of fourth order, whose own error is 1e-10 at that step."""
-    changed = {
-        "frequency": lambda v: drive.changed(omega=float(np.exp(v))),
-        "amplitude": lambda v: drive.changed(amplitude=float(np.exp(v))),
-    }[over]
-    drive = drive_of(saturated, None, 0.5, 0.85 / TURN, None, "test")
-    value = float(np.log(0.85 if over == "frequency" else 0.5))
-    road = Road(changed, (value - 0.1, value + 0.1), {"frequency": -1.0, "amplitude": 0.0}[over], 2)
-    orbit = passed(*road.at(value, replace(drive.hybrid, x0=drive.hybrid.x0 + 0.3)))
-    assert orbit.tau.size > 2  # through switches
-
-    def residual(v):
-        hybrid, duration = road.at(v, orbit.hybrid)
-        arcs = replace(Arcs.build(hybrid, orbit.arcs.event_sequence, orbit.arcs), duration=duration)
-        return evaluate(hybrid, arcs, orbit.y, orbit.tau).r
-
-    h = 1e-3
-    near, far = (residual(value + k * h) - residual(value - k * h) for k in (1, 2))
-    scale = np.abs(near).max() / h
-    np.testing.assert_allclose(road.slope(orbit, value), (8.0 * near - far) / (12.0 * h), rtol=0, atol=1e-9 * scale)

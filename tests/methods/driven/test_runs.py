@@ -5,7 +5,6 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
-from eppanalysis.methods.driven.result import Motion
 from tests.driven_loops import TURN
 
 
@@ -29,7 +28,7 @@ def test_with_dead_time_the_linear_range_gives_the_frequency_response() -> None:
     s = 1j * omega
     # Half a millionth of a transient is left: it repeats itself to a millionth.
     assert one.response("lag") == pytest.approx(1.0 / (s + 1.0 + 0.8 * np.exp(-s * delay)), rel=1e-6)
-    assert found.motion is Motion.PERIODIC and found.repeats == 1 and one.stable and np.isnan(one.largest_multiplier)
+    assert found.motion == "periodic" and found.repeats == 1 and one.stable and np.isnan(one.largest_multiplier)
     assert "from a run alone, for the loop has dead time: after 30 periods" in str(found)
     assert "Other responses were not looked for." in str(found)
 
@@ -74,7 +73,7 @@ def test_a_sampled_gain_is_a_hold() -> None:
 def test_what_does_not_repeat_itself_and_what_cannot_be_followed_is_said() -> None:
     slow = late(epp.Saturation(-1.0, 1.0, 5.0), 1.0)  # oscillates by itself, besides
     found = epp.forced_response(slow, amplitude=0.01, frequency=0.137, most_periods=2)
-    assert found.motion is Motion.UNDECIDED and not found.responses and not found.status.ok
+    assert found.motion == "undecided" and not found.responses and not found.status.ok
     assert "has not come to repeat itself within 300 periods of the input" in str(found)
     with pytest.raises(EppError, match="has dead time, so there is no exact response to follow"):
         epp.frequency_response(slow, amplitude=1.0, frequencies=(0.1, 1.0))

@@ -179,6 +179,7 @@ def test_rules_with_ever_more_chains_of_events_are_given_up_in_time(
     assert not found.deterministic or not found.decided
 
 
+@pytest.mark.slow
 def test_rules_whose_events_follow_one_another_in_a_thousand_modes_are_given_up() -> None:
     loop = epp.case("virtual_spring").to_system()
     encoder = loop.elements[loop.element_names.index("encoder")]

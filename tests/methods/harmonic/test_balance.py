@@ -11,54 +11,34 @@ from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.harmonic.balance import harmonic_balance
 from eppanalysis.methods.harmonic.coefficients import respond, stacked
 from eppanalysis.methods.harmonic.elements import PeriodicElement
-from eppanalysis.models.elements import (
-    Cube,
-    DeadZone,
-    DeadZoneSaturation,
-    FiveBandLaw,
-    Friction,
-    HysteresisRelay,
-    HysteresisRelayDeadZone,
-    JumpAndFollow,
-    LockPin,
-    ParkingBandLaw,
-    Play,
-    Preload,
-    Quantiser,
-    Relay,
-    RelayDeadZone,
-    Saturation,
-    Sine,
-    StictionPulley,
-)
-from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.elements import ParkingBandLaw
 from tests.fourier import series, turning_points, value
 from tests.harmonic_coverage import entries
 from tests.shared import predicted
 
-LAW = FiveBandLaw(1.0, 2.0, 3.0, 4.0, 16.0, 0.5)
+LAW = epp.FiveBandLaw(1.0, 2.0, 3.0, 4.0, 16.0, 0.5)
 
 # Elements with the mean and the size of the inputs that bring them to life.
 ELEMENTS = {
-    "saturation": (Saturation(-0.8, 1.0, 2.0), 0.2, 1.5),
-    "dead zone": (DeadZone(-1.0, 1.5, 2.0), 0.2, 2.0),
-    "dead zone, saturation": (DeadZoneSaturation(0.5, 2.0, 3.0), -0.3, 2.0),
-    "relay": (Relay(-1.0, 2.0, 0.3), 0.2, 1.5),
-    "relay, dead zone": (RelayDeadZone(0.5), 0.1, 1.5),
-    "preload": (Preload(0.3, 2.0), 0.1, 1.0),
-    "quantiser": (Quantiser(0.7, 4), 0.2, 2.0),
+    "saturation": (epp.Saturation(-0.8, 1.0, 2.0), 0.2, 1.5),
+    "dead zone": (epp.DeadZone(-1.0, 1.5, 2.0), 0.2, 2.0),
+    "dead zone, saturation": (epp.DeadZoneSaturation(0.5, 2.0, 3.0), -0.3, 2.0),
+    "relay": (epp.Relay(-1.0, 2.0, 0.3), 0.2, 1.5),
+    "relay, dead zone": (epp.RelayDeadZone(0.5), 0.1, 1.5),
+    "preload": (epp.Preload(0.3, 2.0), 0.1, 1.0),
+    "quantiser": (epp.Quantiser(0.7, 4), 0.2, 2.0),
     "bands": (LAW, 2.4, 1.5),
-    "cube": (Cube(0.3), 0.4, 1.5),
-    "sine": (Sine(1.2), 0.4, 2.0),
-    "friction": (Friction(1.0), 0.2, 1.5),
-    "falling friction": (Friction(0.0, static=1.0, stribeck=2.0), 0.2, 1.5),
-    "hysteresis": (HysteresisRelay(-0.3, 0.5), 0.1, 1.5),
-    "hysteresis, dead zone": (HysteresisRelayDeadZone(1.0, 0.5), 0.1, 2.0),
-    "play": (Play(1.0), 0.3, 1.5),
-    "jump and follow": (JumpAndFollow(1.0, 0.4, 1.3), 0.3, 1.5),
-    "pulley": (StictionPulley(8.0, 33.0, 0.05, 0.8), 2.5, 1.5),
-    "lock pin": (LockPin(0.5, 100.0, 1.0), 0.1, 1.0),
-    "lock pin, classical": (LockPin(0.5, 100.0, 1.0, "classical"), 0.1, 1.0),
+    "cube": (epp.Cube(0.3), 0.4, 1.5),
+    "sine": (epp.Sine(1.2), 0.4, 2.0),
+    "friction": (epp.Friction(1.0), 0.2, 1.5),
+    "falling friction": (epp.Friction(0.0, static=1.0, stribeck=2.0), 0.2, 1.5),
+    "hysteresis": (epp.HysteresisRelay(-0.3, 0.5), 0.1, 1.5),
+    "hysteresis, dead zone": (epp.HysteresisRelayDeadZone(1.0, 0.5), 0.1, 2.0),
+    "play": (epp.Play(1.0), 0.3, 1.5),
+    "jump and follow": (epp.JumpAndFollow(1.0, 0.4, 1.3), 0.3, 1.5),
+    "pulley": (epp.StictionPulley(8.0, 33.0, 0.05, 0.8), 2.5, 1.5),
+    "lock pin": (epp.LockPin(0.5, 100.0, 1.0), 0.1, 1.0),
+    "lock pin, classical": (epp.LockPin(0.5, 100.0, 1.0, "classical"), 0.1, 1.0),
 }
 
 _P8 = np.polynomial.legendre.Legendre.basis(8)
@@ -80,7 +60,7 @@ RATES = {
 
 
 def roles(element) -> list[str]:
-    return ["free", "rate" if isinstance(element, LockPin) else "clock"][: element.n_inputs]
+    return ["free", "rate" if isinstance(element, epp.LockPin) else "clock"][: element.n_inputs]
 
 
 def adaptive(f, low: float, high: float, whole=None, depth: int = 44):
@@ -105,7 +85,7 @@ def by_quadrature(element, c: np.ndarray, omega: float) -> np.ndarray:
     k = np.arange(c.size)
     marks = turning_points(c)
     ends = np.append(marks, marks[0] + 2 * np.pi)
-    rated = isinstance(element, LockPin)
+    rated = isinstance(element, epp.LockPin)
     memory = None
     if not rated:
         x = [value(c, m) for m in marks]
@@ -227,6 +207,7 @@ def test_converges_to_the_exact_orbit_at_the_rate_of_theory(name):
     assert rate == pytest.approx(RATES[name], abs=0.45)
 
 
+@pytest.mark.slow
 def test_converges_exponentially_for_a_smooth_element():
     true, _ = errors("van_der_pol_mu1", [3, 5, 9, 13, 17])
     assert np.all(true[1:] < true[:-1])
@@ -257,8 +238,8 @@ def test_elbow_cycles_within_a_percent_of_simulation(name, order):
     assert cycle.peak_to_peak["theta"] == pytest.approx(run.peak_to_peak["theta"], rel=0.01)
 
 
-def third_order() -> LureSystem:
-    return LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), Relay())
+def third_order() -> epp.LureSystem:
+    return epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
 
 
 def test_automatic_order_ends_when_its_error_is_small():
@@ -299,11 +280,11 @@ def test_peak_to_peak_is_the_extremum_of_the_series():
 
 
 def test_steady_input_moves_the_mean():
-    system = LureSystem.build(
+    system = epp.LureSystem.build(
         [[-1.0, 0, 0], [1, -2, 0], [0, 1, 0]],
         [[1.0], [0], [0]],
         [[0, 0, -1.0]],
-        [Saturation(slope=12.0, lower=-1.0, upper=2.0)],
+        [epp.Saturation(slope=12.0, lower=-1.0, upper=2.0)],
         B_input=[[1.0], [0], [0]],
         input_names=["load"],
     )
@@ -354,6 +335,7 @@ def test_estimate_covers_the_distance_to_an_exact_orbit_or_says_that_it_cannot(n
     assert np.median([e.estimate / e.error for e in given]) < 2.0
 
 
+@pytest.mark.slow
 def test_estimate_of_a_sampled_loop_covers_what_its_order_and_its_samples_leave():
     """Either alone did not: the cycle locks to 28 samples, and the balance of order 15 is 13 % off."""
     found = entries("buck_converter", [3, 7, 8, 15, 16, 19])

@@ -11,12 +11,10 @@ from eppanalysis.methods.harmonic.balance import harmonic_balance, settled
 from eppanalysis.methods.harmonic.loop import Loop, inputs_of
 from eppanalysis.methods.harmonic.path import let_in
 from eppanalysis.methods.orbits.exact import exact_orbit
-from eppanalysis.models.elements import Relay, RelayDeadZone, Saturation
-from eppanalysis.models.systems.lure import LureSystem
 from studies import first_order as study
 
 
-def end_of_curve(system: LureSystem, guess: epp.LimitCycle, order: int) -> tuple[np.ndarray, float] | None:
+def end_of_curve(system: epp.LureSystem, guess: epp.LimitCycle, order: int) -> tuple[np.ndarray, float] | None:
     """The balance at the end of the curve from a first-order cycle of one element."""
     loop = Loop.of(system, system.v0)
     Z = inputs_of(loop, guess)
@@ -25,10 +23,10 @@ def end_of_curve(system: LureSystem, guess: epp.LimitCycle, order: int) -> tuple
     return None if found is None else settled(loop, *found)
 
 
-@pytest.mark.parametrize("element", [Relay(), Saturation(), RelayDeadZone(threshold=0.2)])
+@pytest.mark.parametrize("element", [epp.Relay(), epp.Saturation(), epp.RelayDeadZone(threshold=0.2)])
 @pytest.mark.parametrize("order", [3, 9, 25])
 def test_where_nothing_folds_the_curve_leads_where_newtons_method_does(element, order):
-    system = LureSystem.from_tf(([12.0], [1.0, 3.0, 2.0, 0.0]), element)
+    system = epp.LureSystem.from_tf(([12.0], [1.0, 3.0, 2.0, 0.0]), element)
     guess = max(predict_limit_cycles(system), key=lambda c: c.amplitude("x"))
     Z, omega = end_of_curve(system, guess, order)
     balance = harmonic_balance(system, guess, order)

@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
-from eppanalysis.models.elements import FiveBandLaw, ParkingBandLaw, SampledLaw
+from eppanalysis.models.elements import ParkingBandLaw, SampledLaw
 from tests.wrong_arguments import fields_of_elements
 
 STATIC = [
@@ -105,7 +105,7 @@ def test_bad_arguments_are_refused():
         epp.sinusoidal_harmonics(epp.Relay(), 1.0, omega=-1.0)
 
 
-PARKING = ParkingBandLaw(FiveBandLaw(slack=1.0, low=2.0, high=2.5, max=4.0, supply_voltage=16.0), dwell_time=0.02)
+PARKING = ParkingBandLaw(epp.FiveBandLaw(slack=1.0, low=2.0, high=2.5, max=4.0, supply_voltage=16.0), dwell_time=0.02)
 
 
 def in_time(element, amplitude, bias, omega):

@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.methods.orbits.cycle import to_limit_cycle
-from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
-from eppanalysis.methods.orbits.shooting import close_orbit, orbits_near
 from eppanalysis.results import smallest_first
 from tests.coordinates import rotated
 from tests.shared import cycles_of
@@ -26,17 +23,15 @@ def events(cycle: epp.LimitCycle) -> list[tuple[str, str]]:
 def test_an_orbit_begins_at_the_same_event_wherever_along_it_it_is_closed(name: str) -> None:
     """The halves of a symmetric orbit take as long but for rounding, which chose between them."""
     system = epp.case(name).to_system()
-    hybrid = steady_hybrid(system)
     for cycle in cycles_of(name):
-        orbit = next(orbits_near(hybrid, *start_of(hybrid, cycle), cycle.period))
-        for first in range(orbit.arcs.n_arcs):
-            guess = orbit.rotated(first).guess
-            anew = close_orbit(hybrid, replace(guess, tau=guess.tau * (1.0 + 1e-9 * np.cos(np.arange(guess.tau.size)))))
-            assert anew is not None and events(to_limit_cycle(system, anew)) == events(to_limit_cycle(system, orbit))
-            assert anew.y == pytest.approx(orbit.y, abs=1e-8 * orbit.scale.max())
+        for first in range(len(cycle.event_states)):
+            states = np.roll(cycle.event_states, -first, axis=0) * (1.0 + 1e-9)
+            anew = epp.exact_orbit(system, replace(cycle, state=states[0], memory=(), event_states=states))
+            assert anew.status.ok and events(anew) == events(cycle)
+            assert anew.state == pytest.approx(cycle.state, abs=1e-8 * np.ptp(states, axis=0).max())
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (i > 1)) for i, n in enumerate(NAMES)])
 def test_a_search_lists_the_same_phases_in_the_same_order_in_turned_states_and_from_another_start(name: str) -> None:
     system, wanted = epp.case(name).to_system(), cycles_of(name)
     for seed in range(2):

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import root
 from scipy.signal import residue
 
 import eppanalysis as epp
-from eppanalysis.methods.orbits.exact import orbits_of, steady_hybrid
-from eppanalysis.methods.orbits.guess import Guess
-from eppanalysis.methods.orbits.orbit import CONVERGED, solve
-from eppanalysis.methods.orbits.shooting import close_orbit
 from tests.stress.first_order_loops import random_loop
 
 
@@ -66,7 +64,11 @@ class HalfPeriod:
 
 @pytest.mark.parametrize(
     ("damping", "speed", "lag", "gain"),
-    [(0.2058, 2.149, 0.4365, 10.3153), (0.2398, 0.8211, 0.183, 0.2467), (0.0874, 1.0477, 0.1489, 1.3561)],
+    [
+        (0.2398, 0.8211, 0.183, 0.2467),
+        pytest.param(0.2058, 2.149, 0.4365, 10.3153, marks=pytest.mark.slow),
+        pytest.param(0.0874, 1.0477, 0.1489, 1.3561, marks=pytest.mark.slow),
+    ],
 )
 def test_all_cycles_of_a_relay_whose_plant_rings_are_listed(damping, speed, lag, gain):
     denominator = np.polymul([1.0, 2.0 * damping * speed, speed**2], [1.0, lag, 0.0])
@@ -77,15 +79,12 @@ def test_all_cycles_of_a_relay_whose_plant_rings_are_listed(damping, speed, lag,
         assert min(abs(cycle.omega - omega) for cycle in found) < 1e-6 * omega
 
 
-def test_equations_that_close_without_a_motion_are_no_orbit():
-    """A dead zone's input leaves the band for good where the equations let it wait for its next turn."""
+def test_what_closes_is_a_motion():
+    """A dead zone's input leaves the band for good where the equations alone would let it wait for its next turn."""
     loop = random_loop(20010)
-    hybrid = steady_hybrid(loop)
-    predicted = epp.predict_limit_cycles(loop)
-    orbit = next(found.orbit for found in orbits_of(loop, hybrid, predicted[0], predicted.operating_point))
-    y = orbit.y.copy()
-    y[:5] = 0.27018131, -1.72063808, -2.83880759, 95.6527999, -37.60102447
-    tau = np.array([5.82017789, 1.5805266, 5.82017789, 1.5805266])
-    guess = Guess(orbit.arcs.event_sequence, y, tau)
-    assert solve(hybrid, guess).residual < CONVERGED
-    assert close_orbit(hybrid, guess) is None
+    found = epp.find_limit_cycles(loop)
+    assert len(found)
+    for cycle in found:
+        run = epp.simulate(replace(loop, x0=cycle.state, memory=cycle.memory), t_end=0.999 * cycle.period)
+        behind = [event.name for event in run.events if event.time > 1e-6 * cycle.period]
+        assert behind == [event.name for event in cycle.events][:-1]

@@ -55,6 +55,7 @@ def _iterated(state: np.ndarray, n: int) -> np.ndarray:
     return rows
 
 
+@pytest.mark.slow
 def test_a_modulator_that_cycles_for_ever_is_neutral():
     found = epp.find_limit_cycles(_modulator())
     assert len(found) and "none of them stable" not in str(found) and str(found).startswith("Neutral limit cycles")

@@ -73,7 +73,13 @@ def _heard(t: np.ndarray, z: np.ndarray, relay: epp.HysteresisRelay) -> list[tup
     return seen
 
 
-@pytest.mark.parametrize("numbers", [*RINGING, *map(_random, range(5))])
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        *RINGING[:2],
+        *(pytest.param(given, marks=pytest.mark.slow) for given in (RINGING[2], *map(_random, range(5)))),
+    ],
+)
 def test_a_relay_that_hears_the_response_to_a_listed_orbit_switches_as_it_says(numbers):
     loop = _loop(*numbers)
     relay, found = loop.elements[0], epp.find_limit_cycles(loop)

@@ -10,14 +10,6 @@ import pytest
 import scipy.linalg
 
 import eppanalysis as epp
-from eppanalysis.methods.orbits.exact import steady_hybrid
-from eppanalysis.methods.search import locked
-from eppanalysis.methods.search.basin import REST, UNKNOWN, basin
-from eppanalysis.methods.search.locked import SampledSearch
-from eppanalysis.methods.search.result import CycleSearch
-from eppanalysis.methods.search.trigger import trigger
-from eppanalysis.methods.simulation.simulate import cycle_of_run, run_hybrid
-from eppanalysis.models.systems.sampled.strobe import Strobe
 from tests.sampled_relay import sampled_relay
 
 DEAD, T = 0.16, 0.5
@@ -48,13 +40,13 @@ def case() -> epp.Case:
 
 
 @pytest.fixture(scope="module")
-def found(case: epp.Case) -> CycleSearch:
+def found(case: epp.Case) -> epp.CycleSearch:
     return epp.find_limit_cycles(case)
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])
-def test_the_smallest_disturbance_is_that_of_the_map(case: epp.Case, found: CycleSearch, place: int) -> None:
-    up, down = trigger(case, cycles=found, states=[f"plant_{place + 1}"])
+def test_the_smallest_disturbance_is_that_of_the_map(case: epp.Case, found: epp.CycleSearch, place: int) -> None:
+    up, down = epp.trigger(case, cycles=found, states=[f"plant_{place + 1}"])
     for hit in (up, down):
         state = np.eye(3)[place]
         assert rests(hit.settles * state) and not rests(hit.starts * state)
@@ -65,73 +57,17 @@ def test_the_smallest_disturbance_is_that_of_the_map(case: epp.Case, found: Cycl
         assert "disturbed just behind a sample" in shown
 
 
-def test_runs_end_where_the_map_ends(case: epp.Case, found: CycleSearch) -> None:
+def test_runs_end_where_the_map_ends(case: epp.Case) -> None:
     system = case.to_system()
     plant = [i for i, name in enumerate(system.state_names) if name.startswith("plant")]
     starts = np.zeros((24, system.x0.size))
     starts[:, plant] = np.random.default_rng(7).uniform(-3.0, 3.0, (24, 3)) * [1.0, 1.0, 0.3]
-    ends = basin(case, found, starts).ends
+    ends = [epp.simulate(replace(system, x0=start), t_end=300.0).status for start in starts]
     # The first sample is taken at once.
     wanted = [rests(start[plant], relay(start[plant])) for start in starts]
     assert 3 < sum(wanted) < 21
-    assert [end == REST for end in ends] == wanted
-    assert not np.any(ends == UNKNOWN)
-
-
-def test_a_cycle_that_is_not_listed_is_called_unknown(case: epp.Case, found: CycleSearch) -> None:
-    nothing = replace(found, cycles=())
-    starts = np.array([found[0].state, 0.0 * found[0].state])
-    assert basin(case, nothing, starts).ends.tolist() == [UNKNOWN, REST]
-    assert basin(case, found, starts).ends.tolist() == [0, REST]
-
-
-@pytest.mark.slow
-def test_the_search_of_the_azimuth_servo_comes_to_all_three_cycles() -> None:
-    """Its cycles are those of the same servo without samples, of which an independent study found three."""
-    case = epp.case("azimuth_servo")
-    system = case.to_system()
-    hybrid = steady_hybrid(system, case.operating_point)
-    strobe = Strobe.of(hybrid)
-    assert strobe is not None
-    search = SampledSearch(system, hybrid, strobe, ())
-    starts = search.starts()
-    for k in (0, 1, 10):
-        assert search.end_of(starts[k]) == "on a cycle as runs have it"
-    assert sorted(c.period for c in search.others) == pytest.approx([12.63, 19.76, 26.89465], rel=1e-3)
-    assert all(c.note.startswith("not locked to the samples") for c in search.others)
-
-
-def test_runs_that_use_up_their_events_are_told_from_those_that_cannot_be_judged(monkeypatch) -> None:
-    # As those of a spring do that grow over thousands of steps of its encoder.
-    lengths = []
-    monkeypatch.setattr(locked, "run_hybrid", lambda *given: lengths.append(given[1]) or run_hybrid(*given[:4], 60, 60))
-    monkeypatch.setattr(locked, "_N_RANDOM", 1)
-    found = epp.find_limit_cycles(sampled_relay())
-    assert found.status is epp.Status.UNDECIDED
-    assert f"{found.n_runs} runs had used up all events before anything settled or repeated itself" in str(found)
-    assert "neither settled" not in str(found)
-    # Far from its end a run is not made longer: that takes more events still.
-    assert found.n_runs <= len(lengths) < 2 * found.n_runs
-    assert found.not_covered in str(found)
-
-
-def test_what_comes_round_to_a_known_cycle_is_not_analysed_again(monkeypatch) -> None:
-    """A slow cycle has thousands of samples, and its harmonics took most of the time of a search."""
-    servo = epp.Diagram(
-        parts={
-            "law": epp.blocks.PI(kp=40.0, ti=0.4, sample_time=5e-3),
-            "plant": epp.blocks.TransferFunction(num=[1.25], den=[0.1, 3.125, 0.0]),
-            "play": epp.Play(gap=0.0035),
-        },
-        connect=["-play -> law", "law -> plant", "plant -> play"],
-    ).to_system()
-    analysed = []
-    monkeypatch.setattr(locked, "cycle_of_run", lambda *given: analysed.append(cycle_of_run(*given)) or analysed[-1])
-    hybrid = steady_hybrid(servo)
-    search = SampledSearch(servo, hybrid, Strobe.of(hybrid), epp.predict_limit_cycles(servo).cycles)
-    ends = [search.end_of(start) for start in search.starts()[9:13]]
-    assert ends.count("on a cycle as runs have it") >= 3
-    assert len(analysed) == len(search.others) == 1
+    assert [end is epp.Status.SETTLED for end in ends] == wanted
+    assert set(ends) == {epp.Status.SETTLED, epp.Status.LIMIT_CYCLE}
 
 
 def patterns_of_relay(x: np.ndarray, T: float) -> list[str]:

@@ -11,7 +11,6 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
-from eppanalysis.models.systems.inputs import Ramp, Step
 from eppanalysis.results import Status
 from tests.stress.families import problem
 
@@ -93,7 +92,7 @@ def test_dead_time_of_whole_samples_and_inputs():
         delays=[0.2, 0.0],
         time_step=0.1,
     )
-    run = epp.simulate(system, Step(0.5, time=0.5), 2.0)
+    run = epp.simulate(system, epp.inputs.Step(0.5, time=0.5), 2.0)
     k = np.round(run.t / 0.1)
     np.testing.assert_allclose(run.signals["saturation_output"], np.where(k >= 5, 0.5, 0.0), atol=1e-15)
     np.testing.assert_allclose(run.signals["dead_zone_output"], np.where(k >= 8, 0.4, 0.0), atol=1e-15)
@@ -128,7 +127,7 @@ def test_cascades_are_evaluated_in_order_and_circles_refused():
 
 def test_unknown_input_is_refused():
     with pytest.raises(ModelError, match="no input 'v'; expected one of: u"):
-        epp.simulate(loop(epp.Saturation()), {"v": Ramp(1.0)}, 1.0)
+        epp.simulate(loop(epp.Saturation()), {"v": epp.inputs.Ramp(1.0)}, 1.0)
 
 
 def test_a_cycle_of_seven_turns_is_one_period():

@@ -11,7 +11,6 @@ import scipy.linalg
 from hypothesis import given, settings, strategies as st
 
 import eppanalysis as epp
-from eppanalysis.models.systems import inputs
 
 A = np.array([[-1.0, 0.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, -1.0]])
 
@@ -66,7 +65,7 @@ def test_an_integrator_that_winds_up_behind_a_stuck_drive_is_no_rest() -> None:
         [[-1.0]], [[-1.0, 1.0]], [[1.0], [0.0]], [epp.Friction(coulomb=50.0), law], D=np.zeros((2, 2)),
         D_input=[[0.0], [1.0]], input_names=["setpoint"], element_names=["friction", "law"],
     )  # fmt: skip
-    run = epp.simulate(loop, inputs.Step(1.0), t_end=100.0)
+    run = epp.simulate(loop, epp.inputs.Step(1.0), t_end=100.0)
     assert run.signals["friction_input"][-1] == 0.0 and run.status is epp.Status.UNDECIDED
 
 

@@ -7,7 +7,6 @@ import pytest
 from scipy import integrate
 
 import eppanalysis as epp
-from eppanalysis.models.systems.lure import LureSystem
 
 A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, -2.0, -3.0]])
 B, C = np.array([[0.0], [0.0], [5.0]]), np.array([[1.0, 0.0, 0.0]])
@@ -49,7 +48,7 @@ def test_a_search_does_not_move_a_held_state(turn: np.ndarray) -> None:
     assert found.status is epp.Status.CONVERGED and not found.settles and "continuum" not in str(found)
 
 
-def speed_control(element: epp.Nonlinearity, reads: str = "") -> LureSystem:
+def speed_control(element: epp.Nonlinearity, reads: str = "") -> epp.LureSystem:
     """A motor's speed under control, with its angle among the states, which nothing reads."""
     motor, setpoint = epp.blocks.Inertia(inertia=1.0, damping=0.5), epp.blocks.Constant(value=10.0)
     return epp.Diagram(
@@ -88,7 +87,7 @@ def test_a_speed_swings_on_a_cycle_while_its_angle_goes_on():
         assert f"{turned:.4g} to angle" in cycle.note
 
 
-def drill(turned: bool = False) -> LureSystem:
+def drill(turned: bool = False) -> epp.LureSystem:
     """A rotary table that turns a bit through a long shaft: two angles, of which their difference alone is read."""
     parts = {
         "table": epp.blocks.Inertia(inertia=2122.0, damping=425.0),
@@ -121,7 +120,7 @@ def test_a_drill_string_sticks_and_slips_while_all_its_angles_go_on(turned):
         [1, -1, 0],
     ]
     rock = epp.StribeckFriction(coulomb=3000.0, static=5000.0, velocity=2.0, viscous=20.0)
-    twisted = LureSystem.build(
+    twisted = epp.LureSystem.build(
         A,
         [[0], [-1.0 / 374.0], [0]],
         [[0, 1, 0]],

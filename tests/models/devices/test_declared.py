@@ -6,12 +6,13 @@ import math
 
 import pytest
 
+import eppanalysis as epp
 from eppanalysis.cases import case, json_schema, variation_of
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.devices.declared import Form, declared_fields
-from eppanalysis.models.devices.elbow.parameters import ElbowParameters, declared
+from eppanalysis.models.devices.elbow.parameters import declared
 
-SECTIONS = ElbowParameters.sections()
+SECTIONS = epp.ElbowParameters.sections()
 FIELDS = {f"{s}.{f}": about for s, section in SECTIONS.items() for f, about in declared_fields(section).items()}
 OUTSIDE = [
     (name, math.nextafter(limit, limit + step))
@@ -21,34 +22,34 @@ OUTSIDE = [
 ] + [(name, about.above) for name, about in FIELDS.items() if about.above is not None]
 
 
-@pytest.mark.parametrize(("name", "value"), OUTSIDE)
-def test_model_and_file_refuse_the_same_values_in_the_same_words(name: str, value: float) -> None:
-    section, _, field = name.partition(".")
-    with pytest.raises(ModelError) as by_model:
-        SECTIONS[section](**{field: value})
-    with pytest.raises(CaseError) as by_file:
-        case("elbow").with_values({name: value})
-    assert (by_model.value.field, by_file.value.field) == (field, name)
-    assert by_model.value.expected == by_file.value.expected
+def test_model_and_file_refuse_the_same_values_in_the_same_words() -> None:
+    for name, value in OUTSIDE:
+        section, _, field = name.partition(".")
+        with pytest.raises(ModelError) as by_model:
+            SECTIONS[section](**{field: value})
+        with pytest.raises(CaseError) as by_file:
+            case("elbow").with_values({name: value})
+        assert (by_model.value.field, by_file.value.field) == (field, name)
+        assert by_model.value.expected == by_file.value.expected
 
 
-@pytest.mark.parametrize("name", FIELDS)
-def test_every_field_is_in_the_schema_and_in_the_documentation(name: str) -> None:
-    section, _, field = name.partition(".")
-    schema = json_schema("elbow")
-    place = schema["properties"][section]
-    table = schema["$defs"][(place.get("$ref") or place["allOf"][0]["$ref"]).rpartition("/")[2]]
-    assert field in table["properties"] and (field in table.get("required", ())) is not FIELDS[name].optional
-    doc = SECTIONS[section].__doc__ or ""
-    assert f"\n{field} : " in doc and FIELDS[name].about in doc
-    assert case("elbow").unit(name)[0] == declared(name).unit == FIELDS[name].unit
+def test_every_field_is_in_the_schema_and_in_the_documentation() -> None:
+    for name, said in FIELDS.items():
+        section, _, field = name.partition(".")
+        schema = json_schema("elbow")
+        place = schema["properties"][section]
+        table = schema["$defs"][(place.get("$ref") or place["allOf"][0]["$ref"]).rpartition("/")[2]]
+        assert field in table["properties"] and (field in table.get("required", ())) is not said.optional
+        doc = SECTIONS[section].__doc__ or ""
+        assert f"\n{field} : " in doc and said.about in doc
+        assert case("elbow").unit(name)[0] == declared(name).unit == said.unit
 
 
 def test_the_shipped_elbow_has_the_declared_values() -> None:
     elbow = case("elbow")
     for name in elbow.parameters:
         section, _, field = name.partition(".")
-        assert elbow.value(name) == pytest.approx(getattr(getattr(ElbowParameters(), section), field), rel=1e-12)
+        assert elbow.value(name) == pytest.approx(getattr(getattr(epp.ElbowParameters(), section), field), rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from eppanalysis.models.devices.elbow.loop import elbow
 from eppanalysis.models.devices.elbow.parameters import (
@@ -16,7 +17,6 @@ from eppanalysis.models.devices.elbow.parameters import (
     Cable,
     Controller,
     Drive,
-    ElbowParameters,
     Forearm,
     Harness,
     LockPinParameters,
@@ -24,9 +24,8 @@ from eppanalysis.models.devices.elbow.parameters import (
     Pulley,
     Sensor,
 )
-from eppanalysis.models.systems.lure import LureSystem
 
-NOMINAL = ElbowParameters()
+NOMINAL = epp.ElbowParameters()
 BALL_BEARING = replace(NOMINAL, pulley=Pulley(friction=0.0))
 OPTIONS = {
     "nominal": NOMINAL,
@@ -48,11 +47,11 @@ OPTIONS = {
 }
 
 
-def tension(p: ElbowParameters, stretch: float) -> float:
+def tension(p: epp.ElbowParameters, stretch: float) -> float:
     return p.cable.stiffness * max(0.0, stretch)
 
 
-def voltage(p: ElbowParameters, force: float) -> float:
+def voltage(p: epp.ElbowParameters, force: float) -> float:
     slack, low, high, top = p.bands.thresholds
     supply = p.drive.supply_voltage
     if force < low:
@@ -60,7 +59,7 @@ def voltage(p: ElbowParameters, force: float) -> float:
     return supply * min(1.0, max(0.0, force - high) / (top - high))
 
 
-def pin_torque(p: ElbowParameters, delta: float, rate: float) -> float:
+def pin_torque(p: epp.ElbowParameters, delta: float, rate: float) -> float:
     pin = p.lock_pin
     if delta > pin.backlash / 2:
         return max(0.0, pin.stiffness * (delta - pin.backlash / 2) + pin.damping * rate)
@@ -69,7 +68,7 @@ def pin_torque(p: ElbowParameters, delta: float, rate: float) -> float:
     return 0.0
 
 
-def rates_by_hand(p: ElbowParameters, x: np.ndarray, x_h: float) -> np.ndarray:
+def rates_by_hand(p: epp.ElbowParameters, x: np.ndarray, x_h: float) -> np.ndarray:
     """The equations of the model with a ball bearing, away from standstill."""
     theta, theta_dot, angle, speed, torque, q, r = x
     force = tension(p, x_h - p.pulley.radius * theta)
@@ -92,7 +91,7 @@ def rates_by_hand(p: ElbowParameters, x: np.ndarray, x_h: float) -> np.ndarray:
     )
 
 
-def outputs(system: LureSystem, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+def outputs(system: epp.LureSystem, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Outputs of memoryless elements; a cascade settles in as many rounds as it has members."""
     w = np.zeros(system.B.shape[1])
     for _ in range(3):
@@ -103,7 +102,7 @@ def outputs(system: LureSystem, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     return w
 
 
-def rates(system: LureSystem, x: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+def rates(system: epp.LureSystem, x: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
     return system.A @ x + system.B @ w + system.B_input @ v + system.constant_state
 
 
@@ -143,7 +142,7 @@ def test_signals_are_what_their_names_say(state: tuple[float, ...], x_h: float) 
 
 
 @pytest.mark.parametrize("parameters", OPTIONS.values(), ids=OPTIONS.keys())
-def test_start_is_at_rest(parameters: ElbowParameters) -> None:
+def test_start_is_at_rest(parameters: epp.ElbowParameters) -> None:
     """Forces balance at the start, the drive's friction being what is left (it holds unless it is left out)."""
     p, system = parameters, elbow(parameters)
     tensions = p.cable.pretension or p.bands.parking_centre
@@ -181,7 +180,7 @@ def test_start_is_at_rest(parameters: ElbowParameters) -> None:
 
 
 @pytest.mark.parametrize("parameters", OPTIONS.values(), ids=OPTIONS.keys())
-def test_controller_reads_the_centre_at_the_start(parameters: ElbowParameters) -> None:
+def test_controller_reads_the_centre_at_the_start(parameters: epp.ElbowParameters) -> None:
     system = elbow(parameters)
     if parameters.pulley.friction:
         pytest.skip("the pulley's forces follow from its memory")

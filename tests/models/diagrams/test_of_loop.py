@@ -44,12 +44,12 @@ def _require_same_places(found, loop):
             np.testing.assert_array_equal(getattr(found.places, matrix)[i], getattr(loop.places, matrix)[j])
 
 
-@pytest.mark.parametrize("name", of_kind("loop", "elbow"))
-def test_every_shipped_loop_comes_back_from_its_diagram(name):
-    loop = epp.case(name).to_system()
-    found = epp.Diagram.of(loop).to_system()
-    _require_same(found, loop)
-    _require_same_places(found, loop)
+def test_every_shipped_loop_comes_back_from_its_diagram():
+    for name in of_kind("loop", "elbow"):
+        loop = epp.case(name).to_system()
+        found = epp.Diagram.of(loop).to_system()
+        _require_same(found, loop)
+        _require_same_places(found, loop)
 
 
 @pytest.mark.parametrize("name", ["backlash_discrete_pi", "belt_leine", "relay_biased_fopdt", "parking_stops_it"])

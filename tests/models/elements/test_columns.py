@@ -13,12 +13,11 @@ from hypothesis import given, settings, strategies as st
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.harmonic.elements import PeriodicElement
-from eppanalysis.models.elements.automaton import Automaton, Guard, Mode
 from eppanalysis.models.elements.columns import Columns
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 
-def listed(map_: epp.PiecewiseLinear) -> Automaton:
+def listed(map_: epp.PiecewiseLinear) -> epp.Automaton:
     """The automaton of a static map, written down mode by mode and guard by guard."""
     x, a, b = map_.breakpoints, map_.slopes, map_.intercepts
     build = epp.AutomatonBuilder()
@@ -87,7 +86,7 @@ def test_columns_are_a_sequence_of_rows() -> None:
         f"slides at breakpoint {i}" for i in range(1, 5)
     ]
     assert modes[-1].name == "slides at breakpoint 4" and [m.level for m in modes[-2:]] == [0.25, 0.75]
-    assert isinstance(modes[0], Mode) and isinstance(guards[0], Guard) and isinstance(guards[0].mode, int)
+    assert isinstance(modes[0], epp.Mode) and isinstance(guards[0], epp.Guard) and isinstance(guards[0].mode, int)
     with pytest.raises(IndexError):
         modes[9]
     again = pickle.loads(pickle.dumps(automaton))
@@ -107,13 +106,13 @@ def test_guards_of_each_mode_stand_together() -> None:
 def test_columns_of_a_wrong_shape_are_refused() -> None:
     q = epp.Quantiser(0.5, 2).automaton()
     assert isinstance(q.modes, Columns)
-    flat = Columns(Mode, q.modes.name, {**q.mode_columns, "constant": np.zeros((9, 2))})
+    flat = Columns(epp.Mode, q.modes.name, {**q.mode_columns, "constant": np.zeros((9, 2))})
     with pytest.raises(ModelError, match=r"constant of 'all' has shape \(2,\); expected \(1,\)"):
-        Automaton(1, 1, 0, flat, q.guards)
+        epp.Automaton(1, 1, 0, flat, q.guards)
     assert isinstance(q.guards, Columns)
-    astray = Columns(Guard, q.guards.name, {**q.guard_columns, "target": q.guard_columns["target"] + 5})
+    astray = Columns(epp.Guard, q.guards.name, {**q.guard_columns, "target": q.guard_columns["target"] + 5})
     with pytest.raises(ModelError, match="expected the number of a mode, 0 to 8"):
-        Automaton(1, 1, 0, q.modes, astray)
+        epp.Automaton(1, 1, 0, q.modes, astray)
 
 
 def test_only_rows_that_are_met_are_made(monkeypatch: pytest.MonkeyPatch) -> None:

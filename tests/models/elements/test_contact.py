@@ -11,16 +11,15 @@ from hypothesis import given, settings, strategies as st
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
+import eppanalysis as epp
 from eppanalysis.errors import ModelError
-from eppanalysis.models.elements import DeadZone, LockPin, NordinShaft
-from eppanalysis.models.elements.automaton import Automaton
 from tests.models.elements.quadrature import assert_agrees, crossings, fourier_with_rate
 
 amplitudes = st.floats(1e-2, 20)
 ratios = st.just(0.0) | st.floats(1e-9, 30)
 
 
-def switches(element: LockPin, a: float, b: float, omega: float) -> list[float]:
+def switches(element: epp.LockPin, a: float, b: float, omega: float) -> list[float]:
     """Phases at the edges of the gap, and those at which the torque of either side passes zero, by root finding."""
     half = element.gap / 2
     out = crossings([half, -half], a, b)
@@ -40,7 +39,7 @@ def switches(element: LockPin, a: float, b: float, omega: float) -> list[float]:
     return out
 
 
-def check(element: LockPin, a: float, b: float, omega: float, tolerance: float = 1e-9) -> None:
+def check(element: epp.LockPin, a: float, b: float, omega: float, tolerance: float = 1e-9) -> None:
     witness = fourier_with_rate(element, a, b, omega, switches(element, a, b, omega))
     reach = element.stiffness * (a + abs(b) + element.gap) + element.damping * a * omega
     assert_agrees(element.describing_function(a, b, omega), witness, a, tolerance, rounding=1e-14 * reach)
@@ -51,15 +50,15 @@ def check(element: LockPin, a: float, b: float, omega: float, tolerance: float =
 @settings(max_examples=200)
 def test_lock_pin(model: str, gap: float, k: float, q: float, a: float, relative: float) -> None:
     omega = 2.5
-    check(LockPin(gap, k, q * k / omega, model), a, relative * a, omega)
+    check(epp.LockPin(gap, k, q * k / omega, model), a, relative * a, omega)
 
 
-@pytest.mark.parametrize("q", [0.0, 1e-8, 0.3, 1.0, 50.0])
 @pytest.mark.parametrize("depth", [1e-6, 0.1, 1.0, 1.9, 2.0, 2.1, 2.3, 3.0, 80.0])
-def test_every_form_of_contact(q: float, depth: float) -> None:
+def test_every_form_of_contact(depth: float) -> None:
     """`depth` is the greatest penetration over the amplitude; from 2 on the pin never gets back into the gap."""
     a, gap, k = 0.7, 2.0, 3.0
-    check(LockPin(gap, k, q * k), a, gap / 2 + (depth - 1) * a, 1.0)
+    for q in (0.0, 1e-8, 0.3, 1.0, 50.0):
+        check(epp.LockPin(gap, k, q * k), a, gap / 2 + (depth - 1) * a, 1.0)
 
 
 @pytest.mark.parametrize("q", [0.01, 0.3, 4.0])
@@ -67,40 +66,40 @@ def test_continuous_where_the_form_changes(q: float) -> None:
     a, gap = 1.0, 0.5
     for inside in (1.0, np.sqrt(1 + q * q)):  # edge reached, torque always positive
         b = gap / 2 + inside * a + np.array([-1e-12, 0.0, 1e-12])
-        mean, gain = LockPin(gap, 2.0, 2.0 * q).describing_function(a, b)
+        mean, gain = epp.LockPin(gap, 2.0, 2.0 * q).describing_function(a, b)
         assert np.ptp(mean) < 1e-10
         assert np.abs(np.diff(gain)).max() < 1e-4 * (1 + q)
 
 
 @given(amplitudes, st.floats(-3, 3), st.floats(0, 3))
 def test_without_damping_both_models_are_the_dead_zone(a: float, b: float, half: float) -> None:
-    expected = DeadZone(-half - 1e-9, half + 1e-9, 5.0).describing_function(a, b)
+    expected = epp.DeadZone(-half - 1e-9, half + 1e-9, 5.0).describing_function(a, b)
     for model in ("unilateral", "classical"):
-        mean, gain = LockPin(2 * half + 2e-9, 5.0, 0.0, model).describing_function(a, b, 3.0)
+        mean, gain = epp.LockPin(2 * half + 2e-9, 5.0, 0.0, model).describing_function(a, b, 3.0)
         np.testing.assert_allclose(mean, expected[0], atol=1e-12 * (a + abs(b)))
         np.testing.assert_allclose(gain, expected[1], atol=1e-12)
 
 
 @given(amplitudes, st.floats(-3, 3), st.floats(0, 50))
 def test_classical_without_gap_is_spring_and_damper(a: float, b: float, omega: float) -> None:
-    mean, gain = LockPin(0.0, 5.0, 0.3, "classical").describing_function(a, b, omega)
+    mean, gain = epp.LockPin(0.0, 5.0, 0.3, "classical").describing_function(a, b, omega)
     np.testing.assert_allclose(mean, 5 * b, atol=1e-12 * (a + abs(b)))
     np.testing.assert_allclose(gain, 5 + 0.3j * omega, rtol=1e-12)
-    _, gain = LockPin(0.0, 5.0, 0.0).describing_function(a, b, omega)
+    _, gain = epp.LockPin(0.0, 5.0, 0.0).describing_function(a, b, omega)
     np.testing.assert_allclose(gain, 5, rtol=1e-12)
 
 
 def test_classical_is_the_dead_zone_turned() -> None:
     a, q = np.array([1.1, 2.0, 30.0]), 0.4
-    dead_zone = DeadZone(-1.0, 1.0, 5.0).describing_function(a, 0.2)
-    mean, gain = LockPin(2.0, 5.0, 5.0 * q, "classical").describing_function(a, 0.2)
+    dead_zone = epp.DeadZone(-1.0, 1.0, 5.0).describing_function(a, 0.2)
+    mean, gain = epp.LockPin(2.0, 5.0, 5.0 * q, "classical").describing_function(a, 0.2)
     np.testing.assert_allclose(gain, dead_zone[1] * (1 + 1j * q), rtol=1e-12)
     np.testing.assert_allclose(mean, dead_zone[0], rtol=1e-11)
 
 
 def test_inside_the_gap_and_far_beyond_it() -> None:
     for model in ("unilateral", "classical"):
-        pin = LockPin(2.0, 5.0, 0.3, model)
+        pin = epp.LockPin(2.0, 5.0, 0.3, model)
         mean, gain = pin.describing_function([0.0, 1e-12, 0.5, 1.0], 0.0, 10.0)
         assert not mean.any()
         assert not gain.any()
@@ -112,8 +111,8 @@ def test_inside_the_gap_and_far_beyond_it() -> None:
         np.testing.assert_allclose(gain, 5 + 3j)
     # The gap vanishes against the amplitude: of the damper only the pushing part is left.
     q = 0.6
-    _, wide = LockPin(2.0, 5.0, 5.0 * q).describing_function(1e8)
-    _, none = LockPin(0.0, 5.0, 5.0 * q).describing_function(1.0)
+    _, wide = epp.LockPin(2.0, 5.0, 5.0 * q).describing_function(1e8)
+    _, none = epp.LockPin(0.0, 5.0, 5.0 * q).describing_function(1.0)
     np.testing.assert_allclose(wide, none, rtol=1e-7)
     np.testing.assert_allclose(none.imag, 5 * _pushed_without_gap(q), rtol=1e-12)
 
@@ -127,7 +126,7 @@ def _pushed_without_gap(q: float) -> float:
 @pytest.mark.parametrize("k", [20, 40])
 def test_just_touching_keeps_its_relative_accuracy(k: int) -> None:
     q, amplitude = 0.5, 1 + 0.5**k
-    _, gain = LockPin(2.0, 1.0, q).describing_function(amplitude)
+    _, gain = epp.LockPin(2.0, 1.0, q).describing_function(amplitude)
     # Parabola: contact from -sqrt(2 e), release at e/q behind the peak; the jump of damping torque leads.
     e = 0.5**k / amplitude
     begin, end = np.sqrt(2 * e), e / q
@@ -140,8 +139,8 @@ def test_just_touching_keeps_its_relative_accuracy(k: int) -> None:
 
 @given(st.floats(0, 3), ratios, amplitudes, st.floats(-3, 3), st.floats(1e-6, 1e6))
 def test_unit_of_the_angle_does_not_matter(gap: float, q: float, a: float, b: float, unit: float) -> None:
-    mean, gain = LockPin(gap, 2.0, 2.0 * q).describing_function(a, b)
-    other_mean, other_gain = LockPin(gap * unit, 2.0, 2.0 * q).describing_function(a * unit, b * unit)
+    mean, gain = epp.LockPin(gap, 2.0, 2.0 * q).describing_function(a, b)
+    other_mean, other_gain = epp.LockPin(gap * unit, 2.0, 2.0 * q).describing_function(a * unit, b * unit)
     scale = (1 + q) * (a + abs(b))
     np.testing.assert_allclose(other_mean / unit, mean, atol=1e-10 * scale)
     np.testing.assert_allclose(other_gain, gain, atol=1e-6 * scale / a)
@@ -149,37 +148,37 @@ def test_unit_of_the_angle_does_not_matter(gap: float, q: float, a: float, b: fl
 
 @given(st.floats(0, 3), ratios, amplitudes, st.floats(-3, 3))
 def test_symmetry_and_dissipation(gap: float, q: float, a: float, b: float) -> None:
-    mean, gain = LockPin(gap, 2.0, 2.0 * q).describing_function(a, [b, -b, 0.0])
+    mean, gain = epp.LockPin(gap, 2.0, 2.0 * q).describing_function(a, [b, -b, 0.0])
     assert mean[0] == -mean[1]
     assert gain[0] == gain[1]
     assert mean[2] == 0
     assert (gain.imag >= 0).all()  # a damper only takes energy
     assert (gain.imag <= 2 * q * (1 + 1e-12)).all()
-    classical = LockPin(gap, 2.0, 2.0 * q, "classical").describing_function(a, [b, -b, 0.0])[1]
+    classical = epp.LockPin(gap, 2.0, 2.0 * q, "classical").describing_function(a, [b, -b, 0.0])[1]
     # Pulling while it leaves, the classical pin dissipates more.
     assert (gain.imag <= classical.imag * (1 + 1e-12) + 1e-15).all()
 
 
 def test_map_by_hand() -> None:
-    pin = LockPin(2.0, 10.0, 1.0)
+    pin = epp.LockPin(2.0, 10.0, 1.0)
     delta = np.array([0.0, 1.0, 1.5, 1.5, 1.5, -1.5, -1.5, -1.5])
     rate = np.array([9.0, 9.0, 0.0, 2.0, -9.0, 0.0, -2.0, 9.0])
     np.testing.assert_allclose(pin.output((delta, rate))[0], [0, 0, 5, 7, 0, -5, -7, 0])
-    classical = LockPin(2.0, 10.0, 1.0, "classical")
+    classical = epp.LockPin(2.0, 10.0, 1.0, "classical")
     np.testing.assert_allclose(classical.output((delta, rate))[0], [0, 0, 5, 7, -4, -5, -7, 4])
     assert pin.output((1.5, 0.0), "kept")[1] == "kept"
 
 
 def test_thresholds_and_shapes() -> None:
-    pin = LockPin(2.0, 10.0, 1.0)
+    pin = epp.LockPin(2.0, 10.0, 1.0)
     np.testing.assert_allclose(pin.thresholds(), [1.0])
     np.testing.assert_allclose(pin.thresholds(bias=0.25), [0.75, 1.25])
-    assert LockPin(0.0, 1.0, 1.0).thresholds().size == 0
+    assert epp.LockPin(0.0, 1.0, 1.0).thresholds().size == 0
     a = np.array([0.0, 1e-300, 1e-12, 1.0, 1e8, 1e15])
     b = np.array([[0.0], [1.0], [-1e6]])
     for model in ("unilateral", "classical"):
         for q in (0.0, 1.0, 1e4):
-            mean, gain = LockPin(2.0, 10.0, q, model).describing_function(a, b, 3.0)
+            mean, gain = epp.LockPin(2.0, 10.0, q, model).describing_function(a, b, 3.0)
             assert mean.shape == gain.shape == (3, 6)
             assert mean.dtype == float
             assert gain.dtype == complex
@@ -194,14 +193,14 @@ def test_thresholds_and_shapes() -> None:
 
 
 def test_automata() -> None:
-    assert isinstance(LockPin(1.0, 1.0, 1.0).automaton(), Automaton)
-    assert len(LockPin(1.0, 1.0, 1.0).automaton().modes) == 5
-    assert len(LockPin(1.0, 1.0, 1.0, "classical").automaton().modes) == 3
-    assert NordinShaft(1.0, 1.0, 1.0).automaton().n_outputs == 2
+    assert isinstance(epp.LockPin(1.0, 1.0, 1.0).automaton(), epp.Automaton)
+    assert len(epp.LockPin(1.0, 1.0, 1.0).automaton().modes) == 5
+    assert len(epp.LockPin(1.0, 1.0, 1.0, "classical").automaton().modes) == 3
+    assert epp.NordinShaft(1.0, 1.0, 1.0).automaton().n_outputs == 2
 
 
 def test_nordin_shaft_by_hand() -> None:
-    shaft = NordinShaft(2.0, 10.0, 2.0)
+    shaft = epp.NordinShaft(2.0, 10.0, 2.0)
     # In the gap: no torque, the contact angle relaxes; at the side: spring and damper as long as they push.
     np.testing.assert_allclose(shaft.output((0.5, 1.0, 0.3))[0], [0, 1 + 5 * 0.2])
     np.testing.assert_allclose(shaft.output((1.5, 1.0, 1.0))[0], [10 * 0.5 + 2 * 1.0, 0])
@@ -213,7 +212,7 @@ def test_nordin_shaft_by_hand() -> None:
 
 def test_nordin_shaft_releases_where_its_torque_is_zero() -> None:
     """The torque of a driven shaft is spring plus damper of twist minus contact angle, in every phase."""
-    shaft, omega = NordinShaft(1.0, 10.0, 2.0), 3.0
+    shaft, omega = epp.NordinShaft(1.0, 10.0, 2.0), 3.0
 
     def inputs(t: float, contact: float) -> tuple[float, float, float]:
         return np.sin(omega * t), omega * np.cos(omega * t), float(np.clip(contact, -0.5, 0.5))
@@ -229,7 +228,7 @@ def test_nordin_shaft_releases_where_its_torque_is_zero() -> None:
     assert np.abs(run.y[0]).max() < 0.5 + 0.01
 
 
-def settled_contacts(shaft: NordinShaft, a: float, b: float, omega: float) -> list[tuple[float, float, float]]:
+def settled_contacts(shaft: epp.NordinShaft, a: float, b: float, omega: float) -> list[tuple[float, float, float]]:
     """Contacts (side, begin, end) of the settled contact angle in a period, by events of its exact motion between them.
 
     At a side it holds until its drift turns; released, the twist's lead over it dies away with the time constant c/k.
@@ -269,14 +268,14 @@ def settled_contacts(shaft: NordinShaft, a: float, b: float, omega: float) -> li
     return out
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(20))
 def test_nordin_shaft(seed: int) -> None:
     """By adaptive quadrature of the torque over the contacts of a motion that has settled."""
     rng = np.random.default_rng(seed)
     gap, k, omega = rng.choice([0.02, 1.0, 2.0]), 10 ** rng.uniform(-1, 2), 10 ** rng.uniform(-1, 1)
     kappa, a = 10 ** rng.uniform(-1.2, 2.5), 10 ** rng.uniform(-1, 1)
     b = rng.choice([0.0, rng.uniform(-2, 2), gap / 2 + a * rng.uniform(-1.5, 1.5)])
-    shaft = NordinShaft(gap, k, k / (kappa * omega))
+    shaft = epp.NordinShaft(gap, k, k / (kappa * omega))
     size = np.hypot(k, shaft.damping * omega) * (a + abs(b))
     total = np.zeros(3)
     for side, begin, end in settled_contacts(shaft, a, b, omega):
@@ -297,15 +296,15 @@ def test_nordin_shaft(seed: int) -> None:
 def test_limits_of_nordin_shaft() -> None:
     a, b = np.array([0.3, 0.7, 1.0, 2.0, 50.0]), np.array([-0.4, 0.0, 0.3, 1.0, 0.2])
     # Without a gap it is spring and damper; slow, or hardly damped, it is the dead zone; mirrored, it is the same.
-    mean, gain = NordinShaft(0.0, 5.0, 0.3).describing_function(a, b, 2.0)
+    mean, gain = epp.NordinShaft(0.0, 5.0, 0.3).describing_function(a, b, 2.0)
     np.testing.assert_allclose(mean[:, 0], 5 * b, atol=1e-14)
     np.testing.assert_allclose(gain[:, 0], 5 + 0.6j, rtol=1e-14)
     for damping, omega in ((1e-12, 1.0), (1.0, 1e-12), (1.0, 0.0)):
-        mean, gain = NordinShaft(2.0, 5.0, damping).describing_function(a, b, omega)
-        expected = DeadZone(-1.0, 1.0, 5.0).describing_function(a, b)
+        mean, gain = epp.NordinShaft(2.0, 5.0, damping).describing_function(a, b, omega)
+        expected = epp.DeadZone(-1.0, 1.0, 5.0).describing_function(a, b)
         np.testing.assert_allclose(mean[:, 0], expected[0], atol=1e-10)
         np.testing.assert_allclose(gain[:, 0], expected[1], atol=1e-10)
-    shaft = NordinShaft(1.0, 5.0, 2.0)
+    shaft = epp.NordinShaft(1.0, 5.0, 2.0)
     (mean, gain), (other, same) = (shaft.describing_function(a, side * b, 3.0) for side in (1, -1))
     np.testing.assert_array_equal(mean, -other)
     np.testing.assert_array_equal(gain, same)
@@ -319,14 +318,14 @@ def test_limits_of_nordin_shaft() -> None:
 
 
 BAD = [
-    (lambda: LockPin(-1.0, 1.0, 1.0), "gap is -1.0; expected zero or more"),
-    (lambda: LockPin(1.0, 0.0, 1.0), "stiffness is 0.0; expected a positive number"),
-    (lambda: LockPin(1.0, 1.0, -1.0), "damping is -1.0"),
-    (lambda: LockPin(1.0, 1.0, np.nan), "damping is nan"),
-    (lambda: LockPin(1.0, 1.0, 1.0, "elastic"), "model is 'elastic'; expected 'unilateral' or 'classical'"),
-    (lambda: NordinShaft(-1.0, 1.0, 1.0), "gap is -1.0"),
-    (lambda: NordinShaft(1.0, 0.0, 1.0), "stiffness is 0.0"),
-    (lambda: NordinShaft(1.0, 1.0, 0.0), "damping is 0.0"),
+    (lambda: epp.LockPin(-1.0, 1.0, 1.0), "gap is -1.0; expected zero or more"),
+    (lambda: epp.LockPin(1.0, 0.0, 1.0), "stiffness is 0.0; expected a positive number"),
+    (lambda: epp.LockPin(1.0, 1.0, -1.0), "damping is -1.0"),
+    (lambda: epp.LockPin(1.0, 1.0, np.nan), "damping is nan"),
+    (lambda: epp.LockPin(1.0, 1.0, 1.0, "elastic"), "model is 'elastic'; expected 'unilateral' or 'classical'"),
+    (lambda: epp.NordinShaft(-1.0, 1.0, 1.0), "gap is -1.0"),
+    (lambda: epp.NordinShaft(1.0, 0.0, 1.0), "stiffness is 0.0"),
+    (lambda: epp.NordinShaft(1.0, 1.0, 0.0), "damping is 0.0"),
 ]
 
 

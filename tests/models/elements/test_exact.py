@@ -28,16 +28,16 @@ def value(half: Half, x: Fraction) -> Fraction:
     return half.slope * x + bent + sum((height for at, height in half.jumps if at < x), Fraction(0))
 
 
-@pytest.mark.parametrize("element", STATIC, ids=repr)
-def test_pieces_are_the_map_itself(element: epp.Nonlinearity) -> None:
-    exact = element.exact(Fraction)
-    if not isinstance(exact, Pieces):
-        assert exact is None or exact.kind in ("cube", "drag")
-        return
-    x = np.random.default_rng(3).uniform(0.0, 8.0, 200)
-    for half, way in zip(exact, (1.0, -1.0), strict=True):
-        said = [float(value(half, Fraction(at))) for at in x]
-        assert said == pytest.approx(way * element.output(way * x)[0], rel=1e-12, abs=1e-12)
+def test_pieces_are_the_map_itself() -> None:
+    for element in STATIC:
+        exact = element.exact(Fraction)
+        if not isinstance(exact, Pieces):
+            assert exact is None or exact.kind in ("cube", "drag")
+            continue
+        x = np.random.default_rng(3).uniform(0.0, 8.0, 200)
+        for half, way in zip(exact, (1.0, -1.0), strict=True):
+            said = [float(value(half, Fraction(at))) for at in x]
+            assert said == pytest.approx(way * element.output(way * x)[0], rel=1e-12, abs=1e-12)
 
 
 def test_a_name_comes_with_the_numbers_of_the_element() -> None:

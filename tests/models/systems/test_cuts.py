@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.models.systems.cuts import Cuts
 from tests.coordinates import in_coordinates, orthogonal
 
 OMEGA = np.geomspace(0.03, 30.0, 25)
@@ -57,14 +56,14 @@ class TestOfElements:
 
     def test_places_that_are_given_stand_before_them_and_hide_those_of_their_name(self) -> None:
         loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.Saturation(-1.0, 1.0))
-        cuts = Cuts(("motor", "saturation.in"), B=[[1.0, 0.0]], E=[[0.0, 1.0]], C=[[0.0], [-1.0]], D=[[1.0], [0.0]])
+        cuts = epp.Cuts(("motor", "saturation.in"), B=[[1.0, 0.0]], E=[[0.0, 1.0]], C=[[0.0], [-1.0]], D=[[1.0], [0.0]])
         assert replace(loop, cuts=cuts).places.names == ("motor", "saturation.in", "saturation.out")
 
 
 def servo(**options: object) -> epp.LureSystem:
     """A motor with a lag, driven through a saturation, with a place at its command and one at its speed."""
     A, B, C = [[0.0, 1.0, 0.0], [0.0, -1.0, 2.0], [-3.0, 0.0, -4.0]], [[0.0], [0.5], [1.0]], [[-1.0, 0.0, 0.2]]
-    cuts = Cuts(
+    cuts = epp.Cuts(
         ("command", "speed"),
         B=[[0.0, 1.0], [2.0, -1.0], [0.0, 0.0]],
         E=[[0.2, 0.0]],
@@ -100,7 +99,7 @@ def test_places_go_with_the_states_that_elements_bring() -> None:
     element = epp.AutomatonElement(rules, own)
     outside = epp.LureSystem.from_blocks([before, epp.Saturation(-1.0, 1.0), ([1.0], [behind, 1.0]), plant])
     A, b, c = np.array([[-3.0, -2.0], [1.0, 0.0]]), np.array([[1.0], [0.0]]), np.array([[0.0, -1.0]])
-    cuts = Cuts(
+    cuts = epp.Cuts(
         ("before", "behind", "inside"),
         B=np.hstack([0.0 * b, b, A[:, :1]]),
         E=[[1.0, 0.0, 0.0]],
@@ -131,11 +130,11 @@ def test_places_go_with_the_states_that_elements_bring() -> None:
 def test_what_does_not_fit_is_refused(changed: dict, sentence: str) -> None:
     given = {"names": ("a", "b"), "B": [[1.0, 2.0]], "E": [[0.0, 0.0]], "C": [[1.0], [2.0]], "D": [[0.0], [0.0]]}
     with pytest.raises(epp.ModelError, match=sentence):
-        Cuts(**{**given, **changed})
+        epp.Cuts(**{**given, **changed})
 
 
 def test_a_loop_refuses_places_that_are_not_its_own() -> None:
-    cuts = Cuts(("command",), B=[[1.0]], E=[[0.0]], C=[[1.0]], D=[[0.0]])
+    cuts = epp.Cuts(("command",), B=[[1.0]], E=[[0.0]], C=[[1.0]], D=[[0.0]])
     with pytest.raises(epp.ModelError, match=r"B of the cuts has shape \(1, 1\); expected shape \(2, 1\)"):
         epp.LureSystem.build(-np.eye(2), [[1.0], [0.0]], [[1.0, 0.0]], [epp.Relay()], cuts=cuts)
     with pytest.raises(epp.ModelError, match=r"loop has no place 'comand' to be cut at; did you mean 'command'\?$"):

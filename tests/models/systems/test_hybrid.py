@@ -11,7 +11,6 @@ from hypothesis import given, settings, strategies as st
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.inputs import Ramp, Sine, Step, Steps
 
 
 def elbow() -> epp.LureSystem:
@@ -21,8 +20,8 @@ def elbow() -> epp.LureSystem:
 def test_inputs_become_states_behind_those_of_the_loop():
     system = elbow()
     n = system.A.shape[0]
-    held = HybridSystem.from_lure(system, {"harness_position": Step(0.02)})
-    swung = HybridSystem.from_lure(system, {"harness_position": Sine(0.01, 2.0, 0.4)})
+    held = HybridSystem.from_lure(system, {"harness_position": epp.inputs.Step(0.02)})
+    swung = HybridSystem.from_lure(system, {"harness_position": epp.inputs.Sine(0.01, 2.0, 0.4)})
     assert (held.n_plant, held.x0.size, swung.x0.size) == (n, n + 1, n + 2)
     np.testing.assert_array_equal(held.x0[:n], system.x0)
     assert held.x0[n] == system.v0[0]
@@ -68,7 +67,9 @@ def test_breakpoints_of_the_input_signals_are_in_order_of_time():
         input_names=("a", "b"),
         v0=[10.0, 20.0],
     )
-    model = HybridSystem.from_lure(system, {"a": Ramp(2.0, 1.0, 3.0), "b": Step(5.0, time=2.0)}).model
+    model = HybridSystem.from_lure(
+        system, {"a": epp.inputs.Ramp(2.0, 1.0, 3.0), "b": epp.inputs.Step(5.0, time=2.0)}
+    ).model
     assert np.all(np.diff(model.breakpoint_time) >= 0)
     breakpoints = {(t, int(i)): (v, k) for t, i, v, k in zip(model.breakpoint_time, model.breakpoint_state,
     model.breakpoint_value,
@@ -97,7 +98,7 @@ def test_a_loop_without_switches_gets_an_observer():
 
 def test_clocks_and_inputs_are_not_compared_between_periods():
     case = epp.case("fig8a_original").with_values({"controller.sample_period": "4 ms"})
-    hybrid = HybridSystem.from_lure(case.to_system(), {"harness_position": Step(0.02)})
+    hybrid = HybridSystem.from_lure(case.to_system(), {"harness_position": epp.inputs.Step(0.02)})
     names = [*case.to_system().state_names, "harness_position"]
     assert [n for n, c in zip(names, hybrid.compared, strict=True) if not c] == ["clock", "harness_position"]
 
@@ -107,7 +108,7 @@ def test_what_has_no_hybrid_form_is_refused():
     with pytest.raises(ModelError, match="it is iterated instead"):
         HybridSystem.from_lure(discrete)
     with pytest.raises(ModelError, match="no input 'x'; expected one of: harness_position"):
-        HybridSystem.from_lure(elbow(), {"x": Step(1.0)})
+        HybridSystem.from_lure(elbow(), {"x": epp.inputs.Step(1.0)})
     smooth = epp.LureSystem.build(
         [[0.0]], [[1.0, 1.0]], [[1.0], [0.0]], [epp.Relay(), epp.Cube(scale=1.0)], D=[[0, 0], [1, 0]]
     )
@@ -173,7 +174,7 @@ def test_a_jump_goes_over_any_number_of_levels_at_once(step: float, places: list
     )
     times = np.arange(1.0, len(places) + 1.0)
     values = step * (np.array(places) + beside)
-    run = epp.simulate(loop, Steps(times, values), t_end=times[-1] + 1.0, t_eval=times + 0.5)
+    run = epp.simulate(loop, epp.inputs.Steps(times, values), t_end=times[-1] + 1.0, t_eval=times + 0.5)
     levels = np.clip(places, -2048, 2048)
     np.testing.assert_array_equal(run.signals["quantiser_output"], step * levels.astype(float))
     assert run.n_events == np.abs(np.diff(levels, prepend=0)).sum()
@@ -184,7 +185,7 @@ def test_a_jump_back_comes_to_the_same_bits():
     loop = epp.LureSystem.build(
         [[-1.0]], [[1.0]], [[0.0]], [epp.Quantiser(0.1, 2048)], D_input=[[1.0]], input_names=["v"]
     )
-    steps = Steps(np.arange(1.0, 5.0), np.array([204.0, 0.0, -204.0, 0.0]))
+    steps = epp.inputs.Steps(np.arange(1.0, 5.0), np.array([204.0, 0.0, -204.0, 0.0]))
     run = epp.simulate(loop, steps, t_end=5.0, t_eval=np.arange(0.5, 5.0))
     assert run.signals["quantiser_output"].tolist() == [0.0, 0.1 * 2040.0, 0.0, -0.1 * 2040.0, 0.0]
     assert run.n_events == 4 * 2040

@@ -9,13 +9,13 @@ from scipy import signal
 
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
-from eppanalysis.models.systems.linear import StateSpace, as_state_space, fastest_poles, poles, zeros
+from eppanalysis.models.systems.linear import as_state_space, fastest_poles, poles, zeros
 from tests.coordinates import orthogonal
 
 OMEGA = np.array([1e-3, 0.3, 1.0, 7.0, 1e3])
 
 
-def response(block: StateSpace, points: np.ndarray) -> np.ndarray:
+def response(block: epp.StateSpace, points: np.ndarray) -> np.ndarray:
     """C (s - A)^-1 B + D, written out."""
     n = len(block.A)
     values = [block.C @ np.linalg.solve(s * np.eye(n) - block.A, block.B) + block.D for s in points]

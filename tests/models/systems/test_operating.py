@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import eppanalysis as epp
-from eppanalysis.models.systems.inputs import Constant, InputSignal, Ramp, Recorded, Sine, Step, Steps
 
 T_END = 4.0
 times = st.floats(0.01, 8.0, allow_nan=False)
@@ -15,19 +14,19 @@ sizes = st.floats(-2.0, 2.0, allow_nan=False)
 
 
 @st.composite
-def input_signals(draw: st.DrawFn) -> InputSignal:
+def input_signals(draw: st.DrawFn) -> epp.inputs.InputSignal:
     """Motions of all kinds, whose changes may come before the end of the run or after it."""
     kind = draw(st.sampled_from(["constant", "step", "steps", "ramp", "recorded"]))
     if kind == "constant":
-        return Constant(draw(sizes))
+        return epp.inputs.Constant(draw(sizes))
     if kind == "step":
-        return Step(draw(sizes), draw(times))
+        return epp.inputs.Step(draw(sizes), draw(times))
     if kind == "ramp":
         start = draw(times)
-        return Ramp(draw(sizes), start, start + draw(times))
+        return epp.inputs.Ramp(draw(sizes), start, start + draw(times))
     when = sorted(draw(st.sets(times, min_size=2, max_size=4)))
     values = draw(st.lists(sizes, min_size=len(when), max_size=len(when)))
-    return (Steps if kind == "steps" else Recorded)(when, values)
+    return (epp.inputs.Steps if kind == "steps" else epp.inputs.Recorded)(when, values)
 
 
 def _pushed(bias: float = 0.0) -> epp.LureSystem:
@@ -48,7 +47,7 @@ def _pushed(bias: float = 0.0) -> epp.LureSystem:
 
 @settings(max_examples=200, deadline=None)
 @given(input_signals(), sizes)
-def test_the_inputs_are_those_at_the_end_of_the_run(input_signal: InputSignal, bias: float) -> None:
+def test_the_inputs_are_those_at_the_end_of_the_run(input_signal: epp.inputs.InputSignal, bias: float) -> None:
     """Held where the motion's own value is at the end of the run, unless it differs just before and after it."""
     case = epp.Case.from_system(_pushed(bias), input=input_signal, t_end=T_END)
     point = case.operating_point
@@ -63,7 +62,7 @@ def test_the_inputs_are_those_at_the_end_of_the_run(input_signal: InputSignal, b
 @given(sizes, st.floats(4.5, 9.0))
 def test_what_comes_after_the_run_changes_nothing(late: float, when: float) -> None:
     """Search, prediction and branch are at one operating point, whatever the input does after the end of the run."""
-    case = epp.Case.from_system(_pushed(), input=Steps([0.0, when], [0.2, 0.2 + late]), t_end=T_END)
+    case = epp.Case.from_system(_pushed(), input=epp.inputs.Steps([0.0, when], [0.2, 0.2 + late]), t_end=T_END)
     (cycle,) = epp.find_limit_cycles(case).stable
     (still,) = epp.find_limit_cycles(case.to_system(), {"hand": 0.2}).stable
     assert cycle.period == still.period
@@ -86,7 +85,7 @@ def test_an_elbow_that_is_pushed_on_after_its_run() -> None:
 
 
 def test_all_analyses_refuse_a_sine_with_one_reason() -> None:
-    case = epp.Case.from_system(_pushed(), name="pushed", input=Sine(0.1, 1.0), t_end=T_END)
+    case = epp.Case.from_system(_pushed(), name="pushed", input=epp.inputs.Sine(0.1, 1.0), t_end=T_END)
     name = "relay_dead_zone.threshold"
     cycle = epp.predict_limit_cycles(case, {"hand": 0.0})[-1]
     analyses = {
@@ -109,7 +108,7 @@ def test_all_analyses_refuse_a_sine_with_one_reason() -> None:
 
 
 def test_the_ladder_of_a_driven_loop_says_that_it_is_driven() -> None:
-    case = epp.Case.from_system(_pushed(), input=Sine(0.1, 1.0), t_end=T_END)
+    case = epp.Case.from_system(_pushed(), input=epp.inputs.Sine(0.1, 1.0), t_end=T_END)
     found = epp.ladder(case)
     assert found.agreement.name == "DRIVEN"
     assert found.prediction is None and found.search is None
@@ -123,7 +122,9 @@ def test_inputs_that_are_memory_by_name() -> None:
     both = epp.LureSystem.build(
         one.A, one.B, one.C, one.elements, D_input=[[1.0, 2.0]], input_names=["hand", "load"], x0=one.x0
     )
-    case = epp.Case.from_system(both, input={"hand": Sine(1.0, 2.0), "load": Step(0.1)}, t_end=1.0)
+    case = epp.Case.from_system(
+        both, input={"hand": epp.inputs.Sine(1.0, 2.0), "load": epp.inputs.Step(0.1)}, t_end=1.0
+    )
     assert str(case.operating_point) == "input 'hand' is a sine"
     found = epp.predict_limit_cycles(case, {"hand": 0.3})
     assert found.operating_point == epp.OperatingPoint({"hand": 0.3, "load": 0.1})

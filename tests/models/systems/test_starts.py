@@ -9,19 +9,8 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.models.elements import (
-    FiveBandLaw,
-    HysteresisRelay,
-    HysteresisRelayDeadZone,
-    JumpAndFollow,
-    ParkingBandLaw,
-    Play,
-    SampledLaw,
-    Slip,
-    StictionPulley,
-)
+from eppanalysis.models.elements import ParkingBandLaw, SampledLaw, Slip
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.inputs import Step
 from eppanalysis.models.systems.starts import remembered
 from tests.restarts import check_restart, cycles_of
 
@@ -32,13 +21,13 @@ QUICK = [
     "sat_asymmetric", "stiction_level_S5J2", "thruster_dz_hyst", "two_mass_damped_shaft", "van_der_pol_mu1",
 ]  # fmt: skip
 
-BANDS = FiveBandLaw(-2.0, -1.0, 1.0, 2.0, 16.0)
+BANDS = epp.FiveBandLaw(-2.0, -1.0, 1.0, 2.0, 16.0)
 LOOPS = {
-    "play": (Play(2.0), ([5.0], [1.0, 1.0, 0.0])),
-    "jump_and_follow": (JumpAndFollow(1.0, 0.4), ([2.0], [1.0, 1.0, 0.0])),
-    "jump_beyond_the_band": (JumpAndFollow(0.4, 0.7), ([2.0], [1.0, 1.0, 0.0])),
-    "hysteresis_relay": (HysteresisRelay(-0.3, 0.7, -0.5, 1.0), ([2.0], [1.0, 1.0, 0.0])),
-    "dead_zone_relay": (HysteresisRelayDeadZone(0.8, 0.3, 1.0), ([4.0], [1.0, 1.0, 0.0])),
+    "play": (epp.Play(2.0), ([5.0], [1.0, 1.0, 0.0])),
+    "jump_and_follow": (epp.JumpAndFollow(1.0, 0.4), ([2.0], [1.0, 1.0, 0.0])),
+    "jump_beyond_the_band": (epp.JumpAndFollow(0.4, 0.7), ([2.0], [1.0, 1.0, 0.0])),
+    "hysteresis_relay": (epp.HysteresisRelay(-0.3, 0.7, -0.5, 1.0), ([2.0], [1.0, 1.0, 0.0])),
+    "dead_zone_relay": (epp.HysteresisRelayDeadZone(0.8, 0.3, 1.0), ([4.0], [1.0, 1.0, 0.0])),
 }
 
 
@@ -84,7 +73,7 @@ def state_at(hybrid: HybridSystem, t: float) -> tuple[np.ndarray, np.ndarray, np
 
 @pytest.mark.parametrize("level", [-1.0, 1.0])
 def test_relay_with_hysteresis_begins_at_the_level_it_remembers(level: float) -> None:
-    system = epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), HysteresisRelay(-0.5, 0.5), x0=[0.0], memory=level)
+    system = epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.HysteresisRelay(-0.5, 0.5), x0=[0.0], memory=level)
     run = epp.simulate(system, t_end=0.1)
     np.testing.assert_allclose(run.signals["y"], level)
     np.testing.assert_allclose(run.signals["x"], -level * (1.0 - np.exp(-run.t)), atol=1e-12)
@@ -92,18 +81,23 @@ def test_relay_with_hysteresis_begins_at_the_level_it_remembers(level: float) ->
 
 def test_a_jump_at_the_start_is_taken_from_what_was_reached() -> None:
     """An element that follows upward goes on where a step at the start carries its input on, and stays where not."""
-    element = JumpAndFollow(1.0, 0.4)
+    element = epp.JumpAndFollow(1.0, 0.4)
     system = epp.LureSystem.build(
         [[-1.0]], [[0.0]], [[0.0]], [element], D_input=[[1.0]], input_names=("v",), memory=[Slip(0.7, 1, 1.0)]
     )
     for value in (1.0, 1.3, 0.9, 0.4, -0.5):
-        run = epp.simulate(system, Step(value), 1.0, [0.5])
+        run = epp.simulate(system, epp.inputs.Step(value), 1.0, [0.5])
         assert run.signals["jump_and_follow_output"][0] == pytest.approx(element.output(value, system.memory[0])[0])
 
 
 def test_what_is_remembered_begins_anew() -> None:
     """Modes and memory values of followers and relays come back from what is remembered of them."""
-    elements = [Play(0.5), JumpAndFollow(1.0, 0.4), HysteresisRelay(-1.0, 1.0), HysteresisRelayDeadZone(1.0, 0.5)]
+    elements = [
+        epp.Play(0.5),
+        epp.JumpAndFollow(1.0, 0.4),
+        epp.HysteresisRelay(-1.0, 1.0),
+        epp.HysteresisRelayDeadZone(1.0, 0.5),
+    ]
     system = epp.LureSystem.build([[0.0]], np.zeros((1, 4)), np.zeros((4, 1)), elements, constant_input=[0.2] * 4)
     hybrid = HybridSystem.from_lure(system)
     rng = np.random.default_rng(7)
@@ -122,7 +116,7 @@ def test_what_is_remembered_begins_anew() -> None:
     [
         (ParkingBandLaw(BANDS, 0.5), [(True, 1.5), (False, 1.25)]),
         (SampledLaw(BANDS, 0.01), [(3.0, 0.27)]),
-        (StictionPulley(5.0, 20.0, 0.3, 0.6), [0.1, Slip(0.1, -1, 0.4), Slip(0.1, 1, 0.4)]),
+        (epp.StictionPulley(5.0, 20.0, 0.3, 0.6), [0.1, Slip(0.1, -1, 0.4), Slip(0.1, 1, 0.4)]),
     ],
 )
 def test_laws_that_know_the_time_and_the_cable_begin_with_what_they_remember(element: Any, memories: list) -> None:
@@ -136,14 +130,16 @@ def test_laws_that_know_the_time_and_the_cable_begin_with_what_they_remember(ele
 @pytest.mark.parametrize("kinetic", [0.6, 1.0])
 @pytest.mark.parametrize("stretch", [-0.2, 0.05, 1.3])
 def test_a_cable_without_memory_begins_in_a_run_as_its_map_says(kinetic: float, stretch: float) -> None:
-    pulley = StictionPulley(5.0, 20.0, 0.3, kinetic)
+    pulley = epp.StictionPulley(5.0, 20.0, 0.3, kinetic)
     loop = epp.LureSystem.build([[-1.0]], [[0.0, 0.0]], [[1.0]], [pulley], x0=[stretch], element_names=["cable"])
     run = epp.simulate(loop, t_end=0.1, t_eval=np.array([0.0, 0.1]))
     first = [run.signals[f"cable_output{i}"][0] for i in (1, 2)]
     assert first == pytest.approx(pulley.output(stretch)[0].tolist(), abs=1e-12)
 
 
-@pytest.mark.parametrize("element", [Play(2.0), JumpAndFollow(1.5, 0.4), JumpAndFollow(0.4, 0.7, slope=2.0)])
+@pytest.mark.parametrize(
+    "element", [epp.Play(2.0), epp.JumpAndFollow(1.5, 0.4), epp.JumpAndFollow(0.4, 0.7, slope=2.0)]
+)
 @pytest.mark.parametrize("start", [-3.0, -0.6, 0.0, 0.3, 0.9, 2.5])
 def test_an_element_without_memory_begins_alike_in_continuous_and_discrete_time(element: Any, start: float) -> None:
     """What holds starts from zero, or as near to it as the input lets it, however the time runs."""

@@ -82,6 +82,7 @@ def test_the_bound_on_a_gain_is_where_searches_say(servo: epp.Case) -> None:
     assert known["play.gap"] == pytest.approx(-known["allowed"], rel=1e-10)
 
 
+@pytest.mark.slow
 def test_within_a_band_the_bound_is_where_the_cycle_comes_into_it(servo: epp.Case) -> None:
     """The frequency of the cycle grows with the gain: at a gain of 1.1 it enters a band that begins with it."""
     (entering,) = epp.find_limit_cycles(servo.with_values({"loop.gain": 1.1})).stable

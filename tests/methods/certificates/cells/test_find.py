@@ -91,6 +91,7 @@ def test_absence_is_proved_where_popov_fails_and_changed_files_are_refused(tmp_p
             check_cells.verify(sealed({**document, **changed}))
 
 
+@pytest.mark.slow
 def test_no_loop_with_a_cycle_is_certified_to_have_none() -> None:
     for gain in (3.01, 3.02, 5.0):
         found = epp.certify(relay(gain), "absence")

@@ -78,6 +78,7 @@ def orbit(document: dict[str, Any]) -> Orbit:
     return Orbit(loop, document["evidence"])
 
 
+@pytest.mark.slow
 def test_the_balance_of_power_holds_on_an_orbit(orbit: Orbit) -> None:
     v = orbit.v
     supplied = orbit.mean(orbit.torque * orbit.seen)

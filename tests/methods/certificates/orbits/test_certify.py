@@ -19,7 +19,6 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.certificates.orbits.axes import OwnAxes
 from eppanalysis.methods.certificates.orbits.certify import certified
 from eppanalysis.methods.certificates.orbits.path import ExactPath
-from eppanalysis.methods.certificates.orbits.result import OrbitStability, Proof
 from eppanalysis.methods.certificates.orbits.shooting import Shooting
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
 from eppanalysis.methods.orbits.guess import Guess, make_guess
@@ -89,8 +88,8 @@ def orbit_of(loop: epp.LureSystem | epp.Case, cycle: LimitCycle):
     return hybrid, next(orbits_near(hybrid, *start_of(hybrid, cycle), cycle.period))
 
 
-def assert_proved(found: epp.CertifiedOrbit, stability: OrbitStability) -> None:
-    assert found.status is Proof.PROVED and found.proved, str(found)
+def assert_proved(found: epp.CertifiedOrbit, stability: epp.OrbitStability) -> None:
+    assert found.status is epp.Proof.PROVED and found.proved, str(found)
     assert found.stability is stability, str(found)
     assert 0.0 < found.radius <= 1e-9 < found.unique_within or found.radius <= 1e-12
 
@@ -100,7 +99,7 @@ def assert_proved(found: epp.CertifiedOrbit, stability: OrbitStability) -> None:
 def test_relay_with_hysteresis_has_the_period_of_the_textbook(percent: int) -> None:
     """On 1/(s + 1) with thresholds +-h the period is 2 ln((1 + h)/(1 - h)), with h the decimal and not its float."""
     found = epp.certify_orbit(*hysteresis(percent / 100))
-    assert_proved(found, OrbitStability.STABLE)
+    assert_proved(found, epp.OrbitStability.STABLE)
     with ctx.workprec(300):
         exact = 2 * (arb(fmpq(100 + percent, 100 - percent))).log()
         assert arb(found.period_ball).contains(exact)
@@ -113,7 +112,7 @@ def test_relay_on_a_triple_lag_has_the_period_of_the_closed_form() -> None:
     """Half a period tau of an ideal relay on 1/(s + 1)^3 solves f''(-1) = 0 for f(p) = tanh(p tau/2)/p."""
     loop = tf(([1.0], [1.0, 3.0, 3.0, 1.0]), epp.Relay())
     found = epp.certify_orbit(loop, run_of(loop))
-    assert_proved(found, OrbitStability.STABLE)
+    assert_proved(found, epp.OrbitStability.STABLE)
 
     def balance(period):
         p = flint.arb_series([-1, 1], prec=3)
@@ -130,7 +129,7 @@ def test_relay_on_an_integrator_with_lag_has_the_period_of_the_closed_form() -> 
     """On 1/(s (s + 1)) with thresholds +-h half a period tau solves tau/2 - tanh(tau/2) = h."""
     loop = tf(([1.0], [1.0, 1.0, 0.0]), epp.HysteresisRelay(lower=-0.3, upper=0.3))
     found = epp.certify_orbit(loop, run_of(loop))
-    assert_proved(found, OrbitStability.STABLE)
+    assert_proved(found, epp.OrbitStability.STABLE)
     with ctx.workprec(300):
         ball = arb(found.period_ball)
 
@@ -157,7 +156,7 @@ def test_saturation_and_dead_zone_come_back_after_the_period(element, plant, law
     for guess in epp.predict_limit_cycles(loop):
         cycle = epp.exact_orbit(loop, guess)
         found = epp.certify_orbit(loop, cycle)
-        assert_proved(found, OrbitStability.STABLE if cycle.stable else OrbitStability.ONE_OUTSIDE)
+        assert_proved(found, epp.OrbitStability.STABLE if cycle.stable else epp.OrbitStability.ONE_OUTSIDE)
 
         def rate(_, x):
             return loop.A @ x + loop.B[:, 0] * law(loop.C[0] @ x)
@@ -174,7 +173,7 @@ def test_play_servo_just_above_the_onset_of_cycles() -> None:
     begun = time.process_time()
     found = epp.certify_orbit(loop, cycle)
     assert time.process_time() - begun <= 0.2
-    assert_proved(found, OrbitStability.STABLE)
+    assert_proved(found, epp.OrbitStability.STABLE)
     assert len(found.events) == 4
     np.testing.assert_allclose(found.period, cycle.period, rtol=1e-9)
 
@@ -185,7 +184,7 @@ def test_elbow(name: str) -> None:
     begun = time.process_time()
     found = epp.certify_orbit(case, cycle)
     assert time.process_time() - begun <= 3.0
-    assert_proved(found, OrbitStability.STABLE if cycle.stable else OrbitStability.ONE_OUTSIDE)
+    assert_proved(found, epp.OrbitStability.STABLE if cycle.stable else epp.OrbitStability.ONE_OUTSIDE)
     np.testing.assert_allclose(found.period, cycle.period, rtol=1e-9)
     # The float orbit's own multipliers lie in the discs, but for its rounding.
     _, orbit = orbit_of(case, cycle)
@@ -201,7 +200,7 @@ def test_a_cycle_beside_a_run_that_comes_to_rest_is_proved() -> None:
     assert epp.simulate(case).status is Status.SETTLED
     state = [1.0460649052, -0.742574316394, 1.03975349964, 0.0, 0.3, 0.728620907665, 0.200844123652]
     found = epp.certify_orbit(case, near(0.1574948802659, state, *(None,) * 4))
-    assert_proved(found, OrbitStability.STABLE)
+    assert_proved(found, epp.OrbitStability.STABLE)
     assert found.period == pytest.approx(0.1574948802659, rel=1e-11)
 
 
@@ -235,7 +234,7 @@ def test_ghosts_of_the_elbow_are_refused(which: str) -> None:
     assert ghost.residual < 1e-9 and abs(ghost.period / orbit.period - 1.0) > 1e-3
     assert closes(ghost)
     found = certified(ghost)
-    assert found.status is Proof.VIOLATED and not found.proved
+    assert found.status is epp.Proof.VIOLATED and not found.proved
     assert "drive_friction" in found.message and math.isnan(found.period)
 
 
@@ -264,11 +263,11 @@ def test_ghosts_of_a_relay_are_refused() -> None:
             proved = certified(found).status
             statuses.append(proved)
             if abs(found.period / cycle.period - 1.0) < 1e-9:
-                assert proved is Proof.PROVED
+                assert proved is epp.Proof.PROVED
             elif found.period > 1.01 * cycle.period:
                 # The level is kept beyond the first time that the motion reaches the threshold.
-                assert proved is Proof.VIOLATED
-    assert Proof.PROVED in statuses and statuses.count(Proof.VIOLATED) >= 3
+                assert proved is epp.Proof.VIOLATED
+    assert epp.Proof.PROVED in statuses and statuses.count(epp.Proof.VIOLATED) >= 3
 
 
 @pytest.mark.parametrize("clearance", [1e-10, -1e-10])
@@ -286,7 +285,7 @@ def test_a_threshold_just_above_the_peak_is_not_met_and_one_just_below_is(cleara
     _, orbit = orbit_of(watched(10.0), near(2.0 * half, [0.3, speed], -1.0, None))
     hybrid = steady_hybrid(watched(peak * (1.0 + clearance)))
     found = certified(solve(hybrid, Guess(orbit.arcs.event_sequence, orbit.y, orbit.tau)))
-    assert found.status is (Proof.PROVED if clearance > 0.0 else Proof.VIOLATED)
+    assert found.status is (epp.Proof.PROVED if clearance > 0.0 else epp.Proof.VIOLATED)
     if clearance < 0.0:
         assert "dead_zone" in found.message
 
@@ -294,7 +293,7 @@ def test_a_threshold_just_above_the_peak_is_not_met_and_one_just_below_is(cleara
 def test_a_wrong_period_is_not_proved() -> None:
     loop, cycle = hysteresis(0.5)
     found = epp.certify_orbit(loop, replace(cycle, period=2.5))
-    assert found.status is Proof.NOT_DECIDED and "does not come back" in str(found)
+    assert found.status is epp.Proof.NOT_DECIDED and "does not come back" in str(found)
 
 
 @pytest.mark.parametrize("seed", [None, 1])
@@ -308,7 +307,7 @@ def test_an_angle_that_goes_on_is_told_as_why_an_orbit_is_not_proved(seed: int |
         loop = loop.in_coordinates(Q.T, Q)
     (cycle,) = epp.find_limit_cycles(loop).cycles
     found = epp.certify_orbit(loop, cycle)
-    assert found.status is Proof.NOT_DECIDED and "an integral that nothing reads" in str(found)
+    assert found.status is epp.Proof.NOT_DECIDED and "an integral that nothing reads" in str(found)
 
 
 @pytest.mark.parametrize("name", ["play", "relay"])
@@ -345,7 +344,7 @@ def test_elbow_in_other_coordinates() -> None:
     system, at = standing(case, None, "certify_orbit")
     cycle = replace(cycle, state=T @ cycle.state, operating_point=at)
     found = epp.certify_orbit(in_coordinates(system, T), cycle)
-    assert_proved(found, OrbitStability.STABLE)
+    assert_proved(found, epp.OrbitStability.STABLE)
 
 
 def test_two_relays_on_one_signal_switch_at_one_instant() -> None:
@@ -354,7 +353,7 @@ def test_two_relays_on_one_signal_switch_at_one_instant() -> None:
     rest = epp.HysteresisRelay(lower=-0.5, upper=0.5, low=-0.875, high=0.875)
     loop = epp.LureSystem.build([[-1.0]], [[-1.0, -1.0]], [[1.0], [1.0]], [half, rest])
     found = epp.certify_orbit(loop, near(2.0 * math.log(3.0), [0.0], 0.125, 0.875))
-    assert_proved(found, OrbitStability.STABLE)
+    assert_proved(found, epp.OrbitStability.STABLE)
     assert len(found.events) == 4
     with ctx.workprec(300):
         assert arb(found.period_ball).contains(2 * arb(3).log())
@@ -367,11 +366,11 @@ def test_loops_at_random_are_never_called_no_motion(seed: int) -> None:
     cycle = epp.exact_orbit(loop, epp.simulate(loop, t_end=200.0).limit_cycle)
     found = epp.certify_orbit(loop, cycle)
     if seed == 16:  # its second element slides all the time
-        assert found.status is Proof.NOT_DECIDED and "level" in found.message
+        assert found.status is epp.Proof.NOT_DECIDED and "level" in found.message
     else:
         assert found.proved and abs(found.period / cycle.period - 1.0) < 1e-9
-        assert found.stability in (OrbitStability.STABLE, OrbitStability.NOT_DECIDED)
-        assert (found.stability is OrbitStability.STABLE) == (not found.stability_message)
+        assert found.stability in (epp.OrbitStability.STABLE, epp.OrbitStability.NOT_DECIDED)
+        assert (found.stability is epp.OrbitStability.STABLE) == (not found.stability_message)
 
 
 def test_one_of_many_cycles_has_no_stability() -> None:
@@ -382,7 +381,7 @@ def test_one_of_many_cycles_has_no_stability() -> None:
     )
     run = epp.simulate(loop, t_end=30.0)
     found = epp.certify_orbit(loop, run.limit_cycle)
-    assert found.proved and found.stability is OrbitStability.NOT_DECIDED
+    assert found.proved and found.stability is epp.OrbitStability.NOT_DECIDED
     assert "one of many" in found.stability_message
 
 
@@ -394,7 +393,7 @@ def test_a_centre_is_not_decided() -> None:
         pytest.skip("the run of a centre is not called a cycle")
     hybrid, orbit = orbit_of(loop, run.limit_cycle)
     found = certified(orbit)
-    assert found.status is Proof.NOT_DECIDED and "Krawczyk" in found.message
+    assert found.status is epp.Proof.NOT_DECIDED and "Krawczyk" in found.message
 
 
 @pytest.mark.parametrize(

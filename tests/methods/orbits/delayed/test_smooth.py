@@ -13,11 +13,10 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 import eppanalysis as epp
-from eppanalysis.models.elements.base import Nonlinearity
 
 DELAY = 0.5
 Function = Callable[[float], float]
-LOOPS: list[tuple[Nonlinearity, Function]] = [
+LOOPS: list[tuple[epp.Nonlinearity, Function]] = [
     (epp.Tanh(1.0, 2.0), lambda z: float(np.tanh(2.0 * z))),
     (epp.Cube(1.0), lambda z: z**3),
     (epp.Polynomial([0.0, -1.0, 0.0, 1.0]), lambda z: z**3 - z),
@@ -26,7 +25,7 @@ LOOPS: list[tuple[Nonlinearity, Function]] = [
 NAMES = [type(e).__name__ for e, _ in LOOPS]
 
 
-def loop_of(element: Nonlinearity) -> epp.LureSystem:
+def loop_of(element: epp.Nonlinearity) -> epp.LureSystem:
     return epp.LureSystem.from_tf(([3.0], [1.0, 1.0, 1.0]), element, delay=DELAY)
 
 
@@ -56,7 +55,7 @@ def by_steps(loop: epp.LureSystem, cycle: epp.LimitCycle, f: Function, larger: f
 
 @pytest.mark.parametrize(("element", "f"), LOOPS, ids=NAMES)
 def test_a_run_by_the_method_of_steps_comes_back_to_the_cycle_and_departs_by_its_multiplier(
-    element: Nonlinearity, f: Function
+    element: epp.Nonlinearity, f: Function
 ) -> None:
     loop = loop_of(element)
     for predicted in epp.predict_limit_cycles(loop):
@@ -79,7 +78,7 @@ def test_a_run_by_the_method_of_steps_comes_back_to_the_cycle_and_departs_by_its
         for i, ((e, _), n) in enumerate(zip(LOOPS, NAMES, strict=True))
     ],
 )
-def test_a_search_lists_them_whatever_the_unit_of_time_and_the_sign(element: Nonlinearity) -> None:
+def test_a_search_lists_them_whatever_the_unit_of_time_and_the_sign(element: epp.Nonlinearity) -> None:
     loop = loop_of(element)
     found = epp.find_limit_cycles(loop)
     assert found.status.ok and len(found) == len(epp.predict_limit_cycles(loop))

@@ -92,6 +92,7 @@ def test_a_run_agrees_with_an_independent_integrator() -> None:
     assert run.signals["x"][-1] == pytest.approx(float((loop.C @ known.y[:, -1])[0]), abs=1e-7)
 
 
+@pytest.mark.slow
 def test_first_order_balance_and_orbit_of_a_loop_with_it_agree() -> None:
     table = epp.MonotoneTable([-2.0, -1.0, 0.0, 1.0, 2.0], [-1.2, -1.0, 0.0, 1.0, 1.2], "hold")
     loop = epp.LureSystem.from_tf(([4.0], [1.0, 2.0, 1.0, 0.0]), table)

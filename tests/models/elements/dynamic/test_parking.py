@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.dynamic.parking import ParkingBandLaw, SampledLaw
-from eppanalysis.models.elements.static import FiveBandLaw
 
-LAW = FiveBandLaw(slack=5.0, low=10.0, high=11.0, max=16.0, supply_voltage=16.0, offset_voltage=1.0)
+LAW = epp.FiveBandLaw(slack=5.0, low=10.0, high=11.0, max=16.0, supply_voltage=16.0, offset_voltage=1.0)
 
 
 def averages(element: Any, amplitude: float, bias: float, omega: float, n_periods: int) -> tuple[float, complex]:

@@ -11,7 +11,6 @@ from hypothesis import given, settings, strategies as st
 
 import eppanalysis as epp
 from eppanalysis.models.elements import ControllerMemory
-from eppanalysis.models.systems import inputs
 
 RNG = np.random.default_rng
 
@@ -192,7 +191,7 @@ def test_the_response_is_that_of_the_first_harmonic_of_a_run() -> None:
         [[-1.0]], [[0.0]], [[0.0]], [law], D_input=[[1.0]], input_names=["u"], element_names=["law"]
     )
     t = np.arange(0.0, 2000.0, 0.0137)
-    run = epp.simulate(loop, inputs.Sine(1.0, omega / (2.0 * np.pi)), t_end=2000.0, t_eval=t)
+    run = epp.simulate(loop, epp.inputs.Sine(1.0, omega / (2.0 * np.pi)), t_end=2000.0, t_eval=t)
     late = t > 20.0
     basis = np.column_stack([np.sin(omega * t[late]), np.cos(omega * t[late])])
     b, a = np.linalg.lstsq(basis, run.signals["law_output"][late], rcond=None)[0]

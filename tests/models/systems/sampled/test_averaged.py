@@ -8,11 +8,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import eppanalysis as epp
-from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.averaged import averaged
 
 
-def loop(seed: int, delay: float, T: float = 0.01) -> LureSystem:
+def loop(seed: int, delay: float, T: float = 0.01) -> epp.LureSystem:
     """A random plant with a saturation, under a random controller of two inputs and two outputs."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 4))
@@ -22,7 +21,7 @@ def loop(seed: int, delay: float, T: float = 0.01) -> LureSystem:
     )  # fmt: skip
     D = np.zeros((3, 3))
     D[0, 1] = 0.3  # a controller's output straight into the saturation
-    return LureSystem.build(
+    return epp.LureSystem.build(
         rng.normal(size=(n, n)) - 2.0 * np.eye(n), rng.normal(size=(n, 3)), rng.normal(size=(3, n)),
         [epp.Saturation(-1.0, 1.0), law], D=D, D_input=rng.normal(size=(3, 1)), input_names=["v"],
     )  # fmt: skip
@@ -52,20 +51,20 @@ def test_its_rational_form_and_its_slope_agree_with_the_response(seed, delay) ->
     np.testing.assert_allclose(G, made.frequency_response(w), rtol=1e-12)
     near = (made.frequency_response(w + h) - made.frequency_response(w - h)) / (2.0 * h)
     np.testing.assert_allclose(slope, near, atol=1e-5 * np.abs(near).max() + 1e-8 * np.abs(G).max())
-    rational = LureSystem.frequency_response(made, w)
+    rational = epp.LureSystem.frequency_response(made, w)
     # Hold and bilinear transform differ by (omega T)^2 / 12 of the controller's part.
     np.testing.assert_allclose(rational, G, atol=2e-3 * np.abs(G).max())
     np.testing.assert_allclose(made.response_at(2.0j), made.frequency_response(2.0), rtol=1e-9)
 
 
 def test_a_loop_without_samples_is_itself() -> None:
-    plain = LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    plain = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
     assert averaged(plain) is plain
 
 
 def test_what_has_no_form_in_continuous_time_is_refused() -> None:
     law = epp.SampledController([[-1.0]], [[1.0]], [[1.0]], [[0.0]], 0.1)
-    system = LureSystem.build(
+    system = epp.LureSystem.build(
         [[-1.0]], [[1.0, 1.0]], [[1.0], [1.0]], [epp.Relay(), law], element_names=["relay", "law"]
     )
     with pytest.raises(epp.ModelError, match="eigenvalue of -1"):
@@ -76,7 +75,7 @@ def test_a_prediction_says_what_the_samples_leave_out_and_how_many_there_are() -
     law = epp.SampledController([], [], [], [[1.0]], 0.2)
     A = np.array([[-1.0, 0.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, -1.0]])
     B, C = np.array([[-1.0, 0.0], [0.0, 0.0], [0.0, 0.0]]), np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    system = LureSystem.build(A, B, C, [epp.Relay(), law], D=[[0.0, 1.0], [0.0, 0.0]], x0=[1.0, 0.0, 0.0])
+    system = epp.LureSystem.build(A, B, C, [epp.Relay(), law], D=[[0.0, 1.0], [0.0, 0.0]], x0=[1.0, 0.0, 0.0])
     prediction = epp.predict_limit_cycles(system)
     (cycle,) = prediction
     # Phase of 1/(s + 1)^3 with hold: 3 atan(w) + w T/2 = pi.
@@ -88,7 +87,7 @@ def test_a_prediction_says_what_the_samples_leave_out_and_how_many_there_are() -
 TICK, SAMPLE = 5e-4, 40
 
 
-def pair(seed: int, ratio: float, delay: int, late: int, through: bool, mutual: bool) -> LureSystem:
+def pair(seed: int, ratio: float, delay: int, late: int, through: bool, mutual: bool) -> epp.LureSystem:
     """A sine (the first saturation) through two controllers, one straight behind the other, to a lag 1/(s + 4)^2.
 
     The second one also reads the sine itself; with `through` a limit stands between; with `mutual` the first one reads
@@ -102,14 +101,14 @@ def pair(seed: int, ratio: float, delay: int, late: int, through: bool, mutual: 
     )
     wires = np.zeros((6, 4))  # inputs: lag, both of the first, both of the second, limit
     wires[1, 0], wires[2, 2], wires[3, 0], wires[4, 3 if through else 1], wires[5, 1] = 1.0, 0.2 * mutual, 0.3, 1.0, 1.0
-    return LureSystem.build(
+    return epp.LureSystem.build(
         [[-4.0, 0.0], [1.0, -4.0]], [[0.0, 0.0, 1.0, 0.0], [0.0] * 4], np.eye(6, 2, k=1),
         [epp.Saturation(-1.0, 1.0), first, second, epp.Saturation(-1.0, 1.0)],
         D=wires, delays=[0.0, late * TICK, late * TICK, 0.0],
     )  # fmt: skip
 
 
-def gain_by_hand(system: LureSystem, omega: float, n: int, delay: int) -> complex:
+def gain_by_hand(system: epp.LureSystem, omega: float, n: int, delay: int) -> complex:
     """First harmonic of what the second controller holds while a sine is read, walked through sample by sample.
 
     Over n common turns of the clocks, in which the sine turns so often that their phases are spread evenly.
