@@ -18,7 +18,7 @@ CLOSED, EXACT = 1e-10, 1e-14
 #: Steps of Newton's method at most, and in a row that better nothing.
 _MOST_STEPS, _IDLE = 60, 5
 #: Longest step, in sizes of the motion.
-_LONGEST = 0.5
+_LONGEST = 1.0
 #: Singular value, relative to the largest, of a direction along which motions lie side by side.
 _FREE = 1e-13
 
@@ -46,9 +46,9 @@ def close(start: HybridSystem, duration: float, given: bool) -> Pass | None:
         if now is None:
             break
         # Where a step leads to another piece of the map it may worsen first: several have to better nothing.
-        idle += 1
-        if best is None or now.gap < best.gap:
-            idle = 0 if best is None or now.gap < 0.5 * best.gap else idle
+        away = np.inf if best is None else now.gap_in(best.scale)
+        idle = 0 if best is None or away < 0.5 * best.gap else idle + 1
+        if best is None or away < best.gap:
             best = now
         if idle >= _IDLE or (now.gap < EXACT and now.ends_in_its_modes):
             break
@@ -56,7 +56,7 @@ def close(start: HybridSystem, duration: float, given: bool) -> Pass | None:
         if not np.all(np.isfinite(step)):
             break
         now = advance(now.moved(step), now.duration * (1.0 + longer))
-        if now is not None and now.gap >= best.gap and not now.ends_in_its_modes:
+        if now is not None and not now.ends_in_its_modes and now.gap_in(best.scale) >= best.gap:
             # An event has passed the begin, or what holds memory is elsewhere: on from where no event is near.
             now = placed(now.start, now.duration)
     return best if best is not None and best.gap <= CLOSED and best.ends_in_its_modes else None

@@ -129,7 +129,11 @@ class Pass:
     @cached_property
     def gap(self) -> float:
         """Largest change of what repeats, relative to the motion."""
-        return float(np.max(np.abs(self.change[self.sought]) / self.scale, initial=0.0))
+        return self.gap_in(self.scale)
+
+    def gap_in(self, scale: Array) -> float:
+        """Largest change of what repeats, in sizes (m,)."""
+        return float(np.max(np.abs(self.change[self.sought]) / scale, initial=0.0))
 
     @property
     def ends_in_its_modes(self) -> bool:
@@ -163,13 +167,10 @@ class Pass:
         return replace(self.start, x0=y[:n], H0=y[n:], modes0=self.end.modes0)
 
     def middle_of_longest_gap(self) -> float:
-        """When its longest stretch without events is half over [s]; it may reach over the end to the first event."""
-        times = self.run.time[self.events]
-        if not times.size:  # an event may fall on the end, as a sample does
-            return 0.5 * self.duration
-        gaps = np.diff(times, append=times[0] + self.duration)
-        longest = int(np.argmax(gaps))
-        return float(times[longest] + 0.5 * gaps[longest]) % self.duration
+        """When its longest stretch without events is half over [s]."""
+        times = np.concatenate([[0.0], self.run.time[self.events], [self.duration]])
+        longest = int(np.argmax(np.diff(times)))
+        return float(0.5 * (times[longest] + times[longest + 1]))
 
 
 @of_model

@@ -17,26 +17,25 @@ void mark(const Model& model, const Met& met, Indices kind) {
     i64 p = met.guard.size();
     i64 jump = p - 1;
     auto element = [&](i64 a) { return model.guard_element(met.guard(a)); };
-    auto with_last = [&](i64 a) { return a > 0 && met.time(a) == met.time(a - 1); };
     kind.fill(CROSSED);
     for (i64 a = p - 2; a >= 0; --a) {
         bool on_rate = model.guard_rate.row(met.guard(a)).any([](double c) { return c != 0.0; });
-        if (with_last(a + 1) && on_rate && model.reach(element(jump), element(a))) {
+        if (met.time(a + 1) == met.time(a) && on_rate && model.reach(element(jump), element(a))) {
             kind(a) = LETS_GO;
         } else {
             jump = a;
         }
     }
-    for (i64 a = 1; a < p; ++a) {
+    for (i64 a = 0; a < p; ++a) {
         if (kind(a) == LETS_GO) {
             continue;
         }
-        kind(a) = (kind(a - 1) == LETS_GO) ? INDUCED : CROSSED;
-        for (i64 b = a; kind(a) == CROSSED && with_last(b); --b) {
-            if (element(b - 1) == element(a) || model.reach(element(b - 1), element(a))) {
-                kind(a) = INDUCED;
-            }
+        // What the start has passed already switches there.
+        bool induced = (a > 0) ? kind(a - 1) == LETS_GO : met.time(a) == 0.0;
+        for (i64 b = a; !induced && b > 0 && met.time(b) == met.time(b - 1); --b) {
+            induced = element(b - 1) == element(a) || model.reach(element(b - 1), element(a)) || met.time(b - 1) == 0.0;
         }
+        kind(a) = induced ? INDUCED : CROSSED;
     }
 }
 

@@ -30,6 +30,8 @@ from eppanalysis.models.systems.starts import remembered
 from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
+#: Decimals, in sizes of the motion, to which samples are compared to choose the one where an orbit begins.
+_DIGITS = 6
 #: Two orbits are one, or one is a shorter one gone round several times, where they are as near as this.
 _SAME = 1e-7
 #: Motion, relative to what is looked for, that is rest; a multiplier as near to 1 as this belongs to a continuum.
@@ -60,9 +62,11 @@ class Round:
 
     @classmethod
     def closed(cls, strobe: Strobe, steady: Pass, n: int) -> Round | None:
-        """A steady motion of n periods, begun behind its first sample."""
-        first = next(place for place in steady.events if steady.run.guard[place] == strobe.guard)
+        """A steady motion of n periods, begun behind the sample where what repeats is greatest, its first place first."""
         run = steady.run
+        samples = steady.events[run.guard[steady.events] == strobe.guard]
+        behind = np.hstack([run.state[samples], run.memory_values[samples]])[:, strobe.free] / steady.scale
+        first = samples[np.lexsort(np.round(behind, _DIGITS).T[::-1])[-1]]
         found = cls.of(strobe, strobe.begun(run.state[first], run.memory_values[first], run.modes[first]), n)
         return None if found is None else replace(found, steady=steady)
 

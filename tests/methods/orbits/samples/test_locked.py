@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -12,9 +10,8 @@ import scipy.linalg
 
 import eppanalysis as epp
 from eppanalysis.methods.orbits.exact import steady_hybrid
-from eppanalysis.methods.orbits.samples.locked import Round, close_locked, starts_on
+from eppanalysis.methods.orbits.samples.locked import close_locked, starts_on
 from eppanalysis.methods.simulation.simulate import run_hybrid
-from eppanalysis.models.elements import ControllerMemory
 from eppanalysis.models.systems.sampled.strobe import Strobe
 
 A = np.array([[-1.0, 0.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, -1.0]])
@@ -87,56 +84,6 @@ def test_where_there_is_no_orbit_of_so_many_samples_none_is_given() -> None:
     assert none.status is epp.Status.NOT_CONVERGED and "locked to the samples" in none.note
 
 
-@pytest.mark.parametrize("element", [epp.Saturation(-0.3, 0.3), epp.Tanh(0.3)], ids=["switches", "smooth"])
-def test_the_derivative_of_once_round_is_that_of_differences(element: epp.Nonlinearity) -> None:
-    from eppanalysis.methods.orbits.exact import steady_hybrid
-    from eppanalysis.models.systems.sampled.strobe import Strobe
-
-    law = epp.SampledController([[0.5]], [[-0.35]], [[1.0]], [[0.4]], 0.1, delay=0.037)
-    plant = np.array([[0.0, 1.0, 0.0], [-1.0, -0.2, 0.0], [0.0, 30.0, -30.0]])
-    B = np.array([[0.0, 0.0], [-1.0, -0.3], [0.0, 0.0]])
-    C = np.array([[3.0, 0.4, 0.1], [0.6, 0.8, 0.0]])
-    loop = epp.LureSystem.build(plant, B, C, [element, law], x0=[1.0, 0.0, 0.0])
-    hybrid = steady_hybrid(loop)
-    strobe = Strobe.of(hybrid)
-    memory = ControllerMemory((0.3,), (0.2,), 0.1, (0.4,), 0.037)
-    begun = hybrid.begun(np.array([1.0, 0.2, -0.1, 0.0]), [None, memory])
-    start = strobe.begun(begun.x0, begun.H0, begun.modes0)
-    once = Round.of(strobe, start, 40)
-    met = np.sum(~strobe.of_samples[once.run.guard[: once.last]])
-    assert (met > 3) == bool(element.breakpoints.size)  # the saturation is met between samples
-    P = once.derivative
-    for k in range(P.shape[0]):
-        h = np.zeros(P.shape[0])
-        h[k] = 1e-6
-        ends = []
-        for sign in (1.0, -1.0):
-            moved = once.rows[0].copy()
-            moved[strobe.free] += sign * h
-            n = start.x0.size
-            at = Round.of(strobe, replace(start, x0=moved[:n], H0=moved[n:]), 40)
-            ends.append(at.rows[-1, strobe.free])
-        np.testing.assert_allclose(P[:, k], (ends[0] - ends[1]) / 2e-6, atol=1e-7)
-
-
-def test_the_derivative_of_a_longer_round_takes_no_more_calls() -> None:
-    """Searches take it hundreds of times over thousands of samples: none of these is passed in the interpreter."""
-    hybrid = steady_hybrid(sampled_relay())
-    strobe = Strobe.of(hybrid)
-    assert strobe is not None
-    start = strobe.begun(hybrid.x0, hybrid.H0, hybrid.modes0)
-    calls = []
-    for n in (20, 20, 120):  # the first may compile
-        once, made = Round.of(strobe, start, n), Counter()
-        assert once is not None and once.rows.size
-        sys.setprofile(lambda frame, event, arg, made=made: made.update([event]))
-        found = once.derivative
-        sys.setprofile(None)
-        assert np.all(np.isfinite(found))
-        calls.append(made.total())
-    assert calls[2] < 1.1 * calls[1]
-
-
 def test_what_does_not_cover_samples_says_so() -> None:
     loop = sampled_relay()
     with pytest.raises(epp.EppError, match="does not cover loops with sampled controllers: predict_limit_cycles"):
@@ -156,17 +103,3 @@ def test_a_state_of_rest_is_no_orbit_of_its_samples(samples: int) -> None:
     (start,) = starts_on(strobe, run, samples, 1)
     assert abs(start.x0[0]) > 1e-4 and start.x0[1] == 0.0
     assert close_locked(strobe, start, samples) is None
-
-
-def test_an_orbit_that_has_closed_takes_no_further_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A step takes the derivative of the whole way round, most of the work."""
-    hybrid = steady_hybrid(sampled_relay())
-    strobe = Strobe.of(hybrid)
-    assert strobe is not None
-    run = run_hybrid(hybrid, 200.0, np.zeros(0), 2.0 * hybrid.time_scale, 10_000, 10_000)
-    found = [close_locked(strobe, start, n) for n in (24, 26) for start in starts_on(strobe, run, n, 1)]
-    (closed,) = (once for once in found if once is not None)
-    monkeypatch.setattr(type(closed), "newton", lambda once: pytest.fail("a step from a closed orbit"))
-    again = close_locked(strobe, closed.start, closed.n)
-    assert again is not None
-    np.testing.assert_array_equal(again.rows, closed.rows)
