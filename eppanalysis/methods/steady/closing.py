@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from eppanalysis.arrays import Array
-from eppanalysis.methods.steady.flow import Pass, advance, later
+from eppanalysis.methods.steady.flow import Pass, advance, away_from_events
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 #: Change over a pass, relative to the motion, of a motion that is closed, and one at which Newton's method ends.
@@ -23,6 +23,7 @@ _LONGEST = 1.0
 _FREE = 1e-13
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of a motion that shrinks to nothing
 def close(start: HybridSystem, duration: float, given: bool) -> Pass | None:
     """The steady motion near a start; None where Newton's method finds none.
 
@@ -63,15 +64,8 @@ def close(start: HybridSystem, duration: float, given: bool) -> Pass | None:
 
 
 def placed(start: HybridSystem, duration: float) -> Pass | None:
-    """A pass of the same motion, begun where its longest stretch without events is half over.
-
-    Newton's steps move the events: one near the begin would pass it.
-    """
-    found = advance(start, duration)
-    if found is None:
-        return None
-    time = found.middle_of_longest_gap()
-    begin = later(start, time)
+    """A pass of the same motion, begun away from its events, which Newton's steps move."""
+    begin = away_from_events(start, duration)
     return None if begin is None else advance(begin, duration)
 
 

@@ -256,3 +256,12 @@ def later(start: HybridSystem, time: float) -> HybridSystem | None:
         return start
     run = run_over(start, time)
     return None if run is None else run.end(start)
+
+
+def away_from_events(start: HybridSystem, duration: float) -> HybridSystem | None:
+    """The system where its longest stretch without events within a duration [s] is half over; None where it stops.
+
+    Begun there a motion keeps its events within a pass when it is moved a little.
+    """
+    found = advance(start, duration)
+    return None if found is None else later(start, found.middle_of_longest_gap())

@@ -62,7 +62,7 @@ class Round:
 
     @classmethod
     def closed(cls, strobe: Strobe, steady: Pass, n: int) -> Round | None:
-        """A steady motion of n periods, begun behind the sample where what repeats is greatest, its first place first."""
+        """A steady motion of n periods, begun at the sample where what repeats is greatest, its first place first."""
         run = steady.run
         samples = steady.events[run.guard[steady.events] == strobe.guard]
         behind = np.hstack([run.state[samples], run.memory_values[samples]])[:, strobe.free] / steady.scale
