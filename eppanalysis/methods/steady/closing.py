@@ -17,7 +17,8 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 CLOSED, EXACT = 1e-10, 1e-14
 #: Steps of Newton's method at most, and in a row that better nothing.
 _MOST_STEPS, _IDLE = 60, 5
-#: Longest step, in sizes of the motion.
+#: Shares of a step that are tried, and the longest step, in sizes of the motion.
+_SHARES = (1.0, 0.4, 0.15, 0.05)
 _LONGEST = 1.0
 #: Singular value, relative to the largest, of a direction along which motions lie side by side.
 _FREE = 1e-13
@@ -41,26 +42,32 @@ def close(start: HybridSystem, duration: float, given: bool) -> Pass | None:
     Pass or None
         Begun where no event is near, closed, and ending in the modes in which it begins.
     """
-    best, idle = None, 0
-    now = placed(start, duration)
+    best = now = placed(start, duration)
+    idle = 0
     for _ in range(_MOST_STEPS):
-        if now is None:
+        if best is None or now is None or idle >= _IDLE or (best.gap < EXACT and best.ends_in_its_modes):
             break
+        now = _nearer(now, given)
         # Where a step leads to another piece of the map it may worsen first: several have to better nothing.
-        away = np.inf if best is None else now.gap_in(best.scale)
-        idle = 0 if best is None or away < 0.5 * best.gap else idle + 1
-        if best is None or away < best.gap:
-            best = now
-        if idle >= _IDLE or (now.gap < EXACT and now.ends_in_its_modes):
-            break
-        step, longer = newton(now, given)
-        if not np.all(np.isfinite(step)):
-            break
-        now = advance(now.moved(step), now.duration * (1.0 + longer))
-        if now is not None and not now.ends_in_its_modes and now.gap_in(best.scale) >= best.gap:
-            # An event has passed the begin, or what holds memory is elsewhere: on from where no event is near.
-            now = placed(now.start, now.duration)
+        away = np.inf if now is None else now.gap_in(best.scale)
+        idle = 0 if away < 0.5 * best.gap else idle + 1
+        best = now if now is not None and away < best.gap else best
     return best if best is not None and best.gap <= CLOSED and best.ends_in_its_modes else None
+
+
+def _nearer(now: Pass, given: bool) -> Pass | None:
+    """The pass after the longest share of Newton's step that betters it, or after all of it where none does."""
+    step, longer = newton(now, given)
+    if not np.all(np.isfinite(step)):
+        return None
+    tried = (advance(now.moved(share * step), now.duration * float(np.exp(share * longer))) for share in _SHARES)
+    whole = None
+    for share, new in zip(_SHARES, tried, strict=True):
+        whole = new if share == 1.0 else whole
+        if new is not None and new.gap_in(now.scale) < (1.0 - 0.1 * share) * now.gap:
+            return new
+    # An event has passed the begin, or what holds memory is elsewhere: on from where no event is near.
+    return whole if whole is None or whole.ends_in_its_modes else placed(whole.start, whole.duration)
 
 
 def placed(start: HybridSystem, duration: float) -> Pass | None:

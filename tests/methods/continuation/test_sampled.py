@@ -11,10 +11,6 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.result import Branch
-from eppanalysis.methods.continuation.seeds import steady_case
-from eppanalysis.methods.orbits.samples import locked
-from eppanalysis.methods.orbits.samples.locked import rounds_near
-from eppanalysis.models.systems.sampled.strobe import Strobe
 from tests.sampled_relay import patterns, sampled_relay
 
 
@@ -79,19 +75,6 @@ def test_a_sample_time_is_an_axis_like_any_other(case: epp.Case) -> None:
 def test_where_nothing_oscillates_there_is_no_branch(case: epp.Case) -> None:
     with pytest.raises(epp.EppError, match="no limit cycle was found at either end of the range of dead"):
         epp.continue_branch(case, "dead", 0.3, 0.4)
-
-
-def test_the_derivative_of_an_orbit_does_not_depend_on_its_parts(
-    case: epp.Case, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of hundreds of events, taken some at a time, the first of one part had been in another one, and was unknown."""
-    loop = case.with_values({"dead": 0.05})
-    hybrid, cycle = steady_case(loop), epp.simulate(loop).limit_cycle
-    strobe = Strobe.of(hybrid)
-    assert strobe is not None and cycle is not None
-    whole = next(rounds_near(hybrid, strobe, cycle)).derivative
-    monkeypatch.setattr(locked, "_AT_ONCE", 2)
-    np.testing.assert_allclose(next(rounds_near(hybrid, strobe, cycle)).derivative, whole, rtol=1e-12, atol=1e-14)
 
 
 def test_a_cycle_that_is_given_begins_it(case: epp.Case, branch: Branch) -> None:

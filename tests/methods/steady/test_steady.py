@@ -94,8 +94,8 @@ def test_the_derivative_of_two_passes_is_the_product(name: str) -> None:
     np.testing.assert_allclose(product, whole.derivative, atol=1e-9 * np.abs(whole.derivative).max())
 
 
-def test_events_come_later_by_as_much_as_a_clock_beside_them_tells() -> None:
-    """A state that grows by one a second, set to zero by nothing: where events shift with the start it knows by how much."""
+def test_the_clock_does_not_depend_on_events_that_shift() -> None:
+    """The clock of a sampled controller grows by one a second: what events shift the end by must not reach it."""
     start, duration = STARTS["sampled, saturation"]()
     found = advance(start, duration)
     assert found is not None
