@@ -166,19 +166,24 @@ def newton_orbit(
     here: tuple[Any, ...],
     share: int,
 ) -> tuple[int, int, float]: ...
-def carry(
-    channels: tuple[Any, ...] | None,
-    F: Array,
-    S: Array,
-    g: Array,
-    gs: Array,
-    J: Array,
-    smooth: IntArray,
-    at_once: IntArray,
-    starts: Array,
-    tau: Array,
+def derivative_of_run(
+    model: tuple[Any, ...],
+    compiled: tuple[Any, ...],
+    work: tuple[Any, ...],
+    base_step: float,
+    y: Array,
+    modes: IntArray,
+    time: Array,
+    guard: IntArray,
+    state: Array,
+    memory: Array,
+    met_modes: IntArray,
+    t_end: float,
     D: Array,
-) -> None: ...
+    shift: Array,
+) -> int:
+    """The derivative D (N, N) of a run's end by its start, and of how much later its events come, `shift` (N,)."""
+
 def sweep_by(
     channels: tuple[Any, ...] | None,
     F: Array,

@@ -8,8 +8,8 @@ import numpy as np
 
 from eppanalysis.engine._engine import (
     build_arcs,
-    carry,
     correct,
+    derivative_of_run,
     extents,
     newton_orbit,
     sizes_of_residuals,
@@ -34,8 +34,8 @@ __all__ = [
     "Motion",
     "Plane",
     "build_arcs",
-    "carry",
     "correct",
+    "derivative_of_run",
     "extents",
     "newton_orbit",
     "sizes_of_residuals",

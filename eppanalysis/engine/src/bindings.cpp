@@ -17,6 +17,7 @@
 #include "orbits/arcs.hpp"
 #include "orbits/corrector.hpp"
 #include "orbits/newton.hpp"
+#include "orbits/passage.hpp"
 #include "orbits/signals.hpp"
 #include "orbits/sizes.hpp"
 #include "orbits/sweep.hpp"
@@ -298,30 +299,28 @@ NB_MODULE(EPP_MODULE, m) {
         nb::arg("here"), nb::arg("share"),
         "Newton's method from `here`, which is moved; without iterations its equations alone are set up.");
 
-    m.def("carry", [](nb::handle channels_, nb::handle F_, nb::handle S_, nb::handle g_, nb::handle gs_, nb::handle J_,
-        nb::handle smooth_, nb::handle at_once_, nb::handle starts_, nb::handle tau_, nb::handle D_) {
+    m.def("derivative_of_run", [](nb::handle model_, nb::handle compiled_, nb::handle work_, nb::handle base_step_,
+        nb::handle y_, nb::handle modes_, nb::handle time_, nb::handle guard_, nb::handle state_, nb::handle memory_,
+        nb::handle met_modes_, nb::handle t_end_, nb::handle D_, nb::handle shift_) {
         Call call;
-        const auto F = call.take<Matrices>(F_, "F");
-        const auto S = call.take<Matrices>(S_, "S");
-        const auto g = call.take<Matrix>(g_, "g");
-        const auto gs = call.take<Matrix>(gs_, "gs");
-        const auto J = call.take<Matrices>(J_, "J");
-        const auto smooth = call.take<Indices>(smooth_, "smooth");
-        const auto at_once = call.take<Indices>(at_once_, "at_once");
-        const auto starts = call.take<Matrix>(starts_, "starts");
-        const auto tau = call.take<Vector>(tau_, "tau");
+        const auto model = call.take<Model>(model_, "model");
+        const auto compiled = call.take<Combinations>(compiled_, "compiled");
+        const auto work = call.take<Work>(work_, "work");
+        const auto base_step = call.take<double>(base_step_, "base_step");
+        const auto y = call.take<Vector>(y_, "y");
+        const auto modes = call.take<Indices>(modes_, "modes");
+        const Met met{call.take<Vector>(time_, "time"), call.take<Indices>(guard_, "guard"),
+            call.take<Matrix>(state_, "state"), call.take<Matrix>(memory_, "memory"),
+            call.take<IndexMatrix>(met_modes_, "met_modes")};
+        const auto t_end = call.take<double>(t_end_, "t_end");
         const auto D = call.take<Matrix>(D_, "D");
-        if (channels_.is_none()) {
-            const None channels{};
-            return call.result([&] { return orbits_sweep::carry(channels, F, S, g, gs, J, smooth, at_once, starts, tau,
-                D); });
-        }
-        const auto channels = call.take<Channels>(channels_, "channels");
-        return call.result([&] { return orbits_sweep::carry(channels, F, S, g, gs, J, smooth, at_once, starts, tau, D);
-            });
-    }, nb::arg("channels").none(), nb::arg("F"), nb::arg("S"), nb::arg("g"), nb::arg("gs"), nb::arg("J"),
-        nb::arg("smooth"), nb::arg("at_once"), nb::arg("starts"), nb::arg("tau"), nb::arg("D"),
-        "Carry disturbances of the start, the columns of D (N, m), along arcs from known starts and through their events.");
+        const auto shift = call.take<Vector>(shift_, "shift");
+        return call.result([&] { return orbits_passage::derivative_of_run(model, compiled, work, base_step, y, modes,
+            met, t_end, D, shift); });
+    }, nb::arg("model"), nb::arg("compiled"), nb::arg("work"), nb::arg("base_step"), nb::arg("y"), nb::arg("modes"),
+        nb::arg("time"), nb::arg("guard"), nb::arg("state"), nb::arg("memory"), nb::arg("met_modes"),
+        nb::arg("t_end"), nb::arg("D"), nb::arg("shift"),
+        "The derivative D (N, N) of a run's end by its start, and of how much later its events come, `shift` (N,).");
 
     m.def("sweep_by", [](nb::handle channels_, nb::handle F_, nb::handle S_, nb::handle g_, nb::handle gs_,
         nb::handle J_, nb::handle smooth_, nb::handle at_once_, nb::handle starts_, nb::handle tau_, nb::handle free_,

@@ -15,11 +15,12 @@ import numpy as np
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.describing.predict import predicted_cycles
-from eppanalysis.methods.driven.closing import begun, later, passed, quiet, run_over
+from eppanalysis.methods.driven.closing import begun, passed
 from eppanalysis.methods.driven.drive import Drive
 from eppanalysis.methods.orbits.orbit import Orbit, evaluate
 from eppanalysis.methods.orbits.shooting import orbits_near, same_orbit
 from eppanalysis.methods.simulation.stability import is_stable
+from eppanalysis.methods.steady.flow import away_from_events, later, run_over
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.readable import quantity
 from eppanalysis.results import LimitCycle
@@ -160,7 +161,7 @@ def _own_cycles(drive: Drive, end: HybridSystem, most_periods: int) -> Iterator[
         starts += [(still.begun(c.state, c.memory), c.period) for c in predicted_cycles(drive.system, drive.at)]
     for start, period in starts:
         # A start on a switch may be met on its wrong side.
-        placed = quiet(start, period)
+        placed = away_from_events(start, period)
         near = None if placed is None else next(orbits_near(placed, placed.x0, placed.H0, period), None)
         if near is not None and near.motion is None:
             yield near

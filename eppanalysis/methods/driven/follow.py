@@ -18,12 +18,13 @@ from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.labels import determinant
 from eppanalysis.methods.continuation.steps import bordered, turned, weights
-from eppanalysis.methods.driven.closing import begun, ends_as_it_begins, later, passed, quiet
+from eppanalysis.methods.driven.closing import begun, ends_as_it_begins, passed
 from eppanalysis.methods.driven.drive import Drive
 from eppanalysis.methods.driven.result import Turning
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
 from eppanalysis.methods.orbits.shooting import restarted
 from eppanalysis.methods.simulation.stability import is_stable
+from eppanalysis.methods.steady.flow import away_from_events, later
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 #: Steps of the corrector, and the last one that counts as none, relative to the motion and the range.
@@ -282,7 +283,7 @@ class Walk:
         tau = there.orbit.tau
         if tau.size < 3 or min(tau[0], tau[-1]) > _NEAR_EVENT * max(float(tau[1:-1].max()), tau[0] + tau[-1]):
             return there
-        placed = quiet(begun(there.orbit), there.orbit.period)
+        placed = away_from_events(begun(there.orbit), there.orbit.period)
         moved = None if placed is None else passed(placed, there.orbit.period)
         if moved is None or moved.residual > _CARRIED or not ends_as_it_begins(moved):
             return there

@@ -10,7 +10,7 @@ import numpy as np
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.arrays import Array
-from eppanalysis.methods.driven.closing import begun, close, ends_as_it_begins, later, passed
+from eppanalysis.methods.driven.closing import begun, close, ends_as_it_begins, passed
 from eppanalysis.methods.driven.drive import Drive, drive_of
 from eppanalysis.methods.driven.entrained import Entrainment, entrainments, undriven
 from eppanalysis.methods.driven.first_order import Sinusoid, sinusoids
@@ -19,6 +19,7 @@ from eppanalysis.methods.driven.runs import METHOD as RUN, REPEATS, by_runs, ste
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
 from eppanalysis.methods.simulation.stability import describe, is_stable, return_map
+from eppanalysis.methods.steady.flow import later
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of

@@ -17,7 +17,8 @@ from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.engine.orbits import READY, SINGULAR, Chain, Channels, build_arcs
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.simulation.workspaces import of_thread
-from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
+from eppanalysis.methods.steady.flow import advances
+from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 #: Mark of an event that is caused by the one after it at the same instant.
 LETS_GO = 3
@@ -153,7 +154,7 @@ class Arcs:
         channels = Channels(
             model.smooth_kind, model.smooth_x, model.smooth_H, model.smooth_s, model.smooth_scale, sense
         )
-        shift = np.concatenate([np.zeros(n), _clock_shift(hybrid)])
+        shift = np.concatenate([np.zeros(n), advances(hybrid)[n:]])
         free = np.zeros(0, np.int64) if like is None else like.free
         arcs = cls(event_sequence, F, S, g, gs, J, smooth, Y, Ys, W, channels, n, 0, free, shift)
         if n_s and np.any(model.smooth_kind == DELAY_LINE):
@@ -280,25 +281,3 @@ def _constant_outputs(W: Array, moves: BoolArray) -> Array:
             "orbit: the exact orbit of a loop with dead time needs delayed outputs that are constant between switches."
         )
     return W
-
-
-@of_model
-def _clock_shift(hybrid: HybridSystem) -> Array:
-    """What memory values advance by per unit of time that are readings of a clock."""
-    model = hybrid.model
-    n = model.A.shape[0]
-    shift = np.zeros(model.K.shape[1])
-    clock = (model.K[:, -1] != 0) & (np.arange(n) < hybrid.n_plant)
-    if clock.any():
-        clock &= ~np.any(model.A, axis=1) & ~np.any(model.B, axis=1)
-    if not clock.any():
-        return shift
-    passes = np.where(clock, model.K[:, -1], 0.0)
-    for e, first in enumerate(model.first[:-1]):
-        own = model.guard_element == e
-        n_z, n_h = (int(k) for k in (model.first[e + 1] - first)[[0, 2]])
-        z0, h0 = int(first[0]), int(first[2])
-        on_clock = model.reset_z[own, :n_h, :n_z] @ (model.C[z0 : z0 + n_z] @ passes)
-        for guard in on_clock[np.any(on_clock != 0.0, axis=1)]:
-            shift[h0 : h0 + n_h] = np.where(guard != 0, guard, shift[h0 : h0 + n_h])
-    return shift

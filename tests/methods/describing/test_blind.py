@@ -94,7 +94,7 @@ def test_friction_hunts_under_a_limited_law_as_under_one_without_limits(law, fri
     assert predict_limit_cycles(positioned(LIMITED[law](), epp.Friction(0.38))).warnings == ()
 
 
-def through_a_valve(controller, valve: epp.Nonlinearity, lag: float = 2.0) -> LureSystem:
+def through_a_valve(controller, valve: epp.Nonlinearity, lag: float = 2.0) -> epp.LureSystem:
     """A flow behind a valve, held at a set point."""
     parts = {
         "controller": controller,

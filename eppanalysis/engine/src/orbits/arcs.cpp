@@ -5,6 +5,37 @@ inline namespace EPP_ARCH {
 
 namespace orbits_arcs {
 
+/// Rate of the state in a mode combination: on y, F (n, N), and on the smooth channels, S (n, s).
+void rates_of(const Combinations& compiled, i64 q, Matrix F, Matrix S) {
+    i64 n = F.shape(0);
+    for (i64 i = 0; i < n; ++i) {
+        for (i64 j = 0; j < n; ++j) {
+            F(i, j) = compiled.M(q, j, i);
+        }
+        filling::fill(F.row(i).slice(n, F.shape(1)), compiled.N.row(q, i));
+        filling::fill(S.row(i), compiled.S.row(q, i));
+    }
+}
+
+/// Whether a smooth channel acts on rates or guard; fill `sense` (s,), the sign of the argument of each.
+bool is_smooth(const Model& model, Indices modes, Matrix S, Vector gs, Vector sense) {
+    bool acts = false;
+    // The weight with which a slipping mode lets the function act has the sign of its velocity, which at breakaway is
+    // zero and tells nothing.
+    for (i64 j = 0; j < gs.size(); ++j) {
+        sense(j) = 1.0;
+        for (i64 e = 0; e < modes.size(); ++e) {
+            if (model.mode_ws(model.mode_first(e) + modes(e), 0, j) < 0.0) {
+                sense(j) = -1.0;
+            }
+        }
+        if (model.smooth_kind(j) != DELAY_LINE && (gs(j) != 0.0 || S.cut(ALL, j).any([&](auto one) { return one != 0.0; }))) {
+            acts = true;
+        }
+    }
+    return acts;
+}
+
 /// Row of a guard on y and on the smooth channels, rates put in.
 i64 guard_rows(const Model& model, const Combinations& compiled, i64 q, i64 guard, Vector g, Vector gs) {
     i64 n = model.A.shape(0);
@@ -160,13 +191,7 @@ i64 build_arcs(const Model& model, const Combinations& compiled, const Work& wor
         if (q < 0) {
             return SINGULAR;
         }
-        for (i64 i = 0; i < n; ++i) {
-            for (i64 j = 0; j < n; ++j) {
-                F(a, i, j) = compiled.M(q, j, i);
-            }
-            filling::fill(F.row(a, i).slice(n, F.shape(2)), compiled.N.row(q, i));
-            filling::fill(S.row(a, i), compiled.S.row(q, i));
-        }
+        rates_of(compiled, q, F.row(a), S.row(a));
         for (i64 i = 0; i < Y.shape(1); ++i) {
             for (i64 j = 0; j < n; ++j) {
                 Y(a, i, j) = compiled.Y(q, j, i);
@@ -188,21 +213,7 @@ i64 build_arcs(const Model& model, const Combinations& compiled, const Work& wor
                 return code;
             }
         }
-        smooth(a) = 0;
-        // The weight with which a slipping mode lets the function act has the sign of its velocity, which at
-        // breakaway is zero and tells nothing.
-        for (i64 j = 0; j < n_s; ++j) {
-            sense(a, j) = 1.0;
-            for (i64 e = 0; e < modes.shape(1); ++e) {
-                if (model.mode_ws(model.mode_first(e) + modes(a, e), 0, j) < 0.0) {
-                    sense(a, j) = -1.0;
-                }
-            }
-            if (model.smooth_kind(j) != DELAY_LINE && (S.cut(a, ALL, j).any([&](auto one) { return one != 0.0; }) ||
-                gs(a, j) != 0.0)) {
-                smooth(a) = 1;
-            }
-        }
+        smooth(a) = is_smooth(model, modes.row(a), S.row(a), gs.row(a), sense.row(a));
     }
     return READY;
 }

@@ -21,6 +21,8 @@ constexpr i64 READY = 0;
 constexpr i64 SINGULAR = 1;
 constexpr i64 UNSUPPORTED = 3;
 
+void rates_of(const Combinations& compiled, i64 q, Matrix F, Matrix S);
+bool is_smooth(const Model& model, Indices modes, Matrix S, Vector gs, Vector sense);
 i64 guard_rows(const Model& model, const Combinations& compiled, i64 q, i64 guard, Vector g, Vector gs);
 void level_map(Matrix J, Vector c, Vector on_memory, double level, Strided<double, 1> b);
 i64 event_map(const Model& model, const Combinations& compiled, i64 q, i64 guard, Indices after, Matrix J);

@@ -354,50 +354,6 @@ void along(None channels, i64 a, Matrix F, Matrix S, Vector g, Vector gs, i64 sm
     guard_at(channels, g, gs, smooth, end, sigma, slope, row);
 }
 
-/// Carry disturbances of the start, the columns of D (N, m), along arcs from known starts and through their events.
-///
-/// A number that is none comes back where a guard is only touched.
-void carry(None channels, Matrices F, Matrices S, Matrix g, Matrix gs, Matrices J, Indices smooth, Indices at_once,
-    Matrix starts, Vector tau, Matrix D) {
-    Scope scope;
-    double speed{}, sooner{};
-    i64 p = F.shape(0);
-    i64 n = F.shape(1);
-    i64 N = F.shape(2);
-    i64 m = D.shape(1);
-    Matrix Phi = zeros<double>(N, N);
-    Matrix E = zeros<double>(N, D.shape(1));
-    Vector end = zeros<double>(N);
-    Vector row = zeros<double>(N);
-    Vector sigma = zeros<double>(S.shape(2));
-    Vector rate = zeros<double>(n);
-    for (i64 a = 0; a < p; ++a) {
-        along(channels, a, F.row(a), S.row(a), g.row(a), gs.row(a), smooth(a), starts.row(a), tau(a), end, Phi, sigma,
-            row);
-        times(Phi, D, E, n, m);
-        // the instant of a sample stands
-        // A switch of another element comes sooner or later with the start: by that time, at the arc's rate, the
-        // disturbance ends elsewhere (docs/theory/sampled.md, Exact orbits).
-        if (at_once(a) != 1) {
-            orbits_flow::rate_at(F.row(a), S.row(a), end, sigma, rate);
-            speed = 0.0;
-            for (i64 i = 0; i < n; ++i) {
-                speed += row(i) * rate(i);
-            }
-            for (i64 j = 0; j < m; ++j) {
-                sooner = 0.0;
-                for (i64 i = 0; i < N; ++i) {
-                    sooner += row(i) * E(i, j);
-                }
-                if (sooner != 0.0) {
-                    filling::accumulate(E.cut(Span{0, n}, j), (speed != 0.0) ? -sooner / speed : NaN, rate);
-                }
-            }
-        }
-        times(J.row(a), E, D, N, m);
-    }
-}
-
 /// Arc a from y: fill its end and the derivative Phi of that, the channels there, and the guard's derivative.
 void along(const Channels& channels, i64 a, Matrix F, Matrix S, Vector g, Vector gs, i64 smooth, Vector y, double tau,
     Vector end, Matrix Phi, Vector sigma, Vector row) {
@@ -414,50 +370,6 @@ void along(const Channels& channels, i64 a, Matrix F, Matrix S, Vector g, Vector
         orbits_flow::affine_flow(F, y, tau, end, Phi, orbits_flow::room(F.reshape(std::array<i64, 3>{1, n, N})));
     }
     guard_at(channels, g, gs, smooth, end, sigma, slope, row);
-}
-
-/// Carry disturbances of the start, the columns of D (N, m), along arcs from known starts and through their events.
-///
-/// A number that is none comes back where a guard is only touched.
-void carry(const Channels& channels, Matrices F, Matrices S, Matrix g, Matrix gs, Matrices J, Indices smooth,
-    Indices at_once, Matrix starts, Vector tau, Matrix D) {
-    Scope scope;
-    double speed{}, sooner{};
-    i64 p = F.shape(0);
-    i64 n = F.shape(1);
-    i64 N = F.shape(2);
-    i64 m = D.shape(1);
-    Matrix Phi = zeros<double>(N, N);
-    Matrix E = zeros<double>(N, D.shape(1));
-    Vector end = zeros<double>(N);
-    Vector row = zeros<double>(N);
-    Vector sigma = zeros<double>(S.shape(2));
-    Vector rate = zeros<double>(n);
-    for (i64 a = 0; a < p; ++a) {
-        along(channels, a, F.row(a), S.row(a), g.row(a), gs.row(a), smooth(a), starts.row(a), tau(a), end, Phi, sigma,
-            row);
-        times(Phi, D, E, n, m);
-        // the instant of a sample stands
-        // A switch of another element comes sooner or later with the start: by that time, at the arc's rate, the
-        // disturbance ends elsewhere (docs/theory/sampled.md, Exact orbits).
-        if (at_once(a) != 1) {
-            orbits_flow::rate_at(F.row(a), S.row(a), end, sigma, rate);
-            speed = 0.0;
-            for (i64 i = 0; i < n; ++i) {
-                speed += row(i) * rate(i);
-            }
-            for (i64 j = 0; j < m; ++j) {
-                sooner = 0.0;
-                for (i64 i = 0; i < N; ++i) {
-                    sooner += row(i) * E(i, j);
-                }
-                if (sooner != 0.0) {
-                    filling::accumulate(E.cut(Span{0, n}, j), (speed != 0.0) ? -sooner / speed : NaN, rate);
-                }
-            }
-        }
-        times(J.row(a), E, D, N, m);
-    }
 }
 
 /// Change of the guard that ends an arc with a parameter, the state at its end held; `by` has the derivatives.

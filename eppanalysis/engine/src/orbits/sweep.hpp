@@ -31,12 +31,8 @@ i64 sweep(const Channels& channels, Matrices F, Matrices S, Matrix g, Matrix gs,
     Vector r, Vector speed);
 void along(None channels, i64 a, Matrix F, Matrix S, Vector g, Vector gs, i64 smooth, Vector y, double tau, Vector end,
     Matrix Phi, Vector sigma, Vector row);
-void carry(None channels, Matrices F, Matrices S, Matrix g, Matrix gs, Matrices J, Indices smooth, Indices at_once,
-    Matrix starts, Vector tau, Matrix D);
 void along(const Channels& channels, i64 a, Matrix F, Matrix S, Vector g, Vector gs, i64 smooth, Vector y, double tau,
     Vector end, Matrix Phi, Vector sigma, Vector row);
-void carry(const Channels& channels, Matrices F, Matrices S, Matrix g, Matrix gs, Matrices J, Indices smooth,
-    Indices at_once, Matrix starts, Vector tau, Matrix D);
 double guard_change(None channels, None by, Vector dg, Vector dgs, Vector gs, i64 smooth, Vector end, Vector sigma,
     Vector slope);
 void sweep_by(None channels, Matrices F, Matrices S, Matrix g, Matrix gs, Matrices J, Indices smooth, Indices at_once,

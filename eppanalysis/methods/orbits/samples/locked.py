@@ -1,9 +1,7 @@
 """Exact orbits of loops with sampled controllers: those that close after a whole number of samples.
 
-The loop is looked at behind the samples that come round together. From one to the next it is a map with a derivative:
-flows, and at each switch of another element the shift of its instant with the state; the instants of samples stand.
-Newton's method on the map, which the engine runs exactly, closes the orbit; its multipliers are the eigenvalues of the
-derivative, none of them that of a shift along the orbit, which the samples do not let pass. A motion whose period is no
+They are steady motions whose duration is given, a whole number of periods of the samples that come round together; none
+of their multipliers is that of a shift along the orbit, which the samples do not let pass. A motion whose period is no
 whole number of samples has no such orbit.
 """
 
@@ -15,18 +13,16 @@ from functools import cached_property
 
 import numpy as np
 
-from eppanalysis.arrays import Array, ComplexArray, IntArray
-from eppanalysis.engine.orbits import carry
-from eppanalysis.errors import ModelError
-from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
-from eppanalysis.methods.orbits.guess import brought_about, marked
+from eppanalysis.arrays import Array
 from eppanalysis.methods.orbits.samples.continua import joined
 from eppanalysis.methods.orbits.samples.sampled import BORDER
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.period import advance, advances, analyse_period
 from eppanalysis.methods.simulation.rounding import left_by_rounding
 from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
-from eppanalysis.methods.simulation.stability import describe, drifts, multipliers, verdict
+from eppanalysis.methods.simulation.stability import describe, drifts, verdict
+from eppanalysis.methods.steady.closing import CLOSED, close
+from eppanalysis.methods.steady.flow import MOST_EVENTS, Pass, run_over
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import Strobe
@@ -34,18 +30,12 @@ from eppanalysis.models.systems.starts import remembered
 from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
-#: Steps of Newton's method that better nothing.
-_IDLE = 5
-#: Change over a period, relative to the motion, of an orbit that is closed, and one at which Newton's method ends.
-CLOSED, _EXACT = 1e-10, 1e-14
-#: Longest step of Newton's method, in sizes of the motion; where a state has gone astray.
-_LONGEST, _ASTRAY = 0.5, 1e6
+#: Decimals, in sizes of the motion, to which samples are compared to choose the one where an orbit begins.
+_DIGITS = 6
 #: Two orbits are one, or one is a shorter one gone round several times, where they are as near as this.
 _SAME = 1e-7
 #: Motion, relative to what is looked for, that is rest; a multiplier as near to 1 as this belongs to a continuum.
 _REST, _NEUTRAL = 1e-6, 1e-8
-#: Switches besides samples in a period, and arcs that are put together at once.
-_MOST_SWITCHES, _AT_ONCE = 5_000, 400
 #: Numbers of samples that are tried where the period of a start is none.
 _MOST_LENGTHS = 40
 
@@ -59,17 +49,26 @@ class Round:
     n: int  # periods of the strobe
     run: Run
     last: int  # place of the event that ends it
+    steady: Pass | None = None  # the same motion, closed
 
     @classmethod
     def of(cls, strobe: Strobe, start: HybridSystem, n: int) -> Round | None:
         """The run once round; None where it ends before."""
-        t_end = n * strobe.period + 0.25 * min(c.sample_time for c in strobe.controllers)
-        most = strobe.samples_in(t_end) + _MOST_SWITCHES
-        run = run_hybrid(start, t_end, np.zeros(0), 2.0 * start.time_scale, most, most)
-        samples = np.flatnonzero(run.guard[: run.n_kept] == strobe.guard)
-        if run.code or run.count > run.n_kept or samples.size < n * strobe.every:
+        run = run_over(start, n * strobe.period + 0.25 * min(c.sample_time for c in strobe.controllers))
+        if run is None:
             return None
-        return cls(strobe, start, n, run, int(samples[n * strobe.every - 1]))
+        samples = np.flatnonzero(run.guard[: run.n_kept] == strobe.guard)
+        return None if samples.size < n * strobe.every else cls(strobe, start, n, run, samples[n * strobe.every - 1])
+
+    @classmethod
+    def closed(cls, strobe: Strobe, steady: Pass, n: int) -> Round | None:
+        """A steady motion of n periods, begun at the sample where what repeats is greatest, its first place first."""
+        run = steady.run
+        samples = steady.events[run.guard[steady.events] == strobe.guard]
+        behind = np.hstack([run.state[samples], run.memory_values[samples]])[:, strobe.free] / steady.scale
+        first = samples[np.lexsort(np.round(behind, _DIGITS).T[::-1])[-1]]
+        found = cls.of(strobe, strobe.begun(run.state[first], run.memory_values[first], run.modes[first]), n)
+        return None if found is None else replace(found, steady=steady)
 
     @cached_property
     def rows(self) -> Array:
@@ -83,20 +82,21 @@ class Round:
         places = np.flatnonzero(self.run.guard[: self.last + 1] == self.strobe.guard) + 1
         return self.rows[np.append(0, places)][:: self.strobe.every, self.strobe.free]
 
-    @cached_property
-    def change(self) -> Array:
-        """What repeats, at the end less at the start, shape (m,)."""
-        return self.rows[-1, self.strobe.free] - self.rows[0, self.strobe.free]
+    @property
+    def pass_(self) -> Pass:
+        """The steady motion that it was closed as."""
+        assert self.steady is not None
+        return self.steady
 
-    @cached_property
+    @property
     def motion(self) -> Array:
         """How far what repeats moves, between samples too, shape (m,)."""
-        free, n = self.strobe.free, self.start.x0.size
-        span = np.ptp(self.rows[:, free], axis=0)
-        on = free < n
-        rates = np.abs(self.run.rate[: self.last + 1, free[on]]).max(axis=0)
-        span[on] = np.maximum(span[on], 0.1 * rates * self.strobe.controllers[-1].sample_time)
-        return span
+        return self.pass_.extent[self.strobe.free]
+
+    @property
+    def scale(self) -> Array:
+        """Size of the motion in each place, never zero."""
+        return self.pass_.scale
 
     @property
     def rests(self) -> bool:
@@ -106,71 +106,17 @@ class Round:
         moves[self.strobe.free[on]] = self.motion[on]
         return left_by_rounding(self.start, self.rows[:, :n], self.rows[:, n:], moves, 1.0)[0]
 
-    @cached_property
-    def scale(self) -> Array:
-        """Size of the motion in each place, never zero."""
-        size = np.abs(self.rows[:, self.strobe.free]).max(axis=0)
-        return np.where(self.motion > 1e-9 * size, self.motion, np.where(size > 0.0, size, 1.0))
-
-    @cached_property
-    def residual(self) -> float:
-        """Largest change relative to the motion; infinite where elements end in other modes."""
-        if not np.array_equal(self.run.modes[self.last], self.start.modes0):
-            return float("inf")
-        return float(np.max(np.abs(self.change) / self.scale, initial=0.0))
-
-    @cached_property
-    def derivative(self) -> Array:
-        """Derivative of the end over the start, shape (m, m); nan where a guard is only touched."""
-        free, N = self.strobe.free, self.rows.shape[1]
-        D = np.zeros((N, free.size))
-        D[free, np.arange(free.size)] = 1.0
-        tau = np.diff(self.run.time[: self.last + 1], prepend=0.0)
-        modes = np.vstack([self.start.modes0, self.run.modes[: self.last]])
-        guards = self.run.guard[: self.last + 1]
-        samples = np.flatnonzero(guards == self.strobe.guard) + 1
-        # Stretches end behind a sample, so that no jump is torn.
-        ends = np.unique(samples[np.searchsorted(samples, np.arange(_AT_ONCE, self.last, _AT_ONCE))])
-        for part in np.split(np.arange(self.last + 1), ends[ends <= self.last]):
-            self._carry(D, modes[part], guards[part], tau[part], self.rows[part])
-        return D[free]
-
-    def _carry(self, D: Array, modes: IntArray, guards: IntArray, tau: Array, starts: Array) -> None:
-        it = EventSequence(modes, guards, np.full((guards.size, 3), -1), brought_about(self.start.model, guards, tau))
-        arcs = Arcs.build(self.start, it)
-        at_once = marked(arcs, starts, tau).at_once
-        carry(arcs.acting, arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.smooth, at_once, starts, tau, D)
-
-    @cached_property
-    def multipliers(self) -> ComplexArray | None:
-        """Those of what repeats, one for each state of the controllers too; None where a guard is only touched."""
-        if not np.all(np.isfinite(self.derivative)):
-            return None
-        wanted = int(np.sum(self.start.compared)) + sum(len(np.asarray(c.x0)) for c in self.strobe.controllers)
-        return multipliers(self.derivative, self.scale, wanted)
-
     @property
     def one_of_many(self) -> bool:
         """Whether it belongs to a continuum of orbits."""
-        return self.multipliers is not None and bool(np.any(np.abs(self.multipliers - 1.0) < _NEUTRAL))
+        values = self.pass_.multipliers
+        return values is not None and bool(np.any(np.abs(values - 1.0) < _NEUTRAL))
 
-    def moved(self, step: Array) -> HybridSystem:
-        """The start after a step in what repeats."""
+    def begun_at(self, begin: Array) -> HybridSystem:
+        """The start, with other values of what repeats."""
         y, n = self.rows[0].copy(), self.start.x0.size
-        y[self.strobe.free] += step
+        y[self.strobe.free] = begin
         return self.strobe.begun(y[:n], y[n:], self.run.modes[self.last])
-
-    def newton(self) -> Array:
-        """Step that closes the orbit to first order, at most so long; nan where there is none."""
-        with np.errstate(all="ignore"):
-            try:
-                matrix = (self.derivative - np.eye(self.change.size)) / self.scale[:, None] * self.scale
-            except ModelError:
-                return np.full_like(self.change, np.nan)
-            if not np.all(np.isfinite(matrix)):
-                return np.full_like(self.change, np.nan)
-            step = -np.linalg.lstsq(matrix, self.change / self.scale, rcond=1e-13)[0]
-        return step * self.scale * min(1.0, _LONGEST / max(float(np.abs(step).max(initial=0.0)), 1e-300))
 
 
 def close_locked(strobe: Strobe, start: HybridSystem, n: int, size: Array | None = None) -> Round | None:
@@ -183,26 +129,11 @@ def close_locked(strobe: Strobe, start: HybridSystem, n: int, size: Array | None
     size : array, shape (m,), optional
         Of the motion that is looked for: far smaller ones are rest.
     """
-    best: Round | None = None
-    now, idle = Round.of(strobe, start, n), 0
-    far = _ASTRAY * (1.0 + max(np.abs(start.x0).max(initial=0.0), np.abs(start.H0).max()))
-    while now is not None and not np.any(np.abs(now.rows[0]) > far):
-        # Where a step leads to another piece of the map it may worsen first: several have to better nothing.
-        idle += 1
-        if best is None or now.residual < best.residual:
-            idle = 0 if best is None or now.residual < 0.5 * best.residual else idle
-            best = now
-        if idle >= _IDLE or now.residual < _EXACT:
-            break
-        step = now.newton()
-        if not np.all(np.isfinite(step)):
-            break
-        now = Round.of(strobe, now.moved(step), n)
-    if best is None or best.residual > CLOSED or best.rests:
+    steady = close(start, n * strobe.period, given=True) if n else None
+    found = None if steady is None else Round.closed(strobe, steady, n)
+    if found is None or found.rests or (size is not None and not np.any(found.motion > _REST * size)):
         return None
-    if size is not None and not np.any(best.motion > _REST * size):
-        return None
-    return _once(best)
+    return _once(found)
 
 
 def _once(found: Round) -> Round | None:
@@ -227,7 +158,7 @@ def of_one_continuum(one: Round, other: Round) -> bool:
     """Whether two orbits belong to one continuum, which a disturbance moves the loop along."""
 
     def once(begin: Array) -> Array | None:
-        path = Round.of(one.strobe, one.moved(begin - one.at_samples[0]), one.n)
+        path = Round.of(one.strobe, one.begun_at(begin), one.n)
         return None if path is None else path.at_samples
 
     many = one.n == other.n and one.one_of_many and other.one_of_many
@@ -254,15 +185,16 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
         return signals - np.outer(times[: len(signals)], gained / period)
 
     shape = analyse_period(marks, system.delays, start.time_scale, system.signals.names, sample)
-    values, many = found.multipliers, found.one_of_many
-    drifting = many and drifts(found.derivative, found.scale)
+    steady = found.pass_
+    values, many, matrix = steady.multipliers, found.one_of_many, steady.matrix
+    drifting = many and drifts(matrix, np.ones(len(matrix)))
     n = start.n_plant
     locked = f"locked to the samples: {found.n * strobe.every} of {strobe.controllers[0].sample_time:g} s"
-    noise = found.residual + np.finfo(float).eps * np.sqrt(last + 1.0)
+    noise = steady.gap + np.finfo(float).eps * np.sqrt(last + 1.0)
     error = float("nan")
     if values is not None:
-        matrix = (found.derivative - np.eye(found.scale.size)) / found.scale[:, None] * found.scale
-        error = float(np.abs(np.linalg.pinv(matrix, rcond=1e-12)).sum(1).max(initial=0.0) * noise)
+        inverse = np.linalg.pinv(matrix - np.eye(len(matrix)), rcond=1e-12)
+        error = float(np.abs(inverse).sum(1).max(initial=0.0) * noise)
     return LimitCycle(
         method=EXACT_ORBIT,
         status=Status.CONVERGED,
@@ -273,7 +205,7 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
         stable=None if values is None else verdict(values, many, drifting),
         stability_criterion=BORDER if values is None else describe(values, many, drifting),
         multipliers=values,
-        residual=found.residual,
+        residual=steady.gap,
         error_estimate=error,
         events=named_events(start, run.time[: last + 1], run.guard[: last + 1], run.modes[: last + 1]),
         time=shape.time,
@@ -313,7 +245,7 @@ def rounds_near(hybrid: HybridSystem, strobe: Strobe, start: LimitCycle) -> Iter
         (2.0 + 1.0 / max(length, 0.1)) * start.period,
         np.zeros(0),
         2.0 * hybrid.time_scale,
-        most := strobe.samples_in(3.0 * start.period) + _MOST_SWITCHES,
+        most := strobe.samples_in(3.0 * start.period) + MOST_EVENTS,
         most,
     )
     whole = abs(length - round(length)) < 1e-6 * length and round(length) > 0

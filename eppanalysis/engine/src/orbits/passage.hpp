@@ -1,0 +1,30 @@
+#pragma once
+// The derivative of a run's end by its start.
+//
+// A run has met its events already, so nothing is sought: between them the flow and its derivative are exact, and at
+// each the instant shifts with the start, by which time the state of one mode moves on and that of the next stays behind
+// (docs/theory/flow.md).
+
+#include "orbits/arcs.hpp"
+#include "orbits/sweep.hpp"
+
+namespace epp {
+inline namespace EPP_ARCH {
+
+/// The events of a run in their order: when, which guard, and state, memory values and modes behind each.
+struct Met {
+    Vector time{};  // (p,)
+    Indices guard{};  // (p,) int
+    Matrix state{};  // (p, n)
+    Matrix memory{};  // (p, H)
+    IndexMatrix modes{};  // (p, E) int
+};
+
+namespace orbits_passage {
+
+i64 derivative_of_run(const Model& model, const Combinations& compiled, const Work& work, double base_step, Vector y,
+    Indices modes, const Met& met, double t_end, Matrix D, Vector shift);
+
+}  // namespace orbits_passage
+}  // namespace EPP_ARCH
+}  // namespace epp

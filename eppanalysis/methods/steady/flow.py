@@ -1,0 +1,266 @@
+"""The flow of a loop: where a start is a time later, and the derivative of that by the start.
+
+What drives a loop or samples it is a part of it: the clock of sampled controllers is a state, and so are the sine and
+cosine of an input. What only tells the time (clocks, counts of samples, readings of a clock) goes on for ever; at the
+end of a pass it is turned back by the time of the pass, so that a motion that repeats itself ends where it began
+(docs/theory/flow.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from eppanalysis.arrays import Array, BoolArray, ComplexArray, IntArray
+from eppanalysis.engine.orbits import READY, derivative_of_run
+from eppanalysis.errors import EppError
+from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.stability import multipliers
+from eppanalysis.methods.simulation.workspaces import of_thread
+from eppanalysis.models.systems.hybrid import HybridSystem, of_model
+from eppanalysis.models.systems.sampled.strobe import Strobe
+
+#: Events of a pass beside the samples of controllers; a run with more is no part of a motion that could be closed.
+MOST_EVENTS = 5_000
+#: Motion of a place, relative to its size, that is rounding: what is measured against it is measured against the size.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Pass:
+    """A run over a time from a start: its events, where it ends, how far the motion reaches, and the derivative.
+
+    States and memory values are stacked into one vector ``y = (x, H)`` of N numbers, the last of which is 1.
+    """
+
+    start: HybridSystem
+    duration: float  # [s]
+    run: Run
+
+    @cached_property
+    def events(self) -> IntArray:
+        """Places in the run's buffer of the events of elements (an observer only marks extrema), oldest first."""
+        order = self.run.order
+        return order[self.start.model.guard_element[self.run.guard[order]] < len(self.start.elements)]
+
+    @cached_property
+    def rows(self) -> Array:
+        """What stands behind the start and behind each event, its clocks as they are there, shape (events + 1, N)."""
+        behind = np.hstack([self.run.state[self.events], self.run.memory_values[self.events]])
+        return np.vstack([self.y, behind])
+
+    @property
+    def y(self) -> Array:
+        """The start, shape (N,)."""
+        return np.concatenate([self.start.x0, self.start.H0])
+
+    @cached_property
+    def end(self) -> HybridSystem:
+        """The system at the end, its clocks turned back by the time of the pass."""
+        return turned_back(self.run.end(self.start), self.start, self.duration)
+
+    @cached_property
+    def modes(self) -> IntArray:
+        """Modes of the elements, an observer's left out, at the end."""
+        return self.end.modes0[: len(self.start.elements)]
+
+    @property
+    def change(self) -> Array:
+        """The end less the start, shape (N,)."""
+        return np.concatenate([self.end.x0, self.end.H0]) - self.y
+
+    @cached_property
+    def rates(self) -> tuple[Array, Array]:
+        """Rates of y at the start and at the end, beyond what only tells the time, shapes (N,)."""
+        own = advances(self.start)
+        n = self.start.x0.size
+        first, last = np.zeros(own.size), np.zeros(own.size)
+        instant = run_over(self.start, 1e-12 * self.duration)
+        first[:n], last[:n] = (self.run if instant is None else instant).rate_end, self.run.rate_end
+        return first - own, last - own
+
+    @cached_property
+    def _derivative(self) -> tuple[Array, Array]:
+        start, run, order = self.start, self.run, self.events
+        base = 2.0 * start.time_scale
+        compiled, work, _ = of_thread.workspaces(start, base)
+        N = start.x0.size + start.H0.size
+        D, shift = np.empty((N, N)), np.empty(N)
+        met = run.time[order], run.guard[order], run.state[order], run.memory_values[order], run.modes[order]
+        code = derivative_of_run(start.model, compiled, work, base, self.y, start.modes0, *met, self.duration, D, shift)
+        if code != READY:
+            D[:], shift[:] = np.nan, np.nan
+        return D, shift
+
+    @property
+    def derivative(self) -> Array:
+        """Derivative of the end by the start, shape (N, N); nan where a guard is only touched."""
+        return self._derivative[0]
+
+    @property
+    def shift(self) -> Array:
+        """How much later the events come for a disturbance of the start, shape (N,)."""
+        return self._derivative[1]
+
+    @cached_property
+    def sought(self) -> IntArray:
+        """Places of y that repeat on a steady motion, in their order."""
+        return np.flatnonzero(repeating(self.start))
+
+    @cached_property
+    def extent(self) -> Array:
+        """How far each place of y moves, shape (N,)."""
+        n, rows = self.start.x0.size, self.rows
+        times = np.append(0.0, self.run.time[self.events])
+        memory = np.ptp(rows[:, n:] - np.outer(times, advances(self.start)[n:]), axis=0)
+        return np.append(self.run.high - self.run.low, memory)
+
+    @cached_property
+    def scale(self) -> Array:
+        """Size of the motion in the places that repeat, never zero, shape (m,)."""
+        moves = self.extent[self.sought]
+        size = np.abs(self.rows[:, self.sought]).max(axis=0)
+        return np.where(moves > _ROUNDING * size, moves, np.where(size > 0.0, size, 1.0))
+
+    @cached_property
+    def gap(self) -> float:
+        """Largest change of what repeats, relative to the motion."""
+        return self.gap_in(self.scale)
+
+    def gap_in(self, scale: Array) -> float:
+        """Largest change of what repeats, in sizes (m,)."""
+        return float(np.max(np.abs(self.change[self.sought]) / scale, initial=0.0))
+
+    @property
+    def ends_in_its_modes(self) -> bool:
+        """Whether every element ends in the mode in which it began."""
+        return bool(np.array_equal(self.modes, self.start.modes0[: self.modes.size]))
+
+    @cached_property
+    def matrix(self) -> Array:
+        """The derivative among what repeats, in the sizes of the motion, shape (m, m)."""
+        return self.derivative[np.ix_(self.sought, self.sought)] / self.scale[:, None] * self.scale
+
+    @cached_property
+    def multipliers(self) -> ComplexArray | None:
+        """Floquet multipliers, one for each state of plant and controllers; None where a guard is only touched."""
+        if not np.all(np.isfinite(self.matrix)):
+            return None
+        controllers = strobe_of(self.start)
+        own = 0 if controllers is None else sum(len(np.asarray(c.x0)) for c in controllers.controllers)
+        return multipliers(self.matrix, np.ones(self.sought.size), int(np.sum(self.start.compared)) + own)
+
+    def moved(self, step: Array) -> HybridSystem:
+        """The start after a step in what repeats, in the modes of the end.
+
+        What the end does not depend on at all (a speed that sticking holds at zero) takes the value of the end.
+        """
+        y, end = self.y, np.concatenate([self.end.x0, self.end.H0])
+        y[self.sought] += step
+        given = self.sought[~np.any(self.matrix != 0.0, axis=1)]
+        y[given] = end[given]
+        n = self.start.x0.size
+        return replace(self.start, x0=y[:n], H0=y[n:], modes0=self.end.modes0)
+
+    def middle_of_longest_gap(self) -> float:
+        """When its longest stretch without events is half over [s]."""
+        times = np.concatenate([[0.0], self.run.time[self.events], [self.duration]])
+        longest = int(np.argmax(np.diff(times)))
+        return float(0.5 * (times[longest] + times[longest + 1]))
+
+
+@of_model
+def strobe_of(hybrid: HybridSystem) -> Strobe | None:
+    """The samples of its controllers; None where nothing is sampled."""
+    return Strobe.of(hybrid)
+
+
+@of_model
+def ticks(hybrid: HybridSystem) -> BoolArray:
+    """Memory values that count samples, shape (h,)."""
+    strobe = strobe_of(hybrid)
+    return np.zeros(hybrid.model.K.shape[1], bool) if strobe is None else strobe.counting
+
+
+@of_model
+def advances(hybrid: HybridSystem) -> Array:
+    """What each place of y advances by per unit of time that only tells the time, shape (N,)."""
+    model = hybrid.model
+    n = model.A.shape[0]
+    out = np.zeros(n + model.K.shape[1])
+    clock = (model.K[:, -1] != 0) & (np.arange(n) < hybrid.n_plant)
+    clock &= ~np.any(model.A, axis=1) & ~np.any(model.B, axis=1) & ~np.any(model.S, axis=1)
+    out[:n] = np.where(clock, model.K[:, -1], 0.0)
+    strobe, counts = strobe_of(hybrid), ticks(hybrid)
+    # Each memory value that an event sets to what it reads of a clock.
+    for e, first in enumerate(model.first[:-1]):
+        own = model.guard_element == e
+        n_z, n_h = (int(k) for k in (model.first[e + 1] - first)[[0, 2]])
+        z0, h0 = int(first[0]), int(first[2])
+        on_clock = model.reset_z[own, :n_h, :n_z] @ (model.C[z0 : z0 + n_z] @ out[:n])
+        for guard in on_clock[np.any(on_clock != 0.0, axis=1)]:
+            place = slice(n + h0, n + h0 + n_h)
+            out[place] = np.where(guard != 0.0, guard, out[place])
+        if strobe is not None and e in strobe.numbers:
+            places = np.flatnonzero(counts[h0 : h0 + n_h]) + n + h0
+            out[places] = 1.0 / strobe.controllers[strobe.numbers.index(e)].unit
+    return out
+
+
+@of_model
+def repeating(hybrid: HybridSystem) -> BoolArray:
+    """Which places of y repeat on a steady motion: states that are compared, and values of elements but for counts."""
+    held = (np.arange(hybrid.H0.size) < hybrid.model.first[-1, 2]) & ~ticks(hybrid)
+    return np.concatenate([hybrid.compared, held])
+
+
+def turned_back(there: HybridSystem, start: HybridSystem, duration: float) -> HybridSystem:
+    """A system that a motion from a start has come to, with what only tells the time turned back by a duration."""
+    own, n = advances(there), there.x0.size
+    x, H = there.x0.copy(), there.H0.copy()
+    # Whole ticks are counted: a count must not take up the rounding of the clock.
+    back = own[n:] * duration
+    H -= np.where(ticks(there), np.round(back, 9), back)
+    clocks = own[:n] != 0.0
+    x[clocks] = start.x0[clocks]
+    driven = np.arange(n) >= there.n_plant
+    x[driven] = start.x0[driven]
+    return replace(there, x0=x, H0=H)
+
+
+def run_over(start: HybridSystem, duration: float) -> Run | None:
+    """A run from a start; None where it stops early or has more events than are kept."""
+    strobe = strobe_of(start)
+    most = MOST_EVENTS + (0 if strobe is None else strobe.samples_in(duration))
+    try:
+        run = run_hybrid(start, duration, np.zeros(0), 2.0 * start.time_scale, most, most)
+    except EppError:
+        return None
+    whole = run.code == 0 and run.count == run.n_kept and bool(np.all(np.isfinite(run.x_end)))
+    return run if whole else None
+
+
+def advance(start: HybridSystem, duration: float) -> Pass | None:
+    """The pass over a duration [s] from a start; None where the run stops early or has too many events."""
+    run = run_over(start, duration)
+    return None if run is None else Pass(start, duration, run)
+
+
+def later(start: HybridSystem, time: float) -> HybridSystem | None:
+    """The system a time later [s], in the modes and with the memory values that it has then; None where it stops."""
+    if time <= 0.0:
+        return start
+    run = run_over(start, time)
+    return None if run is None else run.end(start)
+
+
+def away_from_events(start: HybridSystem, duration: float) -> HybridSystem | None:
+    """The system where its longest stretch without events within a duration [s] is half over; None where it stops.
+
+    Begun there a motion keeps its events within a pass when it is moved a little.
+    """
+    found = advance(start, duration)
+    return None if found is None else later(start, found.middle_of_longest_gap())
