@@ -28,6 +28,7 @@ def oscillating(tmp_path_factory):
     return bench, epp.identify(base(bench), step=path)
 
 
+@pytest.mark.slow
 def test_drive_and_timing_are_found(oscillating):
     bench, found = oscillating
     fit = found.fits[0]
@@ -94,6 +95,7 @@ def test_a_forearm_that_never_moves_identifies_nothing(tmp_path, few_draws):
         epp.identify(epp.case("fig8a_original"), step=still(tmp_path), fit=("drive.inertia", "controller.delay"))
 
 
+@pytest.mark.slow
 def test_recorded_motion_of_the_harness_is_used(tmp_path, few_draws):
     """A pull of the harness at even speed, recorded beside the angle."""
     case = epp.case("fig8b_reduced_backlash").with_values({"drive.inertia": 0.036})

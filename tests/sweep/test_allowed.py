@@ -118,6 +118,7 @@ def test_a_store_without_it_is_what_it_was_before(tmp_path: Path) -> None:
         epp.sweep(SERVO, {"play.gap": ["1", "2"]}, allow="x 1", **made)
 
 
+@pytest.mark.slow
 def test_shares_joined_are_the_sweep_to_the_bit(grid: xarray.Dataset, tmp_path: Path) -> None:
     axes = {"loop.gain": "0.8:2:4", "play.gap": "0.1:0.4:6"}
     asked = {"run": ("simulate", "predict"), "allow": "x 0.5", "store": tmp_path / "map.zarr", "progress": False}
@@ -128,6 +129,7 @@ def test_shares_joined_are_the_sweep_to_the_bit(grid: xarray.Dataset, tmp_path: 
     assert joined.identical(grid)
 
 
+@pytest.mark.slow
 def test_the_exact_boundary_is_that_of_the_bounds(edge: epp.Boundary) -> None:
     """The published cycle at a gain of one: the gap at which it is as large as allowed."""
     assert edge.points[1] == pytest.approx([1.0, 0.5 / EXACT], rel=1e-9)

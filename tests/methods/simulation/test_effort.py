@@ -24,6 +24,7 @@ def test_all_methods_side_by_side_end_however_stiff_friction_falls(stribeck: flo
     assert found.status is not Status.CONVERGED and "starts left when" in found.message
 
 
+@pytest.mark.slow
 def test_clocks_of_an_orbit_with_dead_time_cost_no_more_than_clocks() -> None:
     """A hundred switches on their way: their clocks move evenly, and are left out of the matrix exponentials."""
     loop = epp.LureSystem.from_tf(([2.0], [1.0, 0.5, -0.5]), epp.HysteresisRelay(-0.05, 0.05), delay=0.2)

@@ -58,6 +58,7 @@ def test_the_inputs_are_those_at_the_end_of_the_run(input_signal: epp.inputs.Inp
         assert point.stands == (moves == 0.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=5, deadline=None)
 @given(sizes, st.floats(4.5, 9.0))
 def test_what_comes_after_the_run_changes_nothing(late: float, when: float) -> None:

@@ -311,6 +311,7 @@ def interconnections(draw):
     return control.interconnect(parts, connections=wires, inplist=[(0, 0)], outlist=[(len(parts) - 1, 0)])
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(interconnections())
 def test_every_loop_of_python_control_is_a_case_and_reads_back(system):
