@@ -16,6 +16,7 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.engine import _engine
+from tests.engine.fuzzer import tried
 
 ROOT = Path(__file__).parents[2]
 SOURCES = ROOT / "eppanalysis" / "engine"
@@ -113,5 +114,29 @@ def test_two_threads_on_one_system_find_the_bits_of_one(name: str) -> None:
 @pytest.mark.slow
 def test_random_automata_neither_crash_nor_hang_nor_give_numbers_that_are_none() -> None:
     told = run_python("-m", "tests.engine.fuzzer", f"--seconds={FUZZ}", limit=10.0 * FUZZ + 60.0)
-    for what in ("run: limit_cycle", "run: settled", "run: diverged", "describe: described", "answer_series: regime"):
+    for what in ("run: settled", "run: diverged", "run: undecided", "describe: described", "answer_series: regime"):
         assert what in told, told  # all that it looks for is there
+
+
+@pytest.mark.parametrize(
+    ("seed", "ends"),
+    [
+        (3, "describe: not described"),  # an output so small that no panel of its integral agrees with its halves
+        (60, "run: refused, EppError"),  # a mode that sticks where its output does not move its input
+        (134, "answer_series: regime"),  # a weight that is no number
+        (980, "run: undecided"),  # elements that let one another go in a circle
+        (4150, "run: "),  # switches at one instant that repeat, which had no period to divide by
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*:RuntimeWarning")
+def test_what_once_went_on_for_ever_or_ended_in_numbers_that_are_none(seed: int, ends: str) -> None:
+    assert tried(seed).startswith(ends)
+
+
+@pytest.mark.parametrize("amplitude", [1e9, 1e17])
+def test_a_curve_that_varies_without_end_in_a_period_has_no_describing_function(amplitude: float) -> None:
+    build = epp.AutomatonBuilder(smooth=(epp.Smooth("sine", np.ones(1)),))
+    build.mode("waves", from_smooth=1.0)
+    element = epp.AutomatonElement(build.build())
+    assert np.isnan(element.describing_function(amplitude)[1])
+    assert np.isfinite(element.describing_function(1e3)[1])
