@@ -9,6 +9,7 @@ differences of the largest.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -33,11 +34,25 @@ _FADES = 0.1
 
 
 def in_states_of_its_own(system: LureSystem) -> OtherStates | None:
-    """The loop without states that nothing drives, with those apart that nothing reads, else in those of its own
+    """The loop without states that nothing drives, with those apart that nothing reads, and in those of its own
     motions; None where it needs none.
+
+    Each of these is done once: done again it would only undo another one by rounding, and that one it, for ever.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> in_states_of_its_own(epp.case("elbow").to_system()) is None  # as it is given
+    True
     """
-    own = without_held_states(system) or unread_apart(system)
-    return own or (None if system.time_step else unmixed(system) or integrators_apart(system))
+    changes: list[Callable[[LureSystem], OtherStates | None]] = [without_held_states, unread_apart]
+    changes += [] if system.time_step else [motions_apart, evenly_driven, integrators_apart]
+    found: OtherStates | None = None
+    while made := next(((change, own) for change in changes if (own := change(system)) is not None), None):
+        change, own = made
+        changes.remove(change)
+        found, system = own if found is None else found.then(own), own.system
+    return found
 
 
 def unmixed(system: LureSystem) -> OtherStates | None:

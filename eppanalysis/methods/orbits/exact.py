@@ -106,7 +106,12 @@ def exact_orbit(
     if not system.time_step:
         require_own(system, start)
     if (apart := in_states_of_its_own(system)) is not None:
-        return apart.told(exact_orbit(apart.system, apart.asked(start), at))
+        return apart.told(_as_it_is(apart.system, apart.asked(start), at))
+    return _as_it_is(system, start, at)
+
+
+def _as_it_is(system: LureSystem, start: LimitCycle, at: OperatingPoint) -> LimitCycle:
+    """The exact orbit in the states in which the loop is given."""
     if system.time_step:
         return replace(sampled_orbit(system, start, at), operating_point=at)
     hybrid = steady_hybrid(system, at)

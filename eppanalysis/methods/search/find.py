@@ -128,7 +128,19 @@ def _found(
         # In the given states: what falls off faster than 1/s may not in others, by rounding, and phases are lost then.
         given = [apart.asked(cycle) for cycle in (seeds_of(system, at) if predicted is None else predicted)]
         wanted = None if enough is None else lambda cycle: enough(apart.told(cycle))
-        return _told(_found(apart.system, at, by_balance, given, progress, wanted), apart)
+        return _told(_as_it_is(apart.system, at, by_balance, given, progress, wanted), apart)
+    return _as_it_is(system, at, by_balance, predicted, progress, enough)
+
+
+def _as_it_is(
+    system: LureSystem,
+    at: OperatingPoint,
+    by_balance: bool,
+    predicted: Sequence[LimitCycle] | None,
+    progress: Progress | None,
+    enough: Enough | None,
+) -> CycleSearch:
+    """The search in the states in which the loop is given."""
     if system.time_step:
         return search_discrete(system, at, seeds_of(system, at) if predicted is None else predicted, progress)
     hybrid = steady_hybrid(system, at)

@@ -141,9 +141,7 @@ def simulate(
         cycle = iterated.limit_cycle and replace(iterated.limit_cycle, operating_point=at)
         return replace(iterated, limit_cycle=cycle, operating_point=at)
     if (apart := unread_apart(system)) is not None:
-        run_apart = simulate(apart.system, input, t_end, t_eval, max_events=max_events, max_steps=max_steps, step=step)
-        cycle = run_apart.limit_cycle
-        return replace(run_apart, limit_cycle=None if cycle is None else apart.told(cycle))
+        system = apart.system
     given = input_signals_by_name(system.input_names, input)
     for observed in (False, True):  # curved elements may repeat themselves without a switch: extrema tell it
         hybrid = HybridSystem.from_lure(system, given, observed)
@@ -174,7 +172,7 @@ def simulate(
         signals=signals,
         events=_events(hybrid, run),
         status=status,
-        limit_cycle=cycle,
+        limit_cycle=apart.told(cycle) if apart and cycle else cycle,
         settled_at=rest,
         settled_since=max(_since(hybrid, run, found), moves_until(times, signals, rest)) if status.ok else float("nan"),
         n_events=run.count,

@@ -39,6 +39,11 @@ class OtherStates:
         C = np.where((np.abs(apart.C) <= _UNREAD * (np.abs(system.C) @ T)) & unread, 0.0, apart.C)
         return replace(apart, A=A, C=C)
 
+    def then(self, further: OtherStates) -> OtherStates:
+        """The same loop in states further on, those of a change of its own."""
+        T, inverse = self.T @ further.T, further.inverse @ self.inverse
+        return OtherStates(further.system, T, inverse, self.held + self.T @ further.held)
+
     def state(self, y: Array) -> Array:
         """A state of the user's, or rows of them; none stays none."""
         return y @ self.T.T + self.held if y.size else y
