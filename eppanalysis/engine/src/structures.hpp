@@ -453,6 +453,9 @@ struct Numbers {
     Vector smooth_scale{};  // (s,)
 };
 
+/// The numbers that go with channels; none without.
+template <class C> using NumbersOf = std::conditional_t<std::is_same_v<C, None>, None, Numbers>;
+
 /// The arcs of an orbit, as `sweep` takes them.
 struct Chain {
     Matrices F{};
