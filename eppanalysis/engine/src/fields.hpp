@@ -22,6 +22,16 @@ template <> struct Fields<Chain> {
         visit("Chain.duration", t.duration);
     }
 };
+template <> struct Fields<Met> {
+    template <class Visit> static void each(Met& t, Visit&& visit) {
+        visit("Met.time", t.time);
+        visit("Met.guard", t.guard);
+        visit("Met.state", t.state);
+        visit("Met.memory", t.memory);
+        visit("Met.modes", t.modes);
+    }
+};
+
 template <> struct Fields<Channels> {
     template <class Visit> static void each(Channels& t, Visit&& visit) {
         visit("Channels.smooth_kind", t.smooth_kind);

@@ -36,6 +36,8 @@ class Call {
     template <class T> decltype(auto) take(nb::handle from, const char* name) {
         if constexpr (std::is_same_v<T, Progress>) {
             return progress(from, name);
+        } else if constexpr (std::is_same_v<T, None>) {
+            return None{};
         } else {
             T out{};
             put(from, name, out);
@@ -206,6 +208,38 @@ class Call {
         return nb::cast(nb::ndarray<nb::numpy, Number>(numbers, static_cast<size_t>(N), shape, owner));
     }
 };
+
+template <class> using Handle = nb::handle;
+/// What an argument is taken as: all are values, views of arrays among them, but the record of progress.
+template <class A> using Taken = std::conditional_t<std::is_same_v<A, Progress&>, A, std::decay_t<A>>;
+
+template <class R, class... A, size_t... I>
+auto called(R (*function)(A...), const std::array<const char*, sizeof...(A)>& names, std::index_sequence<I...>, Handle<A>... from) {
+    Call call;
+    std::tuple<Taken<A>...> all{call.take<std::decay_t<A>>(from, names[I])...};
+    return call.result([&] { return std::apply(function, all); });
+}
+
+/// A function of the engine under its name in Python: what it takes is said by its types.
+template <class R, class... A>
+void bind(nb::module_& m, const char* name, R (*function)(A...), const std::array<const char*, sizeof...(A)>& names, const char* doc) {
+    std::apply([&](auto... one) {
+        m.def(name, [=](Handle<A>... from) { return called(function, names, std::index_sequence_for<A...>{}, from...); },
+            nb::arg(one)..., doc);
+    }, names);
+}
+
+/// One that is made for orbits without smooth channels, too: the first argument is None for them.
+template <class R, class... A, class... B>
+void bind(nb::module_& m, const char* name, R (*without)(A...), R (*with)(B...), const std::array<const char*, sizeof...(B)>& names,
+    const char* doc) {
+    std::apply([&](auto first, auto... one) {
+        m.def(name, [=](nb::handle channels, Handle<decltype(one)>... from) {
+            return channels.is_none() ? called(without, names, std::index_sequence_for<A...>{}, channels, from...)
+                                      : called(with, names, std::index_sequence_for<B...>{}, channels, from...);
+        }, nb::arg(first).none(), nb::arg(one)..., doc);
+    }, names);
+}
 
 /// Parts of the engine, for its tests alone.
 void parts(nb::module_& m);

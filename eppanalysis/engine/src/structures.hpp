@@ -453,6 +453,18 @@ struct Numbers {
     Vector smooth_scale{};  // (s,)
 };
 
+/// The events of a run in their order: when, which guard, and state, memory values and modes behind each.
+struct Met {
+    Vector time{};  // (p,)
+    Indices guard{};  // (p,) int
+    Matrix state{};  // (p, n)
+    Matrix memory{};  // (p, H)
+    IndexMatrix modes{};  // (p, E) int
+};
+
+/// The numbers that go with channels; none without.
+template <class C> using NumbersOf = std::conditional_t<std::is_same_v<C, None>, None, Numbers>;
+
 /// The arcs of an orbit, as `sweep` takes them.
 struct Chain {
     Matrices F{};

@@ -90,7 +90,7 @@ class Pass:
         N = start.x0.size + start.H0.size
         D, shift = np.empty((N, N)), np.empty(N)
         met = run.time[order], run.guard[order], run.state[order], run.memory_values[order], run.modes[order]
-        code = derivative_of_run(start.model, compiled, work, base, self.y, start.modes0, *met, self.duration, D, shift)
+        code = derivative_of_run(start.model, compiled, work, base, self.y, start.modes0, met, self.duration, D, shift)
         if code != READY:
             D[:], shift[:] = np.nan, np.nan
         return D, shift

@@ -31,10 +31,9 @@ None channels_of(None like, const Chain& chain, Vector numbers);
 void numbers_at(const Curve& curve, double value, Vector numbers);
 bool bordered(const Motion& here, const Plane& plane, Vector u, Vector columns, Vector right, Indices places,
     Matrix scaled, Matrix matrix, Vector change);
-std::tuple<i64, double> correct(None channels, Chain chain, const Curve& curve, i64 input_place, i64 n_inputs,
-    const Effort& effort, const Plane& plane, Vector step, Vector progress, Vector u, const Motion& here);
 Channels channels_of(const Channels& like, const Chain& chain, Vector numbers);
-std::tuple<i64, double> correct(Channels channels, Chain chain, const Curve& curve, i64 input_place, i64 n_inputs,
+template <class C>
+std::tuple<i64, double> correct(C channels, Chain chain, const Curve& curve, i64 input_place, i64 n_inputs,
     const Effort& effort, const Plane& plane, Vector step, Vector progress, Vector u, const Motion& here);
 
 }  // namespace orbits_corrector

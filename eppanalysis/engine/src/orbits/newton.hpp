@@ -24,23 +24,21 @@ alignas(64) inline double SHARES_numbers[] = {1.0, 0.4, 0.16, 0.0640000000000000
 inline const Vector SHARES(SHARES_numbers, {8});
 constexpr double STRAY = 1000000000.0;
 
-double run_along(None channels, const Chain& chain, const Effort& effort, double used, const Motion& it);
-void measure(None channels, const Chain& chain, const Motion& it);
 double largest_share(Vector values, Vector sizes);
 void sizes_of_unknowns(const Chain& chain, const Motion& it, Vector columns);
 bool solved(Matrix scaled, Vector right, Vector columns, Indices places, Matrix matrix, Vector step);
-double run_along(const Channels& channels, const Chain& chain, const Effort& effort, double used, const Motion& it);
-void measure(const Channels& channels, const Chain& chain, const Motion& it);
+template <class C>
+double run_along(const C& channels, const Chain& chain, const Effort& effort, double used, const Motion& it);
+template <class C>
+void measure(const C& channels, const Chain& chain, const Motion& it);
 Motion like(const Motion& it);
 bool step(const Motion& it, Vector columns, Indices places, Matrix scaled, Matrix matrix, Vector step);
-std::tuple<double, i64, Motion, Motion> search(None channels, const Chain& chain, const Effort& effort, double used,
-    const Motion& here, Vector step, double most, i64 share, double residual, Motion better, Motion trial);
 void copy(const Motion& source, const Motion& it);
-std::tuple<i64, i64, double> newton(None channels, const Chain& chain, const Effort& effort, i64 iterations,
-    Vector step, const Motion& here, i64 share);
-std::tuple<double, i64, Motion, Motion> search(const Channels& channels, const Chain& chain, const Effort& effort,
+template <class C>
+std::tuple<double, i64, Motion, Motion> search(const C& channels, const Chain& chain, const Effort& effort,
     double used, const Motion& here, Vector step, double most, i64 share, double residual, Motion better, Motion trial);
-std::tuple<i64, i64, double> newton(const Channels& channels, const Chain& chain, const Effort& effort, i64 iterations,
+template <class C>
+std::tuple<i64, i64, double> newton(const C& channels, const Chain& chain, const Effort& effort, i64 iterations,
     Vector step, const Motion& here, i64 share);
 
 }  // namespace orbits_newton

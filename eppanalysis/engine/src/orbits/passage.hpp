@@ -11,15 +11,6 @@
 namespace epp {
 inline namespace EPP_ARCH {
 
-/// The events of a run in their order: when, which guard, and state, memory values and modes behind each.
-struct Met {
-    Vector time{};  // (p,)
-    Indices guard{};  // (p,) int
-    Matrix state{};  // (p, n)
-    Matrix memory{};  // (p, H)
-    IndexMatrix modes{};  // (p, E) int
-};
-
 namespace orbits_passage {
 
 i64 derivative_of_run(const Model& model, const Combinations& compiled, const Work& work, double base_step, Vector y,

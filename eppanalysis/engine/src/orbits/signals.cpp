@@ -6,40 +6,12 @@ inline namespace EPP_ARCH {
 namespace orbits_signals {
 
 /// y at increasing `times` of one period, each by its own flow from the start of its arc.
-void states_at(None channels, Matrices F, Matrices S, Indices smooth, Matrix starts, Vector marks, Vector times,
-    Matrix out) {
-    Scope scope;
-    double t{};
-    None own{};
-    i64 p = F.shape(0);
-    i64 n = F.shape(1);
-    i64 N = F.shape(2);
-    Matrices square = orbits_flow::room(F);
-    Matrix Phi = zeros<double>(N, N);
-    Vector sigma = zeros<double>(S.shape(2));
-    Vector slope = zeros<double>(S.shape(2));
-    i64 a = 0;
-    for (i64 i = 0; i < times.size(); ++i) {
-        while (a < (p - 1) && times(i) > marks(a + 1)) {
-            a += 1;
-        }
-        t = times(i) - marks(a);
-        if (smooth(a)) {
-            own = orbits_flow::numbers_of(channels, F.row(a), S.row(a));
-            orbits_flow::smooth_flow(channels, a, F.row(a), S.row(a), starts.row(a), t, MOST_SERIES, out.row(i), Phi,
-                sigma, slope, own);
-        } else {
-            orbits_flow::affine_flow(F.row(a), starts.row(a), t, out.row(i), Phi, square);
-        }
-    }
-}
-
-/// y at increasing `times` of one period, each by its own flow from the start of its arc.
-void states_at(const Channels& channels, Matrices F, Matrices S, Indices smooth, Matrix starts, Vector marks,
+template <class C>
+void states_at(const C& channels, Matrices F, Matrices S, Indices smooth, Matrix starts, Vector marks,
     Vector times, Matrix out) {
     Scope scope;
     double t{};
-    Numbers own{};
+    NumbersOf<C> own{};
     i64 p = F.shape(0);
     i64 n = F.shape(1);
     i64 N = F.shape(2);
@@ -141,196 +113,12 @@ std::tuple<double, double, double> sum_at(Vector terms, double share) {
 /// Value of a signal where its rate vanishes inside a step: by Newton's method on the rate, where it stays inside.
 ///
 /// Else, and with smooth channels, by regula falsi (Illinois).
-double turning_value(None channels, i64 a, Matrix F, Matrix S, i64 smooth, Vector Y, Vector Ys, Vector y, double d,
-    double left, double right, Vector end, Matrices square) {
-    Scope scope;
-    double slope{};
-    None own{};
-    i64 N = y.size();
-    Matrix Phi = zeros<double>(N, N);
-    Vector rate = zeros<double>(N);
-    Vector sigma = zeros<double>(S.shape(1));
-    Vector change = zeros<double>(S.shape(1));
-    double t0 = 0.0;
-    double t1 = d;
-    double t = 0.0;
-    double value = 0.0;
-    double bend = 0.0;
-    double begin = 0.0;
-    i64 count = 0;
-    Vector terms = empty<double>(TERMS);
-    if (!smooth) {
-        orbits_flow::rate_at(F, S, y, sigma, rate);
-        count = series_of(Y, F, rate, d, terms);
-        for (i64 j = 0; j < N; ++j) {
-            begin += Y(j) * y(j);
-        }
-    }
-    for (i64 turn_ = 0; turn_ < 12; ++turn_) {
-        if (!(t0 < t && t < t1)) {
-            t = (t0 * right - t1 * left) / (right - left);
-        }
-        if (count > 0) {
-            std::tie(value, slope, bend) = sum_at(terms.slice(0, count), t / d);
-            value = begin + value;
-            slope = slope / d;
-            bend = bend / (d * d);
-        } else {
-            if (smooth) {
-                own = orbits_flow::numbers_of(channels, F, S);
-                orbits_flow::smooth_flow(channels, a, F, S, y, t, MOST_SERIES, end, Phi, sigma, change, own);
-            } else {
-                orbits_flow::affine_flow(F, y, t, end, Phi, square);
-            }
-            orbits_flow::rate_at(F, S, end, sigma, rate);
-            value = 0.0;
-            slope = 0.0;
-            for (i64 j = 0; j < N; ++j) {
-                value += Y(j) * end(j);
-                slope += Y(j) * rate(j);
-            }
-            if (smooth) {
-                for (i64 j = 0; j < sigma.size(); ++j) {
-                    value += Ys(j) * sigma(j);
-                }
-            }
-        }
-        if ((slope * right) > 0.0) {
-            t1 = t;
-            right = slope;
-            left = 0.5 * left;
-        } else {
-            t0 = t;
-            left = slope;
-            right = 0.5 * right;
-        }
-        // The value is off by the rate times what is left of the interval, to second order.
-        if ((std::fabs(slope) * d) <= (1e-09 * std::fabs(value)) || (t1 - t0) <= (1e-09 * d)) {
-            break;
-        }
-        if (count == 0) {
-            bend = 0.0;
-            for (i64 i = 0; i < F.shape(0); ++i) {
-                if (Y(i) != 0.0) {
-                    for (i64 j = 0; j < N; ++j) {
-                        bend += Y(i) * F(i, j) * rate(j);
-                    }
-                }
-            }
-        }
-        t = (smooth || bend == 0.0) ? -1.0 : t - slope / bend;
-    }
-    return value;
-}
-
-/// Smallest and largest value of every signal over an orbit, exact: nodes on every arc, then Newton on the rate.
-void extents(None channels, Matrices F, Matrices S, Indices smooth, Matrices Y, Matrices Ys, Matrix starts, Vector tau,
-    Vector low, Vector high) {
-    Scope scope;
-    i64 steps{};
-    Matrix node{}, value{}, slope{};
-    double d{}, reach{}, left{}, right{}, v{};
-    None own{};
-    bool turns_over{};
-    i64 p = F.shape(0);
-    i64 n = F.shape(1);
-    i64 N = F.shape(2);
-    i64 n_y = Y.shape(1);
-    Vector rate = zeros<double>(N);
-    Matrices square = orbits_flow::room(F);
-    Matrix Phi = zeros<double>(N, N);
-    Vector row = zeros<double>(N);
-    Vector sigma = zeros<double>(S.shape(2));
-    Vector change = zeros<double>(S.shape(2));
-    low.fill(INF);
-    high.fill(-INF);
-    for (i64 a = 0; a < p; ++a) {
-        if (tau(a) <= 0.0) {
-            continue;
-        }
-        steps = smooth(a) ? FEWEST : steps_of(F.row(a), tau(a), square);
-        node = zeros<double>(steps + 1, N);
-        value = zeros<double>(steps + 1, n_y);
-        slope = zeros<double>(steps + 1, n_y);
-        d = tau(a) / steps;
-        filling::fill(node.row(0), starts.row(a));
-        for (i64 k = 0, k_end = steps + 1; k < k_end; ++k) {
-            if (k && smooth(a)) {
-                own = orbits_flow::numbers_of(channels, F.row(a), S.row(a));
-                orbits_flow::smooth_flow(channels, a, F.row(a), S.row(a), node.row(k - 1), d, MOST_SERIES, node.row(k),
-                    Phi, sigma, change, own);
-            } else if (k == 1) {
-                orbits_flow::affine_flow(F.row(a), node.row(0), d, node.row(1), Phi, square);
-            } else if (k) {
-                carry(Phi, node.row(k - 1), node.row(k), n);
-            }
-            orbits_flow::channels_at(channels, a, node.row(k).slice(0, n), node.row(k).slice(n, node.shape(1)), sigma,
-                change);
-            orbits_flow::rate_at(F.row(a), S.row(a), node.row(k), sigma, rate);
-            // Rates at the nodes tell in which steps a signal turns: extrema at a switch are nodes, all others lie
-            // inside a step.
-            for (i64 s = 0; s < n_y; ++s) {
-                value(k, s) = 0.0;
-                slope(k, s) = 0.0;
-                for (i64 j = 0; j < N; ++j) {
-                    value(k, s) += Y(a, s, j) * node(k, j);
-                    slope(k, s) += Y(a, s, j) * rate(j);
-                }
-                for (i64 j = 0; j < sigma.size(); ++j) {
-                    if (smooth(a)) {
-                        value(k, s) += Ys(a, s, j) * sigma(j);
-                    }
-                }
-            }
-        }
-        for (i64 s = 0; s < n_y; ++s) {
-            for (i64 k = 0, k_end = steps + 1; k < k_end; ++k) {
-                {
-                    const double was1 = least_of(low(s), value(k, s));
-                    const double was2 = greatest_of(high(s), value(k, s));
-                    low(s) = was1;
-                    high(s) = was2;
-                }
-            }
-        }
-        for (i64 s = 0; s < n_y; ++s) {
-            for (i64 k = 0; k < steps; ++k) {
-                turns_over = slope(k, s) > 0.0 && slope(k + 1, s) < 0.0;
-                if (!turns_over && !(slope(k, s) < 0.0 && slope(k + 1, s) > 0.0)) {
-                    continue;
-                }
-                // A cubic exceeds its end values by at most 4/27 d of its end rates: where that does not reach the
-                // extremum so far, it is not looked for.
-                reach = 0.15 * d * (std::fabs(slope(k, s)) + std::fabs(slope(k + 1, s)));
-                if (turns_over && (greatest_of(value(k, s), value(k + 1, s)) + reach) <= high(s)) {
-                    continue;
-                }
-                if (!turns_over && (least_of(value(k, s), value(k + 1, s)) - reach) >= low(s)) {
-                    continue;
-                }
-                left = slope(k, s);
-                right = slope(k + 1, s);
-                v = turning_value(channels, a, F.row(a), S.row(a), smooth(a), Y.row(a, s), Ys.row(a, s), node.row(k),
-                    d, left, right, row, square);
-                {
-                    const double was3 = least_of(low(s), v);
-                    const double was4 = greatest_of(high(s), v);
-                    low(s) = was3;
-                    high(s) = was4;
-                }
-            }
-        }
-    }
-}
-
-/// Value of a signal where its rate vanishes inside a step: by Newton's method on the rate, where it stays inside.
-///
-/// Else, and with smooth channels, by regula falsi (Illinois).
-double turning_value(const Channels& channels, i64 a, Matrix F, Matrix S, i64 smooth, Vector Y, Vector Ys, Vector y,
+template <class C>
+double turning_value(const C& channels, i64 a, Matrix F, Matrix S, i64 smooth, Vector Y, Vector Ys, Vector y,
     double d, double left, double right, Vector end, Matrices square) {
     Scope scope;
     double slope{};
-    Numbers own{};
+    NumbersOf<C> own{};
     i64 N = y.size();
     Matrix Phi = zeros<double>(N, N);
     Vector rate = zeros<double>(N);
@@ -409,13 +197,14 @@ double turning_value(const Channels& channels, i64 a, Matrix F, Matrix S, i64 sm
 }
 
 /// Smallest and largest value of every signal over an orbit, exact: nodes on every arc, then Newton on the rate.
-void extents(const Channels& channels, Matrices F, Matrices S, Indices smooth, Matrices Y, Matrices Ys, Matrix starts,
+template <class C>
+void extents(const C& channels, Matrices F, Matrices S, Indices smooth, Matrices Y, Matrices Ys, Matrix starts,
     Vector tau, Vector low, Vector high) {
     Scope scope;
     i64 steps{};
     Matrix node{}, value{}, slope{};
     double d{}, reach{}, left{}, right{}, v{};
-    Numbers own{};
+    NumbersOf<C> own{};
     bool turns_over{};
     i64 p = F.shape(0);
     i64 n = F.shape(1);
@@ -507,6 +296,20 @@ void extents(const Channels& channels, Matrices F, Matrices S, Indices smooth, M
         }
     }
 }
+
+// Where no smooth channel acts, and where some do.
+template void states_at(const None& channels, Matrices F, Matrices S, Indices smooth, Matrix starts, Vector marks,
+    Vector times, Matrix out);
+template void states_at(const Channels& channels, Matrices F, Matrices S, Indices smooth, Matrix starts, Vector marks,
+    Vector times, Matrix out);
+template double turning_value(const None& channels, i64 a, Matrix F, Matrix S, i64 smooth, Vector Y, Vector Ys, Vector y,
+    double d, double left, double right, Vector end, Matrices square);
+template double turning_value(const Channels& channels, i64 a, Matrix F, Matrix S, i64 smooth, Vector Y, Vector Ys, Vector y,
+    double d, double left, double right, Vector end, Matrices square);
+template void extents(const None& channels, Matrices F, Matrices S, Indices smooth, Matrices Y, Matrices Ys, Matrix starts,
+    Vector tau, Vector low, Vector high);
+template void extents(const Channels& channels, Matrices F, Matrices S, Indices smooth, Matrices Y, Matrices Ys, Matrix starts,
+    Vector tau, Vector low, Vector high);
 
 }  // namespace orbits_signals
 }  // namespace EPP_ARCH
