@@ -24,6 +24,7 @@ __all__ = [
     "READY",
     "SINGULAR",
     "STRAY",
+    "TOUCHES",
     "UNSUPPORTED",
     "WANTS_NUMBERS",
     "WANTS_STEP",
@@ -46,6 +47,8 @@ __all__ = [
 
 #: Whether arcs could be built.
 READY, SINGULAR, NOT_A_GUARD, UNSUPPORTED = 0, 1, 2, 3
+#: What the derivative of a run is told with where an event that a jump brings about only just reaches its threshold.
+TOUCHES = 4
 #: Where a corrector stands: arrived, lost, or in want of numbers at another value, or of a step by least squares.
 ARRIVED, LOST, WANTS_NUMBERS, WANTS_STEP = 0, 1, 2, 3
 #: A solution this many times larger than its right-hand side is rounding.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -49,10 +50,8 @@ def test_what_computes_is_in_the_digest_and_nothing_else(copy: Path, name: str, 
 
 
 def test_the_sources_of_the_engine_are_in_the_digest(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from eppanalysis.engine import _engine
-
     before = code_digest.__wrapped__(copy)
-    monkeypatch.setattr(_engine, "SOURCES", "of other sources")
+    monkeypatch.setattr(sys.modules[code_digest.__module__], "SOURCES", "of other sources")
     assert code_digest.__wrapped__(copy) != before
 
 

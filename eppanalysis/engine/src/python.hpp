@@ -237,7 +237,7 @@ void bind(nb::module_& m, const char* name, R (*without)(A...), R (*with)(B...),
         m.def(name, [=](nb::handle channels, Handle<decltype(one)>... from) {
             return channels.is_none() ? called(without, names, std::index_sequence_for<A...>{}, channels, from...)
                                       : called(with, names, std::index_sequence_for<B...>{}, channels, from...);
-        }, nb::arg(first).none(), nb::arg(one)..., doc);
+        }, nb::arg(first).none(), nb::arg(one).none()..., doc);
     }, names);
 }
 

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray, IntArray
-from eppanalysis.engine.orbits import READY, derivative_of_run
+from eppanalysis.engine.orbits import READY, TOUCHES, derivative_of_run
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import run_hybrid
@@ -83,7 +83,7 @@ class Pass:
         return first - own, last - own
 
     @cached_property
-    def _derivative(self) -> tuple[Array, Array]:
+    def _derivative(self) -> tuple[Array, Array, bool]:
         start, run, order = self.start, self.run, self.events
         base = 2.0 * start.time_scale
         compiled, work, _ = of_thread.workspaces(start, base)
@@ -91,9 +91,9 @@ class Pass:
         D, shift = np.empty((N, N)), np.empty(N)
         met = run.time[order], run.guard[order], run.state[order], run.memory_values[order], run.modes[order]
         code = derivative_of_run(start.model, compiled, work, base, self.y, start.modes0, met, self.duration, D, shift)
-        if code != READY:
+        if code not in (READY, TOUCHES):
             D[:], shift[:] = np.nan, np.nan
-        return D, shift
+        return D, shift, code == TOUCHES
 
     @property
     def derivative(self) -> Array:
@@ -104,6 +104,11 @@ class Pass:
     def shift(self) -> Array:
         """How much later the events come for a disturbance of the start, shape (N,)."""
         return self._derivative[1]
+
+    @property
+    def on_a_border(self) -> bool:
+        """Whether a jump only just brings an event about: beyond, the derivative is another one."""
+        return self._derivative[2]
 
     @cached_property
     def sought(self) -> IntArray:

@@ -52,3 +52,10 @@ def test_between_two_folds_there_are_three_responses(system, amplitude, rates, o
         for response in found:
             start = _position_and_speed(loop, response)
             assert _over(rates(omega), omega, start) == pytest.approx(start, abs=1e-6)
+
+
+def test_where_one_between_is_not_found_it_is_said(monkeypatch):
+    monkeypatch.setattr("eppanalysis.methods.driven.forced.Search.from_between", lambda search: None)
+    found = epp.forced_response(saturated(), amplitude=0.35, frequency=0.877 / TURN)
+    assert [r.stable for r in found] == [True, True]
+    assert "At least one more response of one period was not found" in found.message

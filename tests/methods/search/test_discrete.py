@@ -159,3 +159,11 @@ def test_what_first_order_predicts_twice_is_told_once_with_both_means() -> None:
     for cycle in alike:
         assert str(found).count(f"{cycle.peak_to_peak['quantiser_input']:.4g} peak to peak") == 1
     assert " about -" in str(found)
+
+
+@pytest.mark.slow
+def test_starts_reach_a_basin_with_a_twentieth_of_all_states() -> None:
+    # Of 200 Sobol points in a box twice as large as the listed cycles, 8 run onto an orbit of 198 samples.
+    system = problem("quantiser, sampled", 320).system
+    found = epp.find_limit_cycles(system)
+    assert {35, 198, 1253} <= {round(c.period / system.time_step) for c in found}

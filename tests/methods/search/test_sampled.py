@@ -105,11 +105,19 @@ def test_each_continuum_of_a_sampled_relay_is_listed_once(T: float) -> None:
 
 
 @pytest.mark.slow
-def test_a_cycle_on_a_threshold_has_no_multipliers():
+def test_a_cycle_on_a_threshold_is_the_border_of_a_continuum():
     """The integrator of the converter counts in whole steps: one cycle ends a sample on a level of its modulator."""
     found = epp.find_limit_cycles(epp.case("buck_converter"))
-    on_threshold = [cycle for cycle in found if cycle.stable is None]
-    assert on_threshold and found.stable
-    for cycle in on_threshold:
-        assert cycle.multipliers is None and "either side" in cycle.stability_criterion
-        assert cycle.residual < 1e-9
+    closed = [cycle for cycle in found if cycle.method == "exact orbit"]
+    assert len(closed) == found.n_continua == 3 and found.status.ok
+    for cycle in closed:
+        assert cycle.stable and cycle.residual < 1e-13
+        assert np.min(np.abs(cycle.multipliers - 1.0)) < 1e-8
+
+
+@pytest.mark.slow
+def test_the_search_of_the_azimuth_servo_comes_to_all_three_cycles() -> None:
+    """Its cycles are those of the same servo without samples, of which an independent study found three."""
+    found = epp.find_limit_cycles(epp.case("azimuth_servo"))
+    assert sorted(c.period for c in found) == pytest.approx([12.63, 19.76, 26.89465], rel=1e-3)
+    assert all(c.note.startswith("not locked to the samples") for c in found)

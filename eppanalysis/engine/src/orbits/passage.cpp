@@ -39,11 +39,22 @@ void mark(const Model& model, const Met& met, Indices kind) {
     }
 }
 
+/// Whether a guard is at its threshold but for rounding.
+bool reaches_no_further(Vector g, Vector y) {
+    double value = 0.0, size = 0.0;
+    for (i64 i = 0; i < g.size(); ++i) {
+        value += g(i) * y(i);
+        size += std::fabs(g(i) * y(i));
+    }
+    return std::fabs(value) <= AT_THRESHOLD * size;
+}
+
 /// The derivative D (N, N) of a run's end by its start, and of how much later its events come, `shift` (N,).
 ///
 /// The end is that after the time of the run, whenever its events come. Not a number where a guard is only touched.
 ///
-/// Returns READY, or why the derivative cannot be had (what is on its way through a dead time is no part of the start).
+/// Returns READY, or TOUCHES where an induced event only just reaches its threshold: the derivative is that of the side on
+/// which it does. Else why it cannot be had (what is on its way through a dead time is no part of the start).
 i64 derivative_of_run(const Model& model, const Combinations& compiled, const Work& work, double base_step, Vector y0,
     Indices modes0, const Met& met, double t_end, Matrix D, Vector shift) {
     Scope scope;
@@ -60,6 +71,7 @@ i64 derivative_of_run(const Model& model, const Combinations& compiled, const Wo
     mark(model, met, kind);
     filling::fill_rows(D, identity(N));
     shift.fill(0.0);
+    i64 found = orbits_arcs::READY;
     for (i64 a = 0; a <= p; ++a) {
         Scope arc;
         i64 q = find_combination(model, compiled, work, modes, base_step);
@@ -82,6 +94,9 @@ i64 derivative_of_run(const Model& model, const Combinations& compiled, const Wo
             if (code != orbits_arcs::READY) {
                 return code;
             }
+        }
+        if (a < p && kind(a) == INDUCED && reaches_no_further(g, y)) {
+            found = TOUCHES;
         }
         double tau = ((a < p) ? met.time(a) : t_end) - ((a > 0) ? met.time(a - 1) : 0.0);
         if (orbits_arcs::is_smooth(model, modes, S, gs, sense.row(0))) {
@@ -118,7 +133,7 @@ i64 derivative_of_run(const Model& model, const Combinations& compiled, const Wo
             filling::fill(modes, met.modes.row(a));
         }
     }
-    return orbits_arcs::READY;
+    return found;
 }
 
 }  // namespace orbits_passage

@@ -13,6 +13,10 @@ inline namespace EPP_ARCH {
 
 namespace orbits_passage {
 
+constexpr i64 TOUCHES = 4;
+/// Value of a guard, relative to its terms, that is rounding of an orbit that has been closed.
+constexpr double AT_THRESHOLD = 1e-9;
+
 i64 derivative_of_run(const Model& model, const Combinations& compiled, const Work& work, double base_step, Vector y,
     Indices modes, const Met& met, double t_end, Matrix D, Vector shift);
 

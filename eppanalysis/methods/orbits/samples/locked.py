@@ -186,7 +186,8 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
 
     shape = analyse_period(marks, system.delays, start.time_scale, system.signals.names, sample)
     steady = found.pass_
-    values, many, matrix = steady.multipliers, found.one_of_many, steady.matrix
+    many, matrix = found.one_of_many, steady.matrix
+    values = None if steady.on_a_border and not many else steady.multipliers
     drifting = many and drifts(matrix, np.ones(len(matrix)))
     n = start.n_plant
     locked = f"locked to the samples: {found.n * strobe.every} of {strobe.controllers[0].sample_time:g} s"
