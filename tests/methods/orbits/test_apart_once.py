@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.methods.orbits import exact
 from eppanalysis.methods.orbits.apart import in_states_of_its_own
+from eppanalysis.methods.simulation.states import OtherStates
 
 
 def cascade(n: int, seed: int) -> epp.LureSystem:
@@ -32,6 +34,23 @@ def test_changes_of_states_come_to_an_end(n: int, seed: int) -> None:
 @pytest.mark.parametrize(("n", "seed"), [(33, 0), (25, 5)])
 def test_a_run_of_a_deep_cascade_ends(n: int, seed: int) -> None:
     assert epp.simulate(cascade(n, seed), t_end=1.0, max_steps=10_000).status in set(epp.Status)
+
+
+def test_the_states_of_a_cascade_are_asked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the states that come out rounding would ask for others, and in those for others again."""
+    asked: list[epp.LureSystem] = []
+
+    def ask(loop: epp.LureSystem) -> OtherStates | None:
+        asked.append(loop)
+        assert len(asked) < 10, "the states are changed to and fro"
+        return in_states_of_its_own(loop)
+
+    monkeypatch.setattr(exact, "in_states_of_its_own", ask)
+    monkeypatch.setattr(exact, "orbits_of", lambda *given: iter(()))
+    loop = cascade(33, 0)
+    assert in_states_of_its_own(in_states_of_its_own(loop).system) is not None
+    assert not epp.exact_orbit(loop, epp.predict_limit_cycles(loop)[0]).status.ok
+    assert len(asked) == 1
 
 
 @pytest.mark.slow
