@@ -24,7 +24,7 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of
 from eppanalysis.readable import quantity
-from eppanalysis.results import Status
+from eppanalysis.results import SIMULATION, Status
 from eppanalysis.results.provenance import Provenance
 
 METHOD = "shooting over the input's period"
@@ -83,8 +83,9 @@ def forced_response(
     that are closed by Newton's method on the exact map of the state over one and several periods of the input, with its
     exact derivative, whose eigenvalues are the Floquet multipliers. Not every response need be found: there is no proof
     that these are all; where those of one period are even in number the message says that one is missing. Of a loop
-    with dead time or sampled controllers the response is that on which its run ends, to a millionth, and the message
-    says so: others are not looked for, and there are no multipliers.
+    with sampled controllers the response is that on which its run ends, closed where its samples come round together
+    with the input; with dead time, or where they do not, it is as the run has it, to a millionth, without multipliers.
+    The message says so: others are not looked for.
 
     Parameters
     ----------
@@ -166,7 +167,7 @@ def forced_response(
 
 
 def _of_run(drive: Drive, most_periods: int, provenance: Provenance) -> ForcedResponse:
-    """What the run from the loop's own start comes to, where nothing closes the response exactly."""
+    """What the run from the loop's own start comes to, where other responses are not looked for."""
     found = steady_of_run(drive, most_periods)
     response, repeats = found.response, 0 if found.response is None else found.response.multiple
     if response is not None:
@@ -178,6 +179,8 @@ def _of_run(drive: Drive, most_periods: int, provenance: Provenance) -> ForcedRe
         goes_on = f"it {_PARTS[Motion.UNDECIDED].format(0.0, found.periods)}"
     else:
         goes_on = "it ends early, or grows beyond bounds"
+    closed = response is not None and response.cycle.method != SIMULATION
+    how = "closed from the end of a run" if closed else "from a run alone"
     return ForcedResponse(
         input=drive.input,
         amplitude=drive.amplitude,
@@ -188,7 +191,7 @@ def _of_run(drive: Drive, most_periods: int, provenance: Provenance) -> ForcedRe
         exponent=float("nan"),
         status=Status.NOT_CONVERGED if response is None else Status.CONVERGED,
         message=(
-            f"Response to a sine of {_sine(drive)}, from a run alone, for the loop has {by_runs(drive)}: {goes_on}. "
+            f"Response to a sine of {_sine(drive)}, {how}, for the loop has {by_runs(drive)}: {goes_on}. "
             f"Other responses were not looked for."
         ),
         provenance=provenance,

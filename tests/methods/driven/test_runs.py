@@ -56,7 +56,7 @@ def test_a_sampled_gain_is_a_hold() -> None:
     T, n = 2.0, 8
     system = epp.Diagram(
         parts={
-            "gain": epp.blocks.PI(kp=2.0, ti=1e9, sample_time=T / n),
+            "gain": epp.SampledController([], [], [], [[2.0]], T / n),
             "lag": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0]),
         },
         connect=["force -> gain", "gain -> lag"],
@@ -66,8 +66,43 @@ def test_a_sampled_gain_is_a_hold() -> None:
     (one,) = found
     s = 1j * TURN / T
     hold = (1 - np.exp(-s * T / n)) / (s * T / n)
-    assert one.response("lag") == pytest.approx(2.0 * hold / (s + 1.0), rel=1e-6)
-    assert "a sampled controller" in str(found)
+    assert one.response("lag") == pytest.approx(2.0 * hold / (s + 1.0), rel=1e-12)
+    assert "closed from the end of a run, for the loop has a sampled controller" in str(found)
+    assert np.abs(one.cycle.multipliers) == pytest.approx([np.exp(-T)], rel=1e-12)
+
+
+def test_a_sampled_relay_under_a_sine_against_its_map_from_sample_to_sample() -> None:
+    """A lag behind a relay that reads it five times a period: patterns of signs, of which one is consistent."""
+    T, n, force = 2.0, 5, 6.0
+    system = epp.Diagram(
+        parts={
+            "reader": epp.SampledController([], [], [], [[1.0]], T / n),
+            "relay": epp.HysteresisRelay(-0.05, 0.05),
+            "lag": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0]),
+        },
+        connect=["force - relay -> lag", "lag -> reader", "reader -> relay"],
+        inputs=["force"],
+    )
+    (one,) = epp.forced_response(system, amplitude=force, frequency=1 / T, most_periods=1)
+    assert one.multiple == 1 and one.cycle.method == "exact orbit" and one.cycle.residual < 1e-13
+    w, h = TURN / T, T / n
+    steady = force / (1.0 + 1j * w)  # of the sine, exp(i w t) in mind
+
+    def sine(t: float) -> float:
+        return float((steady * np.exp(1j * w * t)).imag)
+
+    decay, x, relay = np.exp(-h), 0.0, -1.0
+    states = []
+    for k in range(60 * n):  # by hand: what the relay gives is held from sample to sample
+        reads = x + sine(k * h)
+        relay = 1.0 if reads > 0.05 else -1.0 if reads < -0.05 else relay
+        states.append(reads)
+        x = decay * x - (1.0 - decay) * relay
+    at = one.phase / w
+    k = round(at / h)
+    assert at == pytest.approx(k * h, abs=1e-9)
+    assert one.cycle.state[0] == pytest.approx(states[-n:][k % n], rel=1e-10)
+    assert np.abs(one.cycle.multipliers) == pytest.approx([np.exp(-T)], rel=1e-10)
 
 
 def test_what_does_not_repeat_itself_and_what_cannot_be_followed_is_said() -> None:
