@@ -14,6 +14,8 @@ from eppanalysis.cases.files import Missing
 from eppanalysis.cases.model import Case
 from eppanalysis.cases.variation import takes
 from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.numbers import why_no_bounds
+from eppanalysis.methods.bounds.searched import why_by_search
 from eppanalysis.readable import DIGITS
 
 #: What no shell reads as anything but itself, and what it does not within double quotes.
@@ -130,7 +132,7 @@ class Asking:
         return variation_of(self.case).over()
 
     def bounds(self, limit: str, over: str = "", *options: str) -> str:
-        """How far a parameter may go at the case's own value of another; empty where there is no other one.
+        """How far a parameter may go at the case's own value of another; empty where there is none, or no bound.
 
         Examples
         --------
@@ -138,8 +140,8 @@ class Asking:
         >>> Asking.of(case("wheelchair")).bounds("loop.gain", "play.gap")
         'eppanalysis bounds wheelchair --over play.gap --from "12 mm" --points 1 --limit loop.gain'
         """
-        over = over or self.beside(limit)
-        if not over:
+        over, system = over or self.beside(limit), self.case.to_system()
+        if not over or (not why_by_search(system) and why_no_bounds(system)):
             return ""
         at = self.typed(over)
         if not self.words:

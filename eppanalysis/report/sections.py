@@ -14,7 +14,8 @@ from functools import partial
 from eppanalysis.cases import Case, variation_of
 from eppanalysis.cases.command_line import Asking, called
 from eppanalysis.cases.variation import time_of_maps
-from eppanalysis.methods.bounds.searched import in_samples
+from eppanalysis.methods.bounds.numbers import why_no_bounds
+from eppanalysis.methods.bounds.searched import in_samples, why_by_search
 from eppanalysis.models.systems.sampled.strobe import sampled_among
 from eppanalysis.plotting import main_signals
 
@@ -273,6 +274,12 @@ def _points(case: Case) -> int:
     return next((n for n in _POINTS if n * n * samples <= _MOST_SAMPLES), _POINTS[-1])
 
 
+def _is_guided(case: Case) -> bool:
+    """Whether there is a guideline for its kind of loop, and for this one."""
+    system = case.to_system()
+    return variation_of(case).guided is not None and not (why_by_search(system) or why_no_bounds(system))
+
+
 def _guideline(case: Case) -> str:
     """At the case's own gain, and how to have it at others."""
     more = (
@@ -334,8 +341,8 @@ SECTIONS: tuple[Section, ...] = (
     Section(
         "Bounds and guideline",
         "How much backlash a gain bears before any limit cycle exists, put to the test on both sides.",
-        lambda case: _guideline(case) if variation_of(case).guided else "",
-        lambda case: _full_guideline(case) if variation_of(case).guided else "",
+        lambda case: _guideline(case) if _is_guided(case) else "",
+        lambda case: _full_guideline(case) if _is_guided(case) else "",
     ),
     Section(
         "Case",

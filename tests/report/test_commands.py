@@ -16,7 +16,8 @@ from eppanalysis.cases import variation_of
 from eppanalysis.cases.command_line import Asking, called, commands_in
 from eppanalysis.cli.commands import app
 from eppanalysis.cli.common import load_case
-from eppanalysis.methods.bounds.searched import in_samples
+from eppanalysis.methods.bounds.numbers import why_no_bounds
+from eppanalysis.methods.bounds.searched import in_samples, why_by_search
 from eppanalysis.report.advice import Found
 from eppanalysis.report.notebook import make_notebook
 from eppanalysis.report.sections import SECTIONS
@@ -110,6 +111,8 @@ def resolve(text: str) -> None:
         assert make_design(case, dict(axis.split("=", 1) for axis in given["axes"])).n_cells == 81
     if verb == "design":
         assert not in_samples(case.to_system())
+    if verb in ("bounds", "guide") and not why_by_search(case.to_system()):
+        assert not why_no_bounds(case.to_system())
     if verb == "bounds":
         assert given["over"] and given["limit"] and given["over"] != given["limit"]
 
