@@ -1,4 +1,5 @@
 #include "cells.hpp"
+#include "fields.hpp"
 
 namespace epp {
 inline namespace EPP_ARCH {
@@ -69,7 +70,7 @@ void run_cells(const Models& stack, const Combinations& compiled, const Work& wo
     Matrix signals = period_samples.out;
     bool one = stack.A.shape(0) == 1;
     for (i64 c = first; c < last; ++c) {
-        model = stack.row(one ? 0 : c);
+        model = one_of(stack, one ? 0 : c);
         filling::fill(x.slice(0, n), x0.row(c));
         filling::fill(modes, modes0.row(c));
         filling::fill(H, H0.row(c));

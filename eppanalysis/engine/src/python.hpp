@@ -100,10 +100,13 @@ class Call {
 
     template <class T, std::enable_if_t<std::is_class_v<T> && !is_view<T> && !is_tuple<T>, int> = 0>
     void put(nb::handle from, const char* name, T& out) {
-        Py_ssize_t count = 0, k = 0;
-        Fields<T>::each(out, [&](const char*, auto&) { ++count; });
-        PyObject* tuple = checked(from, name, count);
-        Fields<T>::each(out, [&](const char* field, auto& one) { put(PyTuple_GetItem(tuple, k++), field, one); });
+        PyObject* tuple = checked(from, name, Fields<T>::count);
+        size_t k = 0;
+        auto one = [&](auto& field) {
+            put(PyTuple_GetItem(tuple, static_cast<Py_ssize_t>(k)), name_of(&out, k), field);
+            ++k;
+        };
+        std::apply([&](auto&... field) { (one(field), ...); }, Fields<T>::of(out));
     }
     /// Automata of several elements: the tables stand in a tuple.
     void put(nb::handle from, const char* name, Automata& out) {

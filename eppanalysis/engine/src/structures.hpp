@@ -7,155 +7,58 @@ namespace epp {
 inline namespace EPP_ARCH {
 
 /// Flat arrays of a hybrid system: n states, w outputs, z inputs, H memory values (the last is 1), s smooth ones.
-struct Model {
-    Matrix A{};  // (n, n)
-    Matrix B{};  // (n, w), without delayed outputs
-    Matrix S{};  // (n, s)
-    Matrix K{};  // (n, H)
-    Matrix C{};  // (z, n)
-    Matrix D{};  // (z, w)
-    Matrix Kz{};  // (z, H)
-    IndexMatrix first{};  // (E + 1, 3) int: where each element's inputs, outputs, memory values begin
-    Indices order{};  // (E,) int: elements, each behind those whose outputs act straight on its inputs
-    IndexMatrix reach{};  // (E + 1, E) int: whether an element's output (last: external inputs) acts straight on an input
-    Indices mode_first{};  // (E + 1,) int
-    Matrices mode_wz{};  // (m, w_max, z_max)
-    Matrices mode_wh{};  // (m, w_max, h_max)
-    Matrices mode_ws{};  // (m, w_max, s)
-    Matrix mode_w0{};  // (m, w_max)
-    Indices mode_stick{};  // (m,) int
-    Indices mode_lags{};  // (m,) int: whether a jump of the element's input may leave it behind
-    Vector mode_level{};  // (m,)
-    Indices guard_first{};  // (m + 1,) int
-    Indices guard_element{};  // (g,) int
-    Indices guard_target{};  // (g,) int, mode number within the element
-    Indices guard_bypass{};  // (g,) int, the mode beyond a sticking target, for an input that jumped over its level
-    Matrix guard_z{};  // (g, z_max)
-    Matrix guard_rate{};  // (g, z_max)
-    Matrix guard_h{};  // (g, h_max)
-    Matrix guard_w{};  // (g, w_max)
-    Vector guard_0{};  // (g,)
-    Matrices reset_z{};  // (g, h_max, z_max)
-    Matrices reset_h{};  // (g, h_max, h_max)
-    Matrix reset_0{};  // (g, h_max)
-    Matrix guard_impulse{};  // (g, z_max): on the inputs, of the impulse of its element's first output
-    Indices smooth_kind{};  // (s,) int
-    Matrix smooth_x{};  // (s, n)
-    Matrix smooth_H{};  // (s, H)
-    Matrix smooth_s{};  // (s, s): on those before it
-    Vector smooth_scale{};  // (s,)
-    Indices smooth_w{};  // (s,) int, the delayed output of a delay channel
-    Vector smooth_delay{};  // (s,)
-    Matrix Yx{};  // (y, n)
-    Matrix Yw{};  // (y, w)
-    Matrix YH{};  // (y, H)
-    Vector breakpoint_time{};  // (k,)
-    Indices breakpoint_state{};  // (k,) int
-    Vector breakpoint_value{};  // (k,)
-    Indices breakpoint_memory{};  // (k,) int
-    Vector breakpoint_slope{};  // (k,)
+///
+/// Those of several systems of one structure have one axis more, in front.
+template <int axes> struct ModelOf {
+    View<double, 2 + axes> A{};  // (n, n)
+    View<double, 2 + axes> B{};  // (n, w), without delayed outputs
+    View<double, 2 + axes> S{};  // (n, s)
+    View<double, 2 + axes> K{};  // (n, H)
+    View<double, 2 + axes> C{};  // (z, n)
+    View<double, 2 + axes> D{};  // (z, w)
+    View<double, 2 + axes> Kz{};  // (z, H)
+    View<i64, 2 + axes> first{};  // (E + 1, 3) int: where each element's inputs, outputs, memory values begin
+    View<i64, 1 + axes> order{};  // (E,) int: elements, each behind those whose outputs act straight on its inputs
+    View<i64, 2 + axes> reach{};  // (E + 1, E) int: whether an element's output (last: external inputs) acts straight on an input
+    View<i64, 1 + axes> mode_first{};  // (E + 1,) int
+    View<double, 3 + axes> mode_wz{};  // (m, w_max, z_max)
+    View<double, 3 + axes> mode_wh{};  // (m, w_max, h_max)
+    View<double, 3 + axes> mode_ws{};  // (m, w_max, s)
+    View<double, 2 + axes> mode_w0{};  // (m, w_max)
+    View<i64, 1 + axes> mode_stick{};  // (m,) int
+    View<i64, 1 + axes> mode_lags{};  // (m,) int: whether a jump of the element's input may leave it behind
+    View<double, 1 + axes> mode_level{};  // (m,)
+    View<i64, 1 + axes> guard_first{};  // (m + 1,) int
+    View<i64, 1 + axes> guard_element{};  // (g,) int
+    View<i64, 1 + axes> guard_target{};  // (g,) int, mode number within the element
+    View<i64, 1 + axes> guard_bypass{};  // (g,) int, the mode beyond a sticking target, for an input that jumped over its level
+    View<double, 2 + axes> guard_z{};  // (g, z_max)
+    View<double, 2 + axes> guard_rate{};  // (g, z_max)
+    View<double, 2 + axes> guard_h{};  // (g, h_max)
+    View<double, 2 + axes> guard_w{};  // (g, w_max)
+    View<double, 1 + axes> guard_0{};  // (g,)
+    View<double, 3 + axes> reset_z{};  // (g, h_max, z_max)
+    View<double, 3 + axes> reset_h{};  // (g, h_max, h_max)
+    View<double, 2 + axes> reset_0{};  // (g, h_max)
+    View<double, 2 + axes> guard_impulse{};  // (g, z_max): on the inputs, of the impulse of its element's first output
+    View<i64, 1 + axes> smooth_kind{};  // (s,) int
+    View<double, 2 + axes> smooth_x{};  // (s, n)
+    View<double, 2 + axes> smooth_H{};  // (s, H)
+    View<double, 2 + axes> smooth_s{};  // (s, s): on those before it
+    View<double, 1 + axes> smooth_scale{};  // (s,)
+    View<i64, 1 + axes> smooth_w{};  // (s,) int, the delayed output of a delay channel
+    View<double, 1 + axes> smooth_delay{};  // (s,)
+    View<double, 2 + axes> Yx{};  // (y, n)
+    View<double, 2 + axes> Yw{};  // (y, w)
+    View<double, 2 + axes> YH{};  // (y, H)
+    View<double, 1 + axes> breakpoint_time{};  // (k,)
+    View<i64, 1 + axes> breakpoint_state{};  // (k,) int
+    View<double, 1 + axes> breakpoint_value{};  // (k,)
+    View<i64, 1 + axes> breakpoint_memory{};  // (k,) int
+    View<double, 1 + axes> breakpoint_slope{};  // (k,)
 };
-
-/// Models of one structure, each an array with one axis more.
-struct Models {
-    Matrices A{};
-    Matrices B{};
-    Matrices S{};
-    Matrices K{};
-    Matrices C{};
-    Matrices D{};
-    Matrices Kz{};
-    View<i64, 3> first{};
-    IndexMatrix order{};
-    View<i64, 3> reach{};
-    IndexMatrix mode_first{};
-    View<double, 4> mode_wz{};
-    View<double, 4> mode_wh{};
-    View<double, 4> mode_ws{};
-    Matrices mode_w0{};
-    IndexMatrix mode_stick{};
-    IndexMatrix mode_lags{};
-    Matrix mode_level{};
-    IndexMatrix guard_first{};
-    IndexMatrix guard_element{};
-    IndexMatrix guard_target{};
-    IndexMatrix guard_bypass{};
-    Matrices guard_z{};
-    Matrices guard_rate{};
-    Matrices guard_h{};
-    Matrices guard_w{};
-    Matrix guard_0{};
-    View<double, 4> reset_z{};
-    View<double, 4> reset_h{};
-    Matrices reset_0{};
-    Matrices guard_impulse{};
-    IndexMatrix smooth_kind{};
-    Matrices smooth_x{};
-    Matrices smooth_H{};
-    Matrices smooth_s{};
-    Matrix smooth_scale{};
-    IndexMatrix smooth_w{};
-    Matrix smooth_delay{};
-    Matrices Yx{};
-    Matrices Yw{};
-    Matrices YH{};
-    Matrix breakpoint_time{};
-    IndexMatrix breakpoint_state{};
-    Matrix breakpoint_value{};
-    IndexMatrix breakpoint_memory{};
-    Matrix breakpoint_slope{};
-
-    Model row(i64 k) const {
-        return {
-            A.row(k),
-            B.row(k),
-            S.row(k),
-            K.row(k),
-            C.row(k),
-            D.row(k),
-            Kz.row(k),
-            first.row(k),
-            order.row(k),
-            reach.row(k),
-            mode_first.row(k),
-            mode_wz.row(k),
-            mode_wh.row(k),
-            mode_ws.row(k),
-            mode_w0.row(k),
-            mode_stick.row(k),
-            mode_lags.row(k),
-            mode_level.row(k),
-            guard_first.row(k),
-            guard_element.row(k),
-            guard_target.row(k),
-            guard_bypass.row(k),
-            guard_z.row(k),
-            guard_rate.row(k),
-            guard_h.row(k),
-            guard_w.row(k),
-            guard_0.row(k),
-            reset_z.row(k),
-            reset_h.row(k),
-            reset_0.row(k),
-            guard_impulse.row(k),
-            smooth_kind.row(k),
-            smooth_x.row(k),
-            smooth_H.row(k),
-            smooth_s.row(k),
-            smooth_scale.row(k),
-            smooth_w.row(k),
-            smooth_delay.row(k),
-            Yx.row(k),
-            Yw.row(k),
-            YH.row(k),
-            breakpoint_time.row(k),
-            breakpoint_state.row(k),
-            breakpoint_value.row(k),
-            breakpoint_memory.row(k),
-            breakpoint_slope.row(k),
-        };
-    }
-};
+using Model = ModelOf<0>;
+using Models = ModelOf<1>;
 
 /// Compiled mode combinations (leading axis: combination).
 ///
