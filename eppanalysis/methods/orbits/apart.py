@@ -37,7 +37,8 @@ def in_states_of_its_own(system: LureSystem) -> OtherStates | None:
     """The loop without states that nothing drives, with those apart that nothing reads, and in those of its own
     motions; None where it needs none.
 
-    Each of these is done once: done again it would only undo another one by rounding, and that one it, for ever.
+    Other motions are made the states once of each kind: made so again they would only undo one another by rounding, for
+    ever. What nothing drives or reads is looked for anew behind each, for it may mix these with the others.
 
     Examples
     --------
@@ -45,13 +46,18 @@ def in_states_of_its_own(system: LureSystem) -> OtherStates | None:
     >>> in_states_of_its_own(epp.case("elbow").to_system()) is None  # as it is given
     True
     """
-    changes: list[Callable[[LureSystem], OtherStates | None]] = [without_held_states, unread_apart]
-    changes += [] if system.time_step else [motions_apart, evenly_driven, integrators_apart]
+    turns: list[Callable[[LureSystem], OtherStates | None]]
+    turns = [] if system.time_step else [motions_apart, evenly_driven, integrators_apart]
+    left = [without_held_states, unread_apart, *turns]
     found: OtherStates | None = None
-    while made := next(((change, own) for change in changes if (own := change(system)) is not None), None):
+    while made := next(((change, own) for change in left if (own := change(system)) is not None), None):
         change, own = made
-        changes.remove(change)
         found, system = own if found is None else found.then(own), own.system
+        if change in turns:
+            turns.remove(change)
+            left = [without_held_states, unread_apart, *turns]
+        else:
+            left.remove(change)
     return found
 
 

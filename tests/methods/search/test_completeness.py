@@ -15,7 +15,7 @@ import pytest
 from scipy.stats import qmc
 
 import eppanalysis as epp
-from eppanalysis.results import Status
+from eppanalysis.methods.search.basin import REST, UNDECIDED, basin
 from tests.shared import cycles_of, shipped
 
 LOOPS = [
@@ -51,39 +51,20 @@ def starts_around(system: epp.LureSystem, cycles: epp.CycleSearch, count: int) -
     return starts
 
 
-def ends_of(case: epp.Case, found: epp.CycleSearch, starts: np.ndarray) -> list[int | Status]:
-    """What runs from starts end on: the number of the cycle among those found, -1 of none of them, or their status."""
-    system, ends = case.to_system(), []
-    slowest = max([c.period for c in found], default=0.0)
-    for start in starts:
-        begun = replace(system, x0=start)
-        run = epp.simulate(begun, case.input, t_end=max(case.t_end, 30.0 * slowest), t_eval=[0.0])
-        ends.append(_which(found, run.limit_cycle) if run.limit_cycle else run.status)
-    return ends
-
-
-def _which(found: epp.CycleSearch, cycle: epp.LimitCycle) -> int:
-    """Number of the cycle that has the period of another, its sizes and its means; -1 of none."""
-    for i, c in enumerate(found):
-        means = all(abs(c.mean[k] - cycle.mean[k]) < 1e-3 * size for k, size in c.peak_to_peak.items())
-        sizes = all(cycle.peak_to_peak[k] == pytest.approx(size, rel=1e-3) for k, size in c.peak_to_peak.items())
-        if means and sizes and cycle.period == pytest.approx(c.period, rel=1e-4):
-            return i
-    return -1
-
-
 def check(name: str, count: int) -> None:
-    case, found = epp.case(name), cycles_of(name)
-    reached = ends_of(case, found, starts_around(case.to_system(), found, count))
+    case = epp.case(name)
+    system, value = case.to_system(), case.operating_point
+    found = cycles_of(name)
+    reached = basin(system, found, starts_around(system, found, count), value)
     stable = {i for i, c in enumerate(found) if c.stable}
-    assert set(reached) <= stable | {Status.SETTLED, Status.UNDECIDED}, f"{name}: a run ends on what was not found"
+    assert set(reached.ends.tolist()) <= stable | {REST, UNDECIDED}, f"{name}: a run ends on what was not found"
     # Without verdict are runs that an integrator takes through a band without gain, ever more slowly, for ages.
-    assert reached.count(Status.UNDECIDED) <= 0.15 * count
-    if Status.SETTLED in reached:
+    assert reached.count(UNDECIDED) <= 0.15 * count
+    if REST in reached.ends:
         assert found.settles
     if stable and not any(m is not None for c in found for m in c.memory):
-        again = ends_of(case, found, np.array([found[i].state for i in sorted(stable)]))
-        assert again == sorted(stable), f"{name}: a run does not stay on a stable cycle that was found"
+        again = basin(system, found, np.array([found[i].state for i in sorted(stable)]), value)
+        assert again.ends.tolist() == sorted(stable), f"{name}: a run does not stay on a stable cycle that was found"
 
 
 @pytest.mark.slow
@@ -96,9 +77,10 @@ def test_every_run_ends_on_what_was_found(name: str) -> None:
 
 def test_a_missed_cycle_would_be_noticed() -> None:
     case = epp.case("quantised_sensor_ct")
-    found = cycles_of(case.name)
+    system, found = case.to_system(), cycles_of(case.name)
     blind = replace(found, cycles=tuple(c for c in found if c is not found.stable[-1]))
-    assert -1 in ends_of(case, blind, starts_around(case.to_system(), found, 16))
+    reached = basin(system, blind, starts_around(system, found, 16))
+    assert set(reached.ends.tolist()) - {i for i, c in enumerate(blind) if c.stable} - {REST, UNDECIDED}
 
 
 @pytest.mark.slow
