@@ -314,23 +314,23 @@ def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[Poin
 
     The second is None where all orbits up to the whole distance are true: what a step found there is of another branch.
     """
-    a, inside, row = 0.0, point, _along(point)
+    a, inside, row, at_a = 0.0, point, _along(point), point.unknowns
     far = _corrected(point, row, ds, *point.ahead(ds))
     b, outside, at_b = ds, far, None if far is None else far.unknowns
     for _ in range(n_halvings):
         c = 0.5 * (a + b)
         # Bisection on what the engine says of the orbit: no function of the distance changes its sign there.
-        u, slope = inside.ahead(c - a)
+        u, slope = point.ahead(c)
         # Two known orbits predict a third one between them better than one orbit alone does, but where the far one,
         # which need not be true, is of another branch.
-        found = None if at_b is None else _corrected(point, row, c, 0.5 * (inside.unknowns + at_b), slope)
-        found = found or _corrected(point, row, c, u, slope)
+        found = _corrected(point, row, c, u if at_b is None else 0.5 * (at_a + at_b), slope)
+        found = found or _corrected(point, row, c, *inside.ahead(c - a))
         if found is None or not _true(found.orbit):
             b = c
             if found is not None:
                 outside, at_b = found, found.unknowns
         else:
-            a, inside = c, _arrived(inside, c - a, found)
+            a, inside, at_a = c, _arrived(point, c, found), found.unknowns
     return inside, None if outside is None or b == ds else _arrived(point, b, outside)
 
 
