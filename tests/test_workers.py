@@ -155,8 +155,8 @@ print(*set(threads()))
 with one_thread():
     print(*set(threads()))
 """
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "2"}
-    for given in (environment, {name: value for name, value in environment.items() if name != "OPENBLAS_NUM_THREADS"}):
+    free = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    for given in (free | {"OPENBLAS_NUM_THREADS": "2"}, free):
         run = subprocess.run([sys.executable, "-c", code], env=given, check=True, capture_output=True, text=True)
         within, behind, again = run.stdout.split()
         assert (within, again) == ("1", "1")

@@ -330,6 +330,8 @@ def _refuse_what_is_no_store(path: Path) -> None:
     with _reading(path):
         if not path.exists() or not any(path.iterdir()) or any((path / f).exists() for f in _OURS):
             return
+        if [entry.name for entry in path.rglob("*")] == [integrity.PROGRESS]:  # another process has just begun it
+            return
         with suppress(FileNotFoundError):
             if _FIRST_FORM in (path / "zarr.json").read_bytes():
                 raise EppError(

@@ -510,7 +510,7 @@ def test_a_case_that_is_not_there_is_said_before_anything_is_loaded_that_compute
     code = (
         f"import sys\nfrom eppanalysis.cli import main\nsys.argv = ['eppanalysis', {command!r}, 'nofile']\n"
         "try:\n    main()\nexcept SystemExit as end:\n    assert end.code == 2\n"
-        "heavy = 'scipy', 'eppanalysis.engine', 'eppanalysis.methods.describing.predict'\n"
+        "heavy = 'scipy', 'casadi', 'eppanalysis.methods.describing.predict'\n"
         "print([m for m in heavy if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)

@@ -48,7 +48,7 @@ def in_states_of_its_own(system: LureSystem) -> OtherStates | None:
     """
     turns: list[Callable[[LureSystem], OtherStates | None]]
     turns = [] if system.time_step else [motions_apart, evenly_driven, integrators_apart]
-    left = [without_held_states, unread_apart, *turns]
+    left: list[Callable[[LureSystem], OtherStates | None]] = [without_held_states, unread_apart, *turns]
     found: OtherStates | None = None
     while made := next(((change, own) for change in left if (own := change(system)) is not None), None):
         change, own = made
