@@ -51,9 +51,3 @@ def test_the_states_of_a_cascade_are_asked_for_once(monkeypatch: pytest.MonkeyPa
     assert in_states_of_its_own(in_states_of_its_own(loop).system) is not None
     assert not epp.exact_orbit(loop, epp.predict_limit_cycles(loop)[0]).status.ok
     assert len(asked) == 1
-
-
-@pytest.mark.slow
-def test_a_search_of_a_deep_cascade_ends() -> None:
-    found = epp.find_limit_cycles(cascade(33, 0))
-    assert found.status in (epp.Status.CONVERGED, epp.Status.UNDECIDED)
