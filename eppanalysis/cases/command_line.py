@@ -140,8 +140,11 @@ class Asking:
         >>> Asking.of(case("wheelchair")).bounds("loop.gain", "play.gap")
         'eppanalysis bounds wheelchair --over play.gap --from "12 mm" --points 1 --limit loop.gain'
         """
-        over, system = over or self.beside(limit), self.case.to_system()
-        if not over or (not why_by_search(system) and why_no_bounds(system)):
+        over = over or self.beside(limit)
+        if not over:
+            return ""
+        system = self.case.to_system()
+        if not why_by_search(system) and why_no_bounds(system):
             return ""
         at = self.typed(over)
         if not self.words:

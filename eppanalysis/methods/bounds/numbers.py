@@ -268,14 +268,6 @@ def plan_of(loop: Loop, Z: ComplexArray, omega: float) -> tuple[Plan, tuple[Arra
     return Plan(Z.shape[1] - 1, tuple(sequences)), tuple(phases), tuple(memory)
 
 
-def why_no_bounds(system: LureSystem) -> str:
-    """What keeps harmonic balance from the bounds of a loop, in words; empty where nothing does."""
-    if system.time_step:
-        return "a loop in discrete time has no bounds by this method"
-    clocked = (e.name for e in Loop.of(system, system.v0).elements if e.clocked)
-    return next((f"{name} has a clock, and its loop no bounds" for name in clocked), "")
-
-
 def loop_of(system: LureSystem, value: Array) -> Loop:
     """The loop made ready for harmonic balance.
 
@@ -284,6 +276,19 @@ def loop_of(system: LureSystem, value: Array) -> Loop:
     EppError
         For a loop in discrete time, or with an element that has a clock.
     """
-    if why := why_no_bounds(system):
-        raise EppError(f"{system.name}: {why}; sweep it instead.")
-    return Loop.of(system, value)
+    if system.time_step:
+        raise EppError(f"{system.name}: a loop in discrete time has no bounds by this method; sweep it instead.")
+    loop = Loop.of(system, value)
+    for element in loop.elements:
+        if element.clocked:
+            raise EppError(f"{system.name}: {element.name} has a clock, and its loop no bounds; sweep it instead.")
+    return loop
+
+
+def why_no_bounds(system: LureSystem) -> str:
+    """What keeps harmonic balance from the bounds of a loop, in a sentence; empty where nothing does."""
+    try:
+        loop_of(system, system.v0)
+    except EppError as error:
+        return str(error)
+    return ""

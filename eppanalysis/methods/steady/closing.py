@@ -60,12 +60,12 @@ def _nearer(now: Pass, given: bool) -> Pass | None:
     step, longer = newton(now, given)
     if not np.all(np.isfinite(step)):
         return None
-    tried = (advance(now.moved(share * step), now.duration * float(np.exp(share * longer))) for share in _SHARES)
     whole = None
-    for share, new in zip(_SHARES, tried, strict=True):
-        whole = new if share == 1.0 else whole
+    for share in _SHARES:
+        new = advance(now.moved(share * step), now.duration * float(np.exp(share * longer)))
         if new is not None and new.gap_in(now.scale) < (1.0 - 0.1 * share) * now.gap:
             return new
+        whole = new if share == 1.0 else whole
     # An event has passed the begin, or what holds memory is elsewhere: on from where no event is near.
     return whole if whole is None or whole.ends_in_its_modes else placed(whole.start, whole.duration)
 

@@ -218,7 +218,8 @@ def advances(hybrid: HybridSystem) -> Array:
 @of_model
 def repeating(hybrid: HybridSystem) -> BoolArray:
     """Which places of y repeat on a steady motion: states that are compared, and values of elements but for counts."""
-    held = (np.arange(hybrid.H0.size) < hybrid.model.first[-1, 2]) & ~ticks(hybrid)
+    strobe = strobe_of(hybrid)
+    held = np.arange(hybrid.H0.size) < hybrid.model.first[-1, 2] if strobe is None else strobe.held
     return np.concatenate([hybrid.compared, held])
 
 

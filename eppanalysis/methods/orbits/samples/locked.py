@@ -141,8 +141,7 @@ def _once(found: Round) -> Round | None:
     away = np.max(np.abs(found.at_samples - found.at_samples[0]) / found.scale, axis=1)
     for n in range(1, found.n):
         if found.n % n == 0 and np.max(away[::n]) < _SAME:
-            once = Round.of(found.strobe, found.start, n)
-            return close_locked(found.strobe, found.start, n) if once is not None else None
+            return close_locked(found.strobe, found.start, n)
     return found
 
 
