@@ -36,7 +36,8 @@ constexpr auto names_of(const char (&table)[length], const char (&fields)[all]) 
 template <class T> struct Fields;
 
 /// What a table holds, by reference, and how that is called.
-#define EPP_FIELDS(T, ...)                                                                             \
+#define EPP_FIELDS(T, ...) EPP_FIELDS_OF(T, __VA_ARGS__)  // names that stand for several are put in first
+#define EPP_FIELDS_OF(T, ...)                                                                          \
     template <> struct Fields<T> {                                                                     \
         template <class Table> static auto of(Table& table_) {                                        \
             auto& [__VA_ARGS__] = table_;                                                              \
@@ -57,16 +58,14 @@ EPP_FIELDS(Combinations, count, key, linear, step, rate, ready, M, M_twice, M_si
 EPP_FIELDS(Curve, middle, half, base, places, coefficients)
 EPP_FIELDS(Effort, most, sweep, series)
 EPP_FIELDS(EventBuffer, t, guard, x, v, H, modes)
-EPP_FIELDS(Model, A, B, S, K, C, D, Kz, first, order, reach, mode_first, mode_wz, mode_wh, mode_ws, mode_w0,
-    mode_stick, mode_lags, mode_level, guard_first, guard_element, guard_target, guard_bypass, guard_z, guard_rate,
-    guard_h, guard_w, guard_0, reset_z, reset_h, reset_0, guard_impulse, smooth_kind, smooth_x, smooth_H, smooth_s,
-    smooth_scale, smooth_w, smooth_delay, Yx, Yw, YH, breakpoint_time, breakpoint_state, breakpoint_value,
-    breakpoint_memory, breakpoint_slope)
-EPP_FIELDS(Models, A, B, S, K, C, D, Kz, first, order, reach, mode_first, mode_wz, mode_wh, mode_ws, mode_w0,
-    mode_stick, mode_lags, mode_level, guard_first, guard_element, guard_target, guard_bypass, guard_z, guard_rate,
-    guard_h, guard_w, guard_0, reset_z, reset_h, reset_0, guard_impulse, smooth_kind, smooth_x, smooth_H, smooth_s,
-    smooth_scale, smooth_w, smooth_delay, Yx, Yw, YH, breakpoint_time, breakpoint_state, breakpoint_value,
-    breakpoint_memory, breakpoint_slope)
+#define EPP_OF_A_MODEL \
+    A, B, S, K, C, D, Kz, first, order, reach, mode_first, mode_wz, mode_wh, mode_ws, mode_w0, mode_stick, \
+    mode_lags, mode_level, guard_first, guard_element, guard_target, guard_bypass, guard_z, guard_rate, \
+    guard_h, guard_w, guard_0, reset_z, reset_h, reset_0, guard_impulse, smooth_kind, smooth_x, smooth_H, \
+    smooth_s, smooth_scale, smooth_w, smooth_delay, Yx, Yw, YH, breakpoint_time, breakpoint_state, \
+    breakpoint_value, breakpoint_memory, breakpoint_slope
+EPP_FIELDS(Model, EPP_OF_A_MODEL)
+EPP_FIELDS(Models, EPP_OF_A_MODEL)
 EPP_FIELDS(Motion, y, tau, starts, ends, A, r, speed, scale, rows)
 EPP_FIELDS(Outcome, code, verdict, events, since, period, change, mean, low, high, rms, stop)
 EPP_FIELDS(Pieces, edges, modes, memory, fired)
