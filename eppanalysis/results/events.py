@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, overload
 
+import numpy as np
+
 from eppanalysis.arrays import Array, IntArray
 
 
@@ -59,6 +61,11 @@ class Events(Sequence[Event]):
     def __iter__(self) -> Iterator[Event]:
         words = self._words
         return (Event(t, *words[k]) for t, k in zip(self._times.tolist(), self._kinds.tolist(), strict=True))
+
+    def without(self, element: str) -> Events:
+        """Those of all other elements."""
+        kept = np.isin(self._kinds, [kind for kind, words in self._words.items() if words[0] != element])
+        return Events(self._times[kept], self._kinds[kept], self._words)
 
     def __eq__(self, other: Any) -> bool:
         return isinstance(other, Sequence) and tuple(self) == tuple(other)

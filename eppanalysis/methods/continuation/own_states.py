@@ -1,21 +1,28 @@
 """A case whose loop is followed in states of its own, where those that it is given in are mixed, or go on for ever.
 
 In turned states rounding keeps the orbits of an elbow from closing, and those of a long chain of lags from closing well
-(`methods/orbits/apart.py`): a branch has no start, or ends where none is.
+(`methods/orbits/apart.py`): a branch has no start, or ends where none is. A loop in discrete time is followed round a
+sampled controller.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
 from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.methods.orbits.apart import unmixed
+from eppanalysis.methods.search.find import search_from
+from eppanalysis.methods.search.result import CycleSearch
+from eppanalysis.methods.search.sampled import Enough
+from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.simulation.states import OtherStates, unread_apart
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.sampled.clocked import Clocked
 from eppanalysis.models.systems.sampled.strobe import is_sampled
 from eppanalysis.models.systems.subject import CaseLike
+from eppanalysis.progress import Progress
 from eppanalysis.results import LimitCycle
 
 
@@ -24,14 +31,16 @@ class OwnStates:
     """A case that makes its loop in other states, the same at all values of its parameters."""
 
     case: CaseLike
-    states: OtherStates
+    states: OtherStates | InSamples
 
     @classmethod
     def of(cls, case: CaseLike) -> OwnStates | None:
         """None where the states need no others, or are taken at samples."""
         system = case.to_system()
-        if isinstance(case, cls) or system.time_step or is_sampled(system.elements):
+        if isinstance(case, cls) or is_sampled(system.elements):
             return None
+        if system.time_step:
+            return cls(case, InSamples(Clocked.of(system)))
         states = unread_apart(system) or unmixed(system)
         return None if states is None else cls(case, states)
 
@@ -55,10 +64,26 @@ class OwnStates:
 
     def told(self, branch: Branch) -> Branch:
         """A branch of the case with its cycles in the user's states."""
-        special = tuple(replace(s, cycle=self.states.told(s.cycle)) for s in branch.special)
+        cases = [self.case.with_values({branch.parameter: s.value}) for s in branch.special]
+        states = [self.states.beside(case.to_system()) for case in cases]
+        special = tuple(replace(s, cycle=own.told(s.cycle)) for own, s in zip(states, branch.special, strict=True))
         return replace(branch, special=special, others=tuple(map(self.told, branch.others)))
 
 
 def in_own_states(case: CaseLike) -> CaseLike:
-    """The case, in states of its own where it needs such."""
+    """The case, in states of its own where it needs such; in discrete time the search, which knows its user's, bounds."""
+    if case.to_system().time_step:
+        return case
     return cast(CaseLike, OwnStates.of(case) or case)  # it passes on what it does not know itself
+
+
+def searched(
+    case: CaseLike, known: Sequence[LimitCycle], enough: Enough | None = None, progress: Progress | None = None
+) -> CycleSearch:
+    """See ``search_from``: in the states of the case, which are searched in those of its user."""
+    if not isinstance(case, OwnStates):
+        return search_from(case, known, enough, progress)
+    states = case.states.beside(case.case.to_system())
+    wanted = None if enough is None else lambda cycle: enough(states.asked(cycle))
+    found = search_from(case.case, [states.told(cycle) for cycle in known], wanted, progress)
+    return replace(found, cycles=tuple(map(states.asked, found.cycles)))

@@ -21,6 +21,7 @@ from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation.cover import gaps
 from eppanalysis.methods.continuation.labels import Change, in_words
+from eppanalysis.methods.continuation.own_states import searched
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import (
@@ -31,7 +32,6 @@ from eppanalysis.methods.orbits.samples.locked import (
     rounds_near,
     starts_on,
 )
-from eppanalysis.methods.search.find import find_limit_cycles, search_from
 from eppanalysis.methods.simulation.effort import Spent, allotted
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.samples import extent_of
@@ -49,6 +49,8 @@ from eppanalysis.results.provenance import Provenance
 #: How far a cycle may move from one value to the next, relative to its motion; of those that runs carry, the change
 #: of period and size as logarithms.
 _MOVES, _MOVES_IN_RUNS = 0.3, 0.2
+#: Share of a step after which the way of an orbit is taken.
+_NEAR = 1e-2
 #: How well a border is located, relative to the range; one behind which runs are asked.
 _BORDER, _BORDER_OF_RUNS = 1e-6, 2e-3
 #: How far behind a border the branch goes on, relative to the range; the numbers of samples that are tried there on
@@ -87,8 +89,10 @@ class _Here:
         """A point of a closed orbit."""
         return None if once is None else _Point(self, once)
 
-    def carried(self, near: Round, n: int, sample: int = 0, size: float = 1.0) -> Round | None:
-        """The orbit of n periods of the samples nearest to one at another value, begun at a sample of it, scaled."""
+    def carried(
+        self, near: Round, n: int, sample: int = 0, size: float = 1.0, by: Array | None = None
+    ) -> Round | None:
+        """The orbit of n periods of the samples nearest to one at another value, begun at a sample of it, scaled or moved."""
         behind = np.flatnonzero(near.run.guard[: near.last] == near.strobe.guard) + 1
         place = int(np.append(0, behind)[:: near.strobe.every][sample])
         row, hybrid, N = near.rows[place], self.hybrid, self.hybrid.x0.size
@@ -98,7 +102,9 @@ class _Here:
         x[hybrid.compared] = (mean + size * (row - mean))[:N][hybrid.compared]
         x[self.strobe.clock] = row[self.strobe.clock]
         modes = near.run.modes[place - 1] if place else near.start.modes0
-        found = close_locked(self.strobe, self.strobe.begun(x, row[N:], modes), n, near.motion)
+        y = np.append(x, row[N:])
+        y[self.strobe.free] += 0.0 if by is None else by
+        found = close_locked(self.strobe, self.strobe.begun(y[:N], y[N:], modes), n, near.motion)
         return found if found is not None and found.n == n else None
 
     def searched(self, near: LimitCycle, progress: Progress | None) -> _Point | None:
@@ -108,7 +114,7 @@ class _Here:
             return away(cycle, near) < np.log(2.0)
 
         try:
-            found = search_from(self.case, [near], alike, progress)
+            found = searched(self.case, [near], alike, progress)
         except EppError:
             return None
         likely = sorted(filter(alike, found), key=lambda c: away(c, near))
@@ -159,7 +165,9 @@ class _LastTurn:
     @cached_property
     def extent(self) -> Array:
         """Logarithms of its period and of how far each state moves."""
-        return extent_of(self.start.compared, self.run, self.found)
+        strobe = Strobe.of(self.start)
+        assert strobe is not None
+        return extent_of(strobe, self.run, self.found)
 
     def away(self, other: _LastTurn) -> float:
         """How far two are apart in period and sizes, as logarithms."""
@@ -181,6 +189,7 @@ class _Point:
 
     here: _Here
     of: Round | _LastTurn
+    slope: Array | None = None  # of what repeats at its first sample by the parameter, shape (m,); none at first
 
     @property
     def once(self) -> Round | None:
@@ -212,8 +221,13 @@ class _Point:
     def next(self, here: _Here) -> _Point | None:
         """The same cycle at a value near; None where it is not there any more."""
         if isinstance(self.of, Round):
-            once = here.carried(self.of, self.of.n)
-            return here.locked(once) if once is not None and _moved(self.of, once) < _MOVES else None
+            way = here.value - self.value
+            once = here.carried(self.of, self.of.n, by=None if self.slope is None else way * self.slope)
+            if once is None:
+                return None
+            moved, turn = _moved(self.of, once)
+            slope = (once.at_samples[0] - self.of.at_samples[turn]) / way
+            return _Point(here, once, slope) if moved < _MOVES else None
         found = here.by_run(self.of.state, self.of.memory, self.of.found[1])
         near = found is not None and isinstance(found.of, _LastTurn) and found.of.away(self.of) < _MOVES_IN_RUNS
         return found if near else None
@@ -264,9 +278,12 @@ class _Point:
         return f"cycle of {count(int(self.samples), 'sample')}"
 
 
-def _moved(old: Round, new: Round) -> float:
-    """How far an orbit has moved at its samples, relative to its motion."""
-    return float(np.max(np.abs(new.at_samples - old.at_samples) / old.scale, initial=0.0))
+def _moved(old: Round, new: Round) -> tuple[float, int]:
+    """How far an orbit has moved at its samples, relative to its motion, and which of them is now the first."""
+    there, now = old.at_samples[:-1] / old.scale, new.at_samples[:-1] / old.scale
+    moves = [float(np.max(np.abs(np.roll(there, -k, axis=0) - now), initial=0.0)) for k in range(len(there))]
+    turn = int(np.argmin(moves))
+    return moves[turn], turn
 
 
 @dataclass
@@ -307,6 +324,9 @@ class _Walk:
             if len(self.rows) >= self.n_points:
                 return "stops at the number of points asked for"
             step = np.sign(stop - last.value) * min(self.max_step * self.width, abs(stop - last.value))
+            if last.once is not None and last.slope is None:  # near it its way is known: others stand beside it
+                near = last.next(self._asked(last.value + _NEAR * step))
+                self.last = last = last if near is None else replace(last, slope=near.slope)
             here = self._asked(stop if abs(stop - last.value - step) < 1e-9 * self.width else last.value + step)
             new = last.next(here)
             if new is not None:
@@ -448,7 +468,7 @@ def _seed(
         if begin is not None:
             return begin
     for value in ends[::-1]:
-        found = find_limit_cycles(case.with_values({parameter: value}), progress=progress)
+        found = searched(case.with_values({parameter: value}), (), progress=progress)
         begin = next(_points_of(at(value), found.cycles), None)
         if begin is not None:
             return begin

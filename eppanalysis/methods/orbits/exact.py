@@ -23,9 +23,9 @@ from eppanalysis.methods.orbits.delayed.smooth import closed_behind_delay, is_sm
 from eppanalysis.methods.orbits.mirrored import mirrored_orbits
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.samples.locked import locked_orbit, unclosed
-from eppanalysis.methods.orbits.samples.sampled import sampled_orbit
 from eppanalysis.methods.orbits.shooting import orbits_near, same_orbit
 from eppanalysis.methods.simulation.effort import Spent, allotted
+from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
@@ -103,8 +103,7 @@ def exact_orbit(
     0.2251 Hz, exactly 0.2197 Hz
     """
     system, at = standing(system, operating_point, "exact_orbit")
-    if not system.time_step:
-        require_own(system, start)
+    require_own(system, start)
     if (apart := in_states_of_its_own(system)) is not None:
         return apart.told(_as_it_is(apart.system, apart.asked(start), at))
     return _as_it_is(system, start, at)
@@ -113,7 +112,8 @@ def exact_orbit(
 def _as_it_is(system: LureSystem, start: LimitCycle, at: OperatingPoint) -> LimitCycle:
     """The exact orbit in the states in which the loop is given."""
     if system.time_step:
-        return replace(sampled_orbit(system, start, at), operating_point=at)
+        form = InSamples.at(system, at)
+        return form.told(_as_it_is(form.system, form.asked(start), at))
     hybrid = steady_hybrid(system, at)
     if (strobe := Strobe.of(hybrid)) is not None:
         return replace(locked_orbit(system, hybrid, strobe, start), operating_point=at)

@@ -7,9 +7,10 @@ the orbit (docs/theory/exact_orbits.md, All of them).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -26,7 +27,6 @@ from eppanalysis.methods.orbits.locus import has_locus, orbits_on_locus
 from eppanalysis.methods.orbits.mirrored import mirror
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle
 from eppanalysis.methods.orbits.shooting import close_orbit, orbits_near
-from eppanalysis.methods.search.discrete import search_discrete
 from eppanalysis.methods.search.ends import (
     FOR_ONE,
     MOST_EVENTS,
@@ -36,15 +36,17 @@ from eppanalysis.methods.search.ends import (
     Ray,
     Reached,
 )
-from eppanalysis.methods.search.locked import Enough, search_locked, search_near
 from eppanalysis.methods.search.reach import may_be_overcome, pace
 from eppanalysis.methods.search.rests import towards_rests
 from eppanalysis.methods.search.result import CycleSearch
+from eppanalysis.methods.search.sampled import Enough, Starts, search_near, search_sampled
 from eppanalysis.methods.search.told import N_RANDOM, SCALES, Told
 from eppanalysis.methods.simulation.effort import Spent, allotted, left
+from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.methods.simulation.states import OtherStates
+from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
@@ -53,6 +55,9 @@ from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.progress import Progress
 from eppanalysis.results import LimitCycle, Status, smallest_first
 from eppanalysis.results.provenance import Provenance
+
+#: Of one that ends at the first cycle that is enough: None where none is.
+Searched = TypeVar("Searched", CycleSearch, CycleSearch | None)
 
 _SEED = 20050901
 #: Scales of starts beyond the others, where no start has left and the loop holds none from far out.
@@ -141,14 +146,12 @@ def _as_it_is(
     enough: Enough | None,
 ) -> CycleSearch:
     """The search in the states in which the loop is given."""
-    if system.time_step:
-        return search_discrete(system, at, seeds_of(system, at) if predicted is None else predicted, progress)
-    hybrid = steady_hybrid(system, at)
     seeds = seeds_of(system, at) if predicted is None else predicted
     for cycle in seeds:
-        cycle.require_state(hybrid.n_plant)
-    if (strobe := Strobe.of(hybrid)) is not None:
-        return search_locked(system, hybrid, strobe, at, seeds, progress, enough)
+        cycle.require_state(len(system.A))
+    if system.time_step or is_sampled(system.elements):
+        return _in_samples(system, at, seeds, lambda own, starts: search_sampled(own, starts, at, progress, enough))
+    hybrid = steady_hybrid(system, at)
     if not np.any(poles(system.A)):
         # Integrators alone have no time scale of their own: steps of a second would never end on a slow cycle.
         scale = min(c.period for c in seeds) / 20.0 if seeds else 1.0 / pace(system)
@@ -175,6 +178,32 @@ def _as_it_is(
     )
 
 
+def _in_samples(
+    system: LureSystem,
+    at: OperatingPoint,
+    known: Sequence[LimitCycle],
+    search: Callable[[LureSystem, Starts], Searched],
+) -> Searched:
+    """A search of a loop with samples, from cycles that are known, as its user has them."""
+    if system.time_step:
+        form = InSamples.at(system, at)
+        hybrid = steady_hybrid(form.system, at)
+        starts = Starts(system, hybrid, known, lambda x, memory: hybrid.begun(*form.start(x, memory)), form.state)
+        found = search(form.system, replace(starts, told=form.told))
+        return found and replace(found, cycles=tuple(map(form.told, found.cycles)))
+    hybrid = steady_hybrid(system, at)
+    strobe = Strobe.of(hybrid)
+    assert strobe is not None
+    clock, n = strobe.clock, hybrid.n_plant
+
+    def begun(state: Array, memory: Sequence[object]) -> HybridSystem:
+        # Where no controller remembers a time, the clock is at zero.
+        return hybrid.begun(state if memory else np.where(np.arange(n) == clock, 0.0, state), memory)
+
+    misses = "that small basins or only other contents of the controllers' memory lead to"
+    return search(system, Starts(system, hybrid, known, begun, lambda y: y[:n], misses))
+
+
 def _told(found: CycleSearch, apart: OtherStates) -> CycleSearch:
     """What was found in a loop with other states."""
     cycles, unclosed = (tuple(map(apart.told, part)) for part in (found.cycles, found.unclosed))
@@ -192,8 +221,8 @@ def search_from(
     In a loop with sampled controllers it ends at the first cycle that is `enough`, and those known come first.
     """
     loop, at = standing(system, None, "find_limit_cycles")
-    if enough is not None and known and is_sampled(loop.elements):
-        near = search_near(loop, steady_hybrid(loop, at), at, known, enough)
+    if enough is not None and known and (loop.time_step or is_sampled(loop.elements)):
+        near = _in_samples(loop, at, known, lambda own, starts: search_near(own, starts, at, enough))
         if near is not None:
             return near
     return _found(loop, at, predicted=[*seeds_of(loop, at), *known], progress=progress, enough=enough)

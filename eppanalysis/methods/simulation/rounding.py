@@ -62,19 +62,21 @@ class _Sizes:
         m, sampled = hybrid.model, sampled_among(hybrid.elements)
         on_rates, lines = np.abs(m.B), np.flatnonzero(m.smooth_kind == DELAY_LINE)
         on_rates[:, m.smooth_w[lines]] += np.abs(m.S[:, lines])
-        modes, constant, count = [], np.abs(m.mode_w0), len(m.first) - 1
+        Kz, modes, constant, count = m.Kz.copy(), [], np.abs(m.mode_w0), len(m.first) - 1
         weights, levels = np.zeros((count, len(m.C))), np.zeros(count)
-        for e, ((z, w, _), (z_end, w_end, _)) in enumerate(pairwise(m.first.tolist())):
+        for e, ((z, w, h), (z_end, w_end, h_end)) in enumerate(pairwise(m.first.tolist())):
             own, rows = m.guard_element == e, slice(int(m.mode_first[e]), int(m.mode_first[e + 1]))
             constant[rows] += np.abs(m.mode_wh[rows]) @ np.abs(m.reset_0[own]).max(axis=0, initial=0.0)
             modes.append((rows, w_end - w))
+            if e in sampled:  # what it holds stands straight before the elements behind it
+                Kz[:, h:h_end] += m.D[:, w:w_end] @ m.mode_wh[rows.start, : w_end - w, : h_end - h]
             weight = np.abs(m.guard_z[own, : z_end - z]).max(axis=0, initial=0.0)
             if e in sampled or not own.any():
                 # An element without levels hands on what it sees, perhaps straight to one that has some; so does a
                 # controller, whose guards see its clock alone.
                 weight, own = np.where(weight > 0.0, 0.0, 1.0), np.zeros_like(own)
             weights[e, z:z_end], levels[e] = weight, np.abs(m.guard_0[own]).max(initial=0.0)
-        C, Kz = (np.array(part, order="C") for part in (m.C, m.Kz))
+        C = np.array(m.C, order="C")
         gains = C, Kz, np.abs(np.hstack([C, Kz]))
         return cls(gains, on_rates, np.abs(m.D), (weights, levels), tuple(modes), constant, np.abs(m.mode_ws))
 

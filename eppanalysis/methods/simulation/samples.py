@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.models.systems.sampled.strobe import Strobe
+from eppanalysis.models.systems.starts import terms_of_memory
 from eppanalysis.results import Status
 
 if TYPE_CHECKING:
@@ -53,7 +54,9 @@ def rows_of(strobe: Strobe, run: Run) -> Rows:
     values = np.hstack([run.state[order][:, hybrid.compared], memory])
     rates = np.hstack([run.rate[order][:, hybrid.compared], np.zeros_like(memory)])
     moved = np.ptp(np.vstack([hybrid.H0[held], memory]), axis=0)
-    floor = _ROUNDING / _REST * np.abs(memory).max(axis=0, initial=0.0)
+    last = order[-1]
+    terms = terms_of_memory(hybrid, run.state[last], run.memory_values[last], run.modes[last])[held]
+    floor = _ROUNDING / _REST * np.maximum(terms, np.abs(memory).max(axis=0, initial=0.0))
     size = np.concatenate([(run.high - run.low)[hybrid.compared], np.maximum(moved, floor)])
     at = np.flatnonzero(run.guard[order] == strobe.guard)
     return Rows(values, rates, size, at[::-1][:: max(strobe.every, 1)][::-1])
@@ -85,9 +88,10 @@ def judge_samples(strobe: Strobe, run: Run, t_end: float) -> tuple[Status, Array
     return Status.LIMIT_CYCLE, found
 
 
-def extent_of(compared: BoolArray, run: Run, found: Array) -> Array:
-    """Logarithms of the period of a run's cycle and of how far each state moves in it, shape (1 + compared,)."""
-    moved = np.ptp(run.state[run.order[-int(found[0]) - 1 :]][:, compared], axis=0)
+def extent_of(strobe: Strobe, run: Run, found: Array) -> Array:
+    """Logarithms of the period of a run's cycle and of how far what repeats moves in it, shape (1 + free,)."""
+    last = run.order[-int(found[0]) - 1 :]
+    moved = np.ptp(np.hstack([run.state[last], run.memory_values[last]])[:, strobe.free], axis=0)
     return np.log(np.maximum([found[1], *moved], np.finfo(float).tiny))
 
 
@@ -193,7 +197,8 @@ def rests_since(strobe: Strobe, run: Run, found: Array) -> float:
         return float(found[6])
     rows = rows_of(strobe, run)
     moving = np.flatnonzero(np.any(np.abs(rows.values - rows.values[-1]) > _REST * rows.size, axis=1))
-    return float(run.time[run.order[moving[-1]]]) if moving.size else 0.0
+    # What is held comes to rest with the event behind the last at which it was not there yet.
+    return float(run.time[run.order[min(moving[-1] + 1, run.order.size - 1)]]) if moving.size else 0.0
 
 
 def locked_period(rows: Rows, guards: IntArray) -> tuple[int, float, float] | None:

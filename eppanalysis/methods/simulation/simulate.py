@@ -134,12 +134,9 @@ def simulate(
         raise EppError(f"simulate: step is {step}; expected a positive number of seconds.")
     times = sample_times(t_end, t_eval)
     if system.time_step:
-        from eppanalysis.methods.simulation.iterate import iterate
+        from eppanalysis.methods.simulation.in_samples import simulate_in_samples  # which runs this one
 
-        iterated = iterate(system, input, t_end, None if t_eval is None else times, max_steps)
-        at = OperatingPoint.of(system, input, t_end)
-        cycle = iterated.limit_cycle and replace(iterated.limit_cycle, operating_point=at)
-        return replace(iterated, limit_cycle=cycle, operating_point=at)
+        return simulate_in_samples(system, input, t_end, None if t_eval is None else times, max_events, max_steps)
     if (apart := unread_apart(system)) is not None:
         system = apart.system
     given = input_signals_by_name(system.input_names, input)
@@ -313,7 +310,8 @@ def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
     """
     if run.code in EARLY:
         status, found = EARLY[run.code], np.zeros(4)
-        if not np.all(np.abs(run.x_end) < _LARGEST_STATE):
+        last = np.concatenate([run.x_end, *run.memory_values[run.order[-1:]]])
+        if not np.all(np.abs(last) < _LARGEST_STATE):
             return Status.DIVERGED, found
         if run.is_out_of_events and Strobe.of(hybrid) is None:
             # Those switches that were met may tell the cycle: what does not close to rounding is not carried on.

@@ -39,6 +39,10 @@ class OtherStates:
         C = np.where((np.abs(apart.C) <= _UNREAD * (np.abs(system.C) @ T)) & unread, 0.0, apart.C)
         return replace(apart, A=A, C=C)
 
+    def beside(self, system: LureSystem) -> OtherStates:  # noqa: ARG002
+        """The states of the user's loop at other values: the same."""
+        return self
+
     def then(self, further: OtherStates) -> OtherStates:
         """The same loop in states further on, those of a change of its own."""
         T, inverse = self.T @ further.T, further.inverse @ self.inverse

@@ -270,8 +270,13 @@ class _Packer:
             n_plant=self.n,
             compared=~(clock | unread | (np.arange(len(A)) >= self.n)),
             element_names=tuple(self.names),
-            time_scale=2.0 / fastest if fastest > 0 else 1.0,
+            time_scale=2.0 / fastest if fastest > 0 else self._sample_time(),
         )
+
+    def _sample_time(self) -> float:
+        """How long what stands still between samples does [s]; without samples one second is as good as any."""
+        times = [e.sample_time for e in self.system.elements if isinstance(e, SampledController)]
+        return max(times, default=1.0)
 
     def _acts_on(self, D: Array, B: Array, C: Array) -> BoolArray:
         """Where the output of an element (column) acts straight on an input of another (row), or on its own.

@@ -156,6 +156,28 @@ def remembered(hybrid: Hybrid, x: Array, H: Array, modes: IntArray) -> tuple[Any
     )
 
 
+def terms_of_memory(hybrid: Hybrid, x: Array, H: Array, modes: IntArray) -> Array:
+    """Sizes of the terms of which events would make each memory value at a state, shape (memory,)."""
+    model, size = hybrid.model, np.abs(H)
+    seen = np.abs(model.C) @ np.abs(x) + np.abs(model.Kz) @ size
+    rows, z, w = (model.mode_first[:-1] + modes).tolist(), seen, np.zeros(model.B.shape[1])
+    places = list(pairwise(model.first.tolist()))
+    for _ in places:  # as far as outputs reach straight through others
+        for row, (begin, end) in zip(rows, places, strict=True):
+            (zs, ws, hs), (n_z, n_w, n_h) = map(slice, begin, end), map(sub, end, begin)
+            of_values = np.abs(model.mode_wh[row, :n_w, :n_h]) @ size[hs] + np.abs(model.mode_w0[row, :n_w])
+            w[ws] = np.abs(model.mode_wz[row, :n_w, :n_z]) @ z[zs] + of_values
+        z = seen + np.abs(model.D) @ w
+    terms = np.zeros(H.size)
+    for e, (begin, end) in enumerate(places):
+        own, zs, hs = model.guard_element == e, slice(begin[0], end[0]), slice(begin[2], end[2])
+        n_z, n_h = end[0] - begin[0], end[2] - begin[2]
+        of_inputs = np.abs(model.reset_z[own, :n_h, :n_z]) @ z[zs]
+        of_values = np.abs(model.reset_h[own, :n_h, :n_h]) @ size[hs] + np.abs(model.reset_0[own, :n_h])
+        terms[hs] = (of_inputs + of_values).max(axis=0, initial=0.0)
+    return terms
+
+
 def _inputs_and_outputs(hybrid: Hybrid, x: Array, H: Array, modes: IntArray) -> tuple[Array, Array]:
     """Inputs and outputs of all elements, but for the force of what sticks."""
     model = hybrid.model

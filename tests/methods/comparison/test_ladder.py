@@ -305,7 +305,7 @@ def test_a_sampled_loop_is_measured_against_its_simulation() -> None:
 @pytest.mark.slow
 def test_a_loop_with_a_sampled_controller_climbs_to_its_locked_cycle(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, few in (("_N_RANDOM", 0), ("_SCALES", (1.0,)), ("_MOST_SOUGHT", 500)):
-        monkeypatch.setattr(f"eppanalysis.methods.search.locked.{name}", few)
+        monkeypatch.setattr(f"eppanalysis.methods.search.sampled.{name}", few)
     case = sampled_relay().with_values({"dead": 0.1})
     result = epp.ladder(case)
     locked = [p for p in patterns(0.5, 9) if p.low < 0.1 < p.high]

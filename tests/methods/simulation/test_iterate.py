@@ -104,7 +104,7 @@ def test_growth_beyond_numbers_is_called_so():
         assert epp.simulate(system, t_end=100.0).status is Status.DIVERGED
 
 
-def test_cascades_are_evaluated_in_order_and_circles_refused():
+def test_cascades_and_circles_within_a_sample_are_solved():
     cascade = epp.LureSystem.build(
         [[0.0]],
         [[1.0, 0.0]],
@@ -121,8 +121,10 @@ def test_cascades_are_evaluated_in_order_and_circles_refused():
     circle = epp.LureSystem.build(
         [[0.0]], [[1.0, 0.0]], [[0.0], [1.0]], [epp.Saturation(), epp.DeadZone()], D=[[0, 0.5], [0.5, 0]], time_step=1.0
     )
-    with pytest.raises(ModelError, match="feed each other in a circle"):
-        epp.simulate(circle, t_end=1.0)
+    # x is zero from the second sample on, and nothing but zero solves the circle; at the first dz = s/2 + 3 - 1, s = dz/2.
+    run = epp.simulate(replace(circle, x0=np.array([3.0])), t_end=1.0)
+    assert run.signals["dead_zone_output"] == pytest.approx([2.5, 0.0])
+    assert run.signals["saturation_output"] == pytest.approx([1.0, 0.0])
 
 
 def test_unknown_input_is_refused():

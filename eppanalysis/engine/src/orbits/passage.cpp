@@ -95,7 +95,9 @@ i64 derivative_of_run(const Model& model, const Combinations& compiled, const Wo
                 return code;
             }
         }
-        if (a < p && kind(a) == INDUCED && reaches_no_further(g, y)) {
+        // What comes behind one that lets go is met by itself.
+        bool by_itself = a > 0 && kind(a - 1) == LETS_GO;
+        if (a < p && kind(a) == INDUCED && !by_itself && reaches_no_further(g, y)) {
             found = TOUCHES;
         }
         double tau = ((a < p) ? met.time(a) : t_end) - ((a > 0) ? met.time(a - 1) : 0.0);

@@ -15,7 +15,6 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.methods.orbits.samples.continua import joined
-from eppanalysis.methods.orbits.samples.sampled import BORDER
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.period import advance, advances, analyse_period
 from eppanalysis.methods.simulation.rounding import left_by_rounding
@@ -30,6 +29,9 @@ from eppanalysis.models.systems.starts import remembered
 from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
+BORDER = (
+    "an element is where two of its pieces meet on a sample: a disturbance to either side has multipliers of its own"
+)
 #: Decimals, in sizes of the motion, to which samples are compared to choose the one where an orbit begins.
 _DIGITS = 6
 #: Two orbits are one, or one is a shorter one gone round several times, where they are as near as this.
@@ -112,6 +114,12 @@ class Round:
         values = self.pass_.multipliers
         return values is not None and bool(np.any(np.abs(values - 1.0) < _NEUTRAL))
 
+    @property
+    def is_stable(self) -> bool:
+        """Whether all its multipliers are within one."""
+        values = self.pass_.multipliers
+        return values is not None and bool(np.all(np.abs(values) < 1.0))
+
     def begun_at(self, begin: Array) -> HybridSystem:
         """The start, with other values of what repeats."""
         y, n = self.rows[0].copy(), self.start.x0.size
@@ -160,7 +168,8 @@ def of_one_continuum(one: Round, other: Round) -> bool:
         path = Round.of(one.strobe, one.begun_at(begin), one.n)
         return None if path is None else path.at_samples
 
-    many = one.n == other.n and one.one_of_many and other.one_of_many
+    # At its rim, where a sample meets a threshold, a disturbance leads off a continuum to one side.
+    many = one.n == other.n and (one.one_of_many or other.one_of_many)
     return many and joined(one.at_samples[:-1], other.at_samples[:-1], once)
 
 
@@ -239,21 +248,20 @@ def locked_orbit(system: LureSystem, hybrid: HybridSystem, strobe: Strobe, start
 
 def rounds_near(hybrid: HybridSystem, strobe: Strobe, start: LimitCycle) -> Iterator[Round]:
     """Closed orbits near an approximate cycle: of its number of samples, or where that is no whole one, of all near."""
-    length = start.period / strobe.period
-    run = run_hybrid(
-        hybrid.begun(start.state, start.memory),
-        (2.0 + 1.0 / max(length, 0.1)) * start.period,
-        np.zeros(0),
-        2.0 * hybrid.time_scale,
-        most := strobe.samples_in(3.0 * start.period) + MOST_EVENTS,
-        most,
-    )
+    length, found = start.period / strobe.period, list[Round]()
     whole = abs(length - round(length)) < 1e-6 * length and round(length) > 0
-    for n in [round(length)] if whole else lengths_near(length):
-        tried = (close_locked(strobe, begin, n) for begin in starts_on(strobe, run, max(n, 1), 4))
-        found = next((once for once in tried if once is not None), None)
-        if found is not None:
-            yield found
+    begun = hybrid.begun(start.state, start.memory)
+    # A short run first, before it has left an unstable cycle; a stable one is nearer after a long one.
+    for turns in (2.0, 12.0):
+        most = strobe.samples_in((turns + 1.0) * start.period) + MOST_EVENTS
+        t_end = (turns + 1.0 / max(length, 0.1)) * start.period
+        run = run_hybrid(begun, t_end, np.zeros(0), 2.0 * hybrid.time_scale, most, most)
+        for n in [round(length)] if whole else lengths_near(length):
+            for begin in starts_on(strobe, run, max(n, 1), 4):
+                orbit = close_locked(strobe, begin, n)
+                if orbit is not None and not any(same_round(known, orbit) for known in found):
+                    found.append(orbit)
+                    yield orbit
 
 
 def lengths_near(length: float) -> list[int]:

@@ -1,0 +1,547 @@
+"""All limit cycles of a loop with samples: those locked to them exactly, others as runs have them.
+
+Runs from many states end on stable cycles; of a continuum one is listed. Between starts that end differently the
+boundary is bisected, and a run from there stays near the unstable cycle on it. From states on the cycles that are
+known, and on predicted ones, orbits of all numbers of samples near are sought by Newton's method: several may exist
+side by side.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from eppanalysis.arrays import Array, IntArray
+from eppanalysis.methods.orbits.samples.locked import (
+    Round,
+    away,
+    close_locked,
+    lengths_near,
+    locked_cycle,
+    not_among,
+    of_one_continuum,
+    same_round,
+    starts_on,
+)
+from eppanalysis.methods.search.ends import End
+from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_elements
+from eppanalysis.methods.search.result import CycleSearch, exists, undecided
+from eppanalysis.methods.search.unmet import MANY, more_of, unmet
+from eppanalysis.methods.simulation.effort import Spent, Work, allotted
+from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.simulation.samples import extent_of
+from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.linear import poles, slowest_pole
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.sampled.strobe import Strobe
+from eppanalysis.progress import Progress
+from eppanalysis.readable import count
+from eppanalysis.results import LimitCycle, Status, smallest_first
+from eppanalysis.results.provenance import Provenance
+
+#: Whether a cycle that was found is all that is wanted.
+Enough = Callable[[LimitCycle], bool]
+
+#: Factors on a predicted oscillation, or on the distance of the start from rest, at which runs are started.
+_SCALES = (0.1, 0.3, 0.6, 1.0, 1.6, 3.0)
+#: Fewest and most random starts of a draw, sizes of them in parts of where elements begin to matter, draws at most.
+_N_RANDOM, _MOST_RANDOM, _SMALLEST, _LARGEST, _DRAWS, _SEED = 16, 200, 0.05, 3.0, 8, 20050901
+#: Turns of a predicted cycle in a run, fewest and most samples, how many times as long a run is made, how often.
+_TURNS, _FEWEST, _MOST, _FACTOR, _LONGER = 40.0, 400, 40_000, 3.0, 3
+#: Samples in which a run that comes to a locked cycle has done so, and repeated it.
+_LOCKS = 8000
+#: Starts on a cycle from which orbits of other numbers of samples are sought, and samples in all of those.
+_STARTS, _MOST_SOUGHT = 6, 30_000
+#: Samples in all runs from the random starts of a draw, in those between starts that end differently, and how often the
+#: way between two is halved: a run from there is near what lies between for some turns.
+_MOST_DRAWN, _MOST_BETWEEN, _HALVINGS = 100_000, 250_000, 14
+#: Turns of the longest known orbit that a run from a boundary is long, and how near it comes back, relative to how far
+#: it is from known orbits, where another one is sought.
+_STAYS, _RETURNS = 4, 0.1
+#: Steps of the engine, and what is worth as many, after which a search ends; the share of them for runs.
+_MOST_WORK, _FOR_RUNS = 2e7, 0.5
+#: Distance between orbits, in the size of the motion, that is rounding.
+_SAME = 1e-7
+#: Cycles that are not locked are one where they are as near as this, in logarithms of period and size.
+_ALIKE = 0.1
+
+#: What a run comes to: the number of a locked orbit, or how else it ends.
+Outcome = int | End
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """States of a loop as its user has them, and how the runs of a search begin there."""
+
+    loop: LureSystem
+    hybrid: HybridSystem  # as it is run
+    predicted: Sequence[LimitCycle]
+    begun: Callable[[Array, Sequence[object]], HybridSystem]
+    #: The user's state of states and memory values as they are run.
+    state: Callable[[Array], Array]
+    #: Cycles that they may not lead to, in words.
+    misses: str = "with small basins"
+    #: A cycle as its user has it.
+    told: Callable[[LimitCycle], LimitCycle] = lambda cycle: cycle
+
+    @property
+    def slowest(self) -> float:
+        """Rate of the slowest motion of the linear part [1/s]; zero where none is slow."""
+        if not self.loop.time_step:
+            return slowest_pole(self.loop.A)
+        values = poles(self.loop.A).astype(complex)
+        rates = np.abs(np.log(values[values != 0.0])) / self.loop.time_step
+        return float(rates[rates > 1e-9 * rates.max(initial=0.0)].min(initial=np.inf)) if rates.any() else 0.0
+
+    def given(self) -> list[HybridSystem]:
+        """Where elements begin to matter, and predicted cycles, in several sizes."""
+        reach = reach_of_elements(self.loop)
+        starts = [self.begun(s * reach, ()) for s in _SCALES if np.any(reach)]
+        for cycle in self.predicted:
+            state = cycle.require_state(reach.size).state
+            middle = middle_of(cycle)
+            starts += [self.begun(middle + s * (state - middle), cycle.memory) for s in _SCALES]
+        return starts
+
+    @cached_property
+    def _columns(self) -> Array:
+        """States of which random ones are sums: the same in all coordinates."""
+        at_reach = oscillations_at_reach(self.loop)[0]
+        begun = [c.state - middle_of(c) for c in self.predicted]
+        return np.column_stack([self.loop.x0, *begun, reach_of_elements(self.loop), at_reach.real, at_reach.imag])
+
+    def random(self, number: int, seed: int) -> list[Array]:
+        """Random states, from a twentieth of where elements begin to matter to three times as large."""
+        rng = np.random.default_rng(seed)
+        size = np.exp(rng.uniform(np.log(_SMALLEST), np.log(_LARGEST), (number, 1)))
+        noise = rng.normal(size=(number, self._columns.shape[1]))
+        return list(size * noise / np.sqrt(self._columns.shape[1]) @ self._columns.T)
+
+
+def middle_of(cycle: LimitCycle) -> Array:
+    """Where starts of other sizes are made about: the mean of a cycle, or the origin where that is not known."""
+    return cycle.mean_state if cycle.mean_state.size == cycle.state.size else np.zeros(cycle.state.size)
+
+
+@dataclass
+class SampledSearch:
+    """State of one search; lives for one call."""
+
+    system: LureSystem  # as it is run
+    strobe: Strobe
+    starts: Starts
+    progress: Progress | None = None
+    enough: Enough | None = None
+    rounds: list[Round] = field(default_factory=list)
+    others: list[LimitCycle] = field(default_factory=list)
+    extents: list[Array] = field(default_factory=list)
+    ends: Counter[End] = field(default_factory=Counter)
+    lengths: set[int] = field(default_factory=set)
+    rest: Array = field(default_factory=lambda: np.zeros(0))
+    begun: list[tuple[Array, Outcome]] = field(default_factory=list)
+    boundaries: int = 0
+    refused: int = 0
+    work: Work = field(default_factory=lambda: Work(_MOST_WORK))
+    ended: bool = False
+    stopped: bool = False
+
+    def run_all(self) -> None:
+        """Runs, boundaries between their starts, then orbits of other numbers of samples."""
+        with allotted(_MOST_WORK) as self.work:
+            try:
+                with allotted(_FOR_RUNS * _MOST_WORK):
+                    if self._runs() or self._between() or self._mirrored():
+                        return
+            except Spent:
+                self.ended = True
+            try:
+                self._seek()
+            except Spent:
+                self.ended = True
+
+    def _runs(self) -> bool:
+        """Runs from the loop's own start and from others, more of them while cycles are met once; whether one is enough."""
+        for start in (self.hybrid, *self.starts.given()):
+            self.outcome(start)
+            if self.stopped:
+                return True
+        number = int(np.clip(_MOST_DRAWN // self.strobe.samples_in(self.horizon), _N_RANDOM, _MOST_RANDOM))
+        for draw in range(_DRAWS):
+            for k, state in enumerate(self.starts.random(number, _SEED + draw)):
+                self._say(k, number, f"run {k + 1} of {number}")
+                self.begun.append((state, self.outcome(self.starts.begun(state, ()))))
+                if self.stopped:
+                    return True
+            if self.unmet < MANY:
+                break
+        return False
+
+    @property
+    def hybrid(self) -> HybridSystem:
+        """The loop as it is run, begun at its own start."""
+        return self.starts.hybrid
+
+    @property
+    def suffices(self) -> bool:
+        """Whether a cycle that was found is all that is wanted."""
+        return self.enough is not None and any(self.enough(self.starts.told(cycle)) for cycle in self.cycles())
+
+    @property
+    def unmet(self) -> float:
+        """At least how many cycles more there probably are that runs end on; a continuum counts as one cycle."""
+        met = Counter(on for _, on in self.begun if not isinstance(on, End))
+        return unmet(n for on, n in met.items() if not self.rounds[on].one_of_many)
+
+    def outcome(self, start: HybridSystem) -> Outcome:
+        """What a run from a start comes to; the cycle that it ends on is kept."""
+        before = len(self.rounds) + len(self.others)
+        end, on = self.end_of(start)
+        self.ends[end] += 1
+        new = len(self.rounds) + len(self.others) > before
+        self.stopped = new and self.suffices
+        return end if on is None else on
+
+    def cycles(self) -> list[LimitCycle]:
+        """Those found."""
+        return [*(locked_cycle(self.system, o) for o in self.rounds), *self.others]
+
+    def _say(self, done: int, of: int | None, doing: str) -> None:
+        if self.progress is not None:
+            found = count(len(self.rounds) + len(self.others), "cycle")
+            self.progress(done, of, f"{self.system.name}: {doing}, {found}")
+
+    @cached_property
+    def horizon(self) -> float:
+        """How long a run is before it is judged for the first time [s]."""
+        T = self.strobe.controllers[0].sample_time
+        turn, slow = max((c.period for c in self.starts.predicted), default=0.0), self.starts.slowest
+        want = _TURNS * turn if turn else 30.0 / slow if slow else 0.0
+        return float(np.clip(want, _FEWEST * T, _MOST * T))
+
+    def end_of(self, start: HybridSystem) -> tuple[End, int | None]:
+        """How a run from a start ends, and on which of the locked orbits."""
+        t = self.horizon
+        for _ in range(_LONGER):
+            run = self._run(start, t)
+            status, found = judge(start, run, t)
+            if status is Status.SETTLED:
+                self.rest = self._rest_of(run) if not self.rest.size else self.rest
+                return End.REST, None
+            if status is Status.DIVERGED:
+                return End.DIVERGENCE, None
+            # Turns that differ may be on their way to a locked cycle, or parts of one of several turns.
+            may_lock = status is Status.LIMIT_CYCLE and found[5] and self.strobe.samples_in(t) < _LOCKS
+            if status is Status.LIMIT_CYCLE and not may_lock:
+                return self._keep(start, run, found)
+            # One that has run away passes more edges of its encoder than a longer run has events for.
+            if status is Status.EVENT_LIMIT and _FACTOR * run.stats[0] < t:
+                break
+            t *= _FACTOR
+        return (End.OUT_OF_EVENTS if status is Status.EVENT_LIMIT else End.UNDECIDED), None
+
+    def _rest_of(self, run: Run) -> Array:
+        """States of plant and memory values at the end of a run, (N,)."""
+        return np.concatenate([run.x_end, run.memory_values[run.order[-1]]])
+
+    def _run(self, start: HybridSystem, t: float) -> Run:
+        most = self.strobe.samples_in(t) + 20_000
+        return run_hybrid(start, t, np.zeros(0), 2.0 * self.hybrid.time_scale, most, most)
+
+    def _keep(self, start: HybridSystem, run: Run, found: Array) -> tuple[End, int | None]:
+        if not found[5] and not self.strobe.forgets:
+            n = round(found[1] / self.strobe.period)
+            begin = next(starts_on(self.strobe, run, n, 1))
+            known = self._known(begin, n, float(found[3]))
+            if known is not None:
+                return End.CYCLE, known
+            orbit = close_locked(self.strobe, begin, n)
+            return (End.UNDECIDED, None) if orbit is None else (End.CYCLE, self._add(orbit))
+        if (on := self._on_its_way(run, float(found[2]))) is not None:
+            return End.CYCLE, on
+        # The period of a slow cycle has ten thousand samples: its harmonics take ten times as long as the run.
+        if self._is_met(run, found):
+            return End.OF_RUNS, None
+        facts = Provenance("event-exact simulation", {"system": self.system.name})
+        cycle = cycle_of_run(self.system, start, run, found, facts)
+        if cycle is None:
+            return End.UNDECIDED, None
+        self.extents.append(extent_of(self.strobe, run, found))
+        if not any(away(cycle, known) < _ALIKE for known in self.others):
+            self.others.append(cycle)
+        return End.OF_RUNS, None
+
+    def _on_its_way(self, run: Run, differs: float) -> int | None:
+        """The stable locked orbit to which a run comes whose turns still differ so much; None for none."""
+        if self.strobe.forgets or not self.strobe.every:
+            return None
+        samples = self._at_strobe(run)
+        rows = np.hstack([run.state[samples], run.memory_values[samples]])[:, self.strobe.free]
+        for k, orbit in enumerate(self.rounds):
+            if self._is_near(orbit, rows[-1], differs):
+                return k
+        if self.refused == _STARTS or len(rows) < 6:  # what has closed on none so often fills a curve
+            return None
+        size = np.ptp(rows, axis=0)
+        back = np.abs(rows[-3 : -len(rows) // 2 : -1] - rows[-1]) / np.where(size > 0.0, size, np.inf)
+        n = 2 + int(np.argmin(back.max(axis=1)))
+        begin = self.strobe.begun(run.state[samples[-1]], run.memory_values[samples[-1]], run.modes[samples[-1]])
+        orbit = close_locked(self.strobe, begin, n)
+        if orbit is None or not orbit.is_stable or not self._is_near(orbit, rows[-1], differs):
+            self.refused += 1
+            return None
+        self.refused = 0
+        return self._add(orbit)
+
+    def _is_near(self, orbit: Round, y: Array, share: float) -> bool:
+        away = np.max(np.abs(orbit.at_samples - y) / orbit.scale, axis=1)
+        return bool(orbit.is_stable and np.min(away) <= share)
+
+    def _at_strobe(self, run: Run) -> IntArray:
+        """Places of the samples of a run at which all come round, oldest first."""
+        samples = run.order[run.guard[run.order] == self.strobe.guard]
+        return samples[::-1][:: max(self.strobe.every, 1)][::-1]
+
+    def _is_met(self, run: Run, found: Array) -> bool:
+        """Whether a run is on a cycle that is not locked and is listed."""
+        extent = extent_of(self.strobe, run, found)
+        return any(np.abs(extent[0] - known[0]) + np.abs(extent - known)[1:].max() < _ALIKE for known in self.extents)
+
+    def _known(self, begin: HybridSystem, n: int, to_come: float) -> int | None:
+        """The orbit that a run of n samples a turn is on, where that is a known one but for its changes still to come."""
+        y = np.append(begin.x0, begin.H0)[self.strobe.free]
+        for k, orbit in enumerate(self.rounds):
+            away = np.max(np.abs(orbit.at_samples - y) / orbit.scale, axis=1)
+            if orbit.n == n and np.min(away) <= _SAME + 2.0 * to_come:
+                return k
+        return None
+
+    def _add(self, orbit: Round) -> int:
+        """The place of an orbit among those listed, one for each continuum."""
+        for k, known in enumerate(self.rounds):
+            if same_round(known, orbit) or of_one_continuum(known, orbit):
+                return k
+        self.rounds.append(orbit)
+        return len(self.rounds) - 1
+
+    def _between(self) -> bool:
+        """Boundaries between starts that have ended differently, and whether a cycle met there is enough.
+
+        Small basins lie along the boundaries of large ones, where a run from a random start seldom comes, and unstable
+        cycles on them.
+        """
+        rng = np.random.default_rng(_SEED)
+        self._left = _MOST_BETWEEN // self.strobe.samples_in(self.horizon)
+        while self._left > 0 and len({on for _, on in self.begun}) > 1:
+            self._say(len(self.begun), None, "runs between starts of different ends")
+            (a, on_a), (b, on_b) = (self.begun[k] for k in rng.choice(len(self.begun), 2, replace=False))
+            self._left -= 1
+            if on_a != on_b and self._bisect(a, on_a, b, on_b):
+                return True
+        return False
+
+    def _bisect(self, a: Array, on_a: Outcome, b: Array, on_b: Outcome) -> bool:
+        """Halve the way between two starts that end differently, and close the orbit on the boundary; whether enough."""
+        for _ in range(_HALVINGS):
+            self._left -= 1
+            middle = 0.5 * (a + b)
+            on = self.outcome(self.starts.begun(middle, ()))
+            if self.stopped:
+                return True
+            if on == on_a:
+                a = middle
+            else:
+                b, on_b = middle, on
+        self.boundaries += 1
+        if not self.strobe.forgets and self.strobe.every:
+            orbit = self._on_boundary(self.starts.begun(a, ()))
+            if orbit is not None:
+                self._add(orbit)
+                self.stopped = self.suffices
+        return self.stopped
+
+    def _on_boundary(self, start: HybridSystem) -> Round | None:
+        """The orbit near which a run from a boundary stays for a while: where it returns, and not to a known one."""
+        longest = max((orbit.n for orbit in self.rounds), default=1)
+        run = self._run(start, max(self.horizon, _STAYS * longest * self.strobe.period))
+        samples = self._at_strobe(run)
+        rows = np.hstack([run.state[samples], run.memory_values[samples]])[:, self.strobe.free]
+        size = np.ptp(rows, axis=0)
+        size = np.where(size > 0.0, size, np.inf)
+        beside, moving = np.ones(len(rows)), np.isfinite(size)
+        if self.rounds:
+            known = np.concatenate([orbit.at_samples for orbit in self.rounds])
+            beside = KDTree((known / size)[:, moving]).query((rows / size)[:, moving], p=np.inf)[0]
+        tries = 0
+        for n in range(1, len(rows) // 2):
+            back = np.max(np.abs(rows[n:] - rows[:-n]) / size, axis=1)
+            place = int(np.argmin(back / np.maximum(beside[:-n], np.finfo(float).tiny)))
+            if back[place] < _RETURNS * beside[place] and tries < _STARTS:
+                at = samples[place]
+                orbit = close_locked(
+                    self.strobe, self.strobe.begun(run.state[at], run.memory_values[at], run.modes[at]), n
+                )
+                if orbit is not None:
+                    return orbit
+                tries += 1
+        return None
+
+    def _mirrored(self) -> bool:
+        """Runs from the images of all orbits about rest, which a symmetric loop has too, and whether one is enough."""
+        free, n = self.strobe.free, self.hybrid.x0.size
+        for orbit in list(self.rounds):
+            y = orbit.rows[0].copy()
+            y[free] *= -1.0
+            if self.rest.size:
+                y[free] += 2.0 * self.rest[free]
+            self.outcome(self.strobe.begun(y[:n], y[n:], orbit.start.modes0))
+            if self.stopped:
+                return True
+        return False
+
+    def _seek(self) -> None:
+        """Orbits between those known, and of all numbers of samples near those known and predicted."""
+        if self.strobe.forgets or not self.strobe.every:
+            return
+        self._seek_midway()
+        seeds = [
+            (o.n, [o.strobe.begun(*self._split(o, k), o.start.modes0) for k in self._spread(o)]) for o in self.rounds
+        ]
+        for cycle in self.starts.predicted:
+            run = self._run(self.starts.begun(cycle.state, cycle.memory), 2.5 * cycle.period + self.strobe.period)
+            n = max(round(cycle.period / self.strobe.period), 1)
+            seeds.append((n, list(starts_on(self.strobe, run, n, _STARTS))))
+        for length, starts in seeds:
+            # Each cycle has its share of all samples: a long one would take what is there for the others.
+            left = _MOST_SOUGHT // max(len(seeds), 1)
+            size = np.max([o.motion for o in self.rounds], axis=0) if self.rounds else None
+            for n in lengths_near(length):
+                left -= n * len(starts)
+                if left < 0:
+                    break
+                self.lengths.add(n)
+                self._say(len(self.lengths), None, f"orbits of {n} samples")
+                for start in starts:
+                    orbit = close_locked(self.strobe, start, n, size)
+                    if orbit is not None:
+                        self._add(orbit)
+
+    def _seek_midway(self) -> None:
+        """Orbits midway between neighbouring samples of those known: on a curve unstable ones lie between stable."""
+        alike: dict[int, list[Round]] = {}
+        for orbit in self.rounds:
+            if not orbit.one_of_many:  # between those of a continuum lie its others
+                alike.setdefault(orbit.n, []).append(orbit)
+        for n, orbits in alike.items():
+            rows = np.concatenate([orbit.at_samples[:-1] for orbit in orbits])
+            size = np.max([orbit.scale for orbit in orbits], axis=0)
+            beside = KDTree(rows / size).query(rows / size, k=min(2, len(rows)), p=np.inf)[1][:, -1]
+            for k in np.unique(np.linspace(0, len(rows) - 1, min(_STARTS, len(rows))).astype(int)):
+                begun = orbits[k // n].begun_at(0.5 * (rows[k] + rows[beside[k]]))
+                orbit = close_locked(self.strobe, begun, n, size)
+                if orbit is not None:
+                    self._add(orbit)
+
+    def _spread(self, orbit: Round) -> list[int]:
+        """Places of some samples of an orbit, evenly spread."""
+        places = np.append(0, np.flatnonzero(orbit.run.guard[: orbit.last] == self.strobe.guard) + 1)
+        places = places[:: self.strobe.every]
+        return places[np.unique(np.linspace(0, places.size - 1, min(_STARTS, places.size)).astype(int))].tolist()
+
+    def _split(self, orbit: Round, k: int) -> tuple[Array, Array]:
+        n = self.hybrid.x0.size
+        return orbit.rows[k, :n], orbit.rows[k, n:]
+
+    def sentence(self) -> str:
+        """How completeness was sought."""
+        ends = ", ".join(f"{n} {what}" for what, n in sorted(self.ends.items()))
+        between = ", and from states between these," * (len(self.rounds) > 1)
+        text = f"{sum(self.ends.values())} runs from predicted and random states{between} ({ends}); "
+        if self.lengths:
+            text += (
+                f"orbits that are locked to the samples were sought by Newton's method at {min(self.lengths)} to "
+                f"{max(self.lengths)} times {self.strobe.period:g} s, near the known ones."
+            )
+        else:
+            text += "no cycle gave a start to seek orbits from that are locked to the samples."
+        if self.boundaries:
+            text += f" Orbits on {count(self.boundaries, 'boundary')} between starts that end differently were closed from runs."
+        if self.others:
+            text += (
+                " Cycles that are not locked to the samples, and those through a dead time, are listed as runs have "
+                "them, stable ones only."
+            )
+        if self.ends[End.UNDECIDED]:
+            text += " Motions of runs that neither settle nor repeat themselves may fill a curve."
+        text += " The search ended before it had come to its end." * self.ended
+        return text + " It ended at the first cycle that was enough." * self.stopped
+
+
+def search_sampled(
+    system: LureSystem,
+    starts: Starts,
+    at: OperatingPoint,
+    progress: Progress | None = None,
+    enough: Enough | None = None,
+) -> CycleSearch:
+    """All cycles of a loop with samples that runs and predictions lead to, or the first that is enough."""
+    search = _search(system, starts, enough, progress)
+    search.run_all()
+    return _result(search, at)
+
+
+def _search(
+    system: LureSystem, starts: Starts, enough: Enough | None, progress: Progress | None = None
+) -> SampledSearch:
+    strobe = Strobe.of(starts.hybrid)
+    assert strobe is not None
+    return SampledSearch(system, strobe, starts, progress, enough)
+
+
+def search_near(system: LureSystem, starts: Starts, at: OperatingPoint, enough: Enough) -> CycleSearch | None:
+    """What runs from cycles that are known at another value end on, where one of these is enough; else None."""
+    search = _search(system, starts, enough)
+    for cycle in starts.predicted:
+        search.outcome(starts.begun(cycle.state, cycle.memory))
+        if search.stopped:
+            return _result(search, at)
+    return None
+
+
+def _result(search: SampledSearch, at: OperatingPoint) -> CycleSearch:
+    system = search.system
+    cycles = search.cycles()
+    unclosed = () if search.stopped else not_among(cycles, search.starts.predicted)
+    open_runs = search.ends[End.UNDECIDED]
+    left = [undecided(open_runs)] * bool(open_runs) + [
+        f"the search ended when it had taken {_MOST_WORK:.0e} steps"
+    ] * search.ended
+    left += more_of("cycles that runs end on", search.unmet)
+    if used_up := search.ends[End.OUT_OF_EVENTS]:
+        left.append(f"{count(used_up, 'run')} had used up all events before anything settled or repeated itself")
+    return CycleSearch(
+        cycles=tuple(replace(c, operating_point=at) for c in smallest_first(cycles)),
+        status=Status.UNDECIDED if left or any(map(exists, unclosed)) else Status.CONVERGED,
+        settles=search.ends[End.REST] > 0,
+        diverges=search.ends[End.DIVERGENCE] > 0,
+        search=search.sentence(),
+        not_covered=f"Cycles {search.starts.misses} may be missed",
+        rest_state=search.starts.state(search.rest) if search.rest.size else search.rest,
+        unclosed=unclosed,
+        left_open=tuple(left),
+        n_continua=sum(o.one_of_many for o in search.rounds),
+        n_runs=sum(search.ends.values()),
+        provenance=Provenance(
+            "search for limit cycles",
+            {"system": system.name},
+            {},
+            {**{str(end): n for end, n in search.ends.items()}, "work": search.work.used},
+        ),
+        operating_point=at,
+    )
