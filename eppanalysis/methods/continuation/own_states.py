@@ -71,7 +71,10 @@ class OwnStates:
 
 
 def in_own_states(case: CaseLike) -> CaseLike:
-    """The case, in states of its own where it needs such; in discrete time the search, which knows its user's, bounds."""
+    """The case, in states of its own where it needs such.
+
+    In discrete time the search bounds, which goes into such states by itself.
+    """
     if case.to_system().time_step:
         return case
     return cast(CaseLike, OwnStates.of(case) or case)  # it passes on what it does not know itself

@@ -89,10 +89,8 @@ class _Here:
         """A point of a closed orbit."""
         return None if once is None else _Point(self, once)
 
-    def carried(
-        self, near: Round, n: int, sample: int = 0, size: float = 1.0, by: Array | None = None
-    ) -> Round | None:
-        """The orbit of n periods of the samples nearest to one at another value, begun at a sample of it, scaled or moved."""
+    def carried(self, near: Round, n: int, sample: int = 0, size: float = 1.0, by: Array | None = None) -> Round | None:
+        """The orbit of n periods of the samples nearest to one at another value, begun on it, scaled, moved."""
         behind = np.flatnonzero(near.run.guard[: near.last] == near.strobe.guard) + 1
         place = int(np.append(0, behind)[:: near.strobe.every][sample])
         row, hybrid, N = near.rows[place], self.hybrid, self.hybrid.x0.size

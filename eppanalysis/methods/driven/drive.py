@@ -15,11 +15,12 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError, did_you_mean
 from eppanalysis.methods.describing.balance import Balance
+from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import InputSignal, Sine, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
-from eppanalysis.models.systems.subject import CaseLike, PointLike, require_continuous, standing, system_of
+from eppanalysis.models.systems.subject import CaseLike, PointLike, standing, system_of
 
 #: Longest step of a run, relative to the period of the input: no simple share of it, for switches of what keeps step
 #: with the input would fall on the ends of steps, where rounding has them met again and again.
@@ -35,6 +36,7 @@ class Drive:
     input: str
     amplitude: float  # in the unit of the input
     omega: float  # angular frequency [rad/s]
+    form: InSamples | None = None  # how a loop in discrete time is run
 
     @property
     def period(self) -> float:
@@ -105,6 +107,7 @@ class Drive:
             self.input,
             self.amplitude if amplitude is None else amplitude,
             self.omega if omega is None else omega,
+            self.form,
         )
         new.__dict__.update(_unit=self._unit, balance=self.balance)  # which do not depend on the sine
         return new
@@ -141,8 +144,10 @@ def drive_of(
         point = operating_point if isinstance(operating_point, OperatingPoint) else point.with_inputs(operating_point)
     middle = point.inputs.get(name, float(system.v0[system.input_names.index(name)]))
     system, at = standing(loop, point.with_inputs({name: middle}), analysis)
-    require_continuous(system, analysis)
-    return Drive(system, at, name, float(amplitude), 2.0 * np.pi * float(frequency))
+    form = InSamples.at(system, at) if system.time_step else None
+    if form is not None:
+        system, at = standing(form.system, at, analysis)
+    return Drive(system, at, name, float(amplitude), 2.0 * np.pi * float(frequency), form)
 
 
 def _own_sines(system: LureSystem, given: object) -> dict[str, Sine]:

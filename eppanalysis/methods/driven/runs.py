@@ -94,7 +94,8 @@ def _closed(drive: Drive, periods: int, multiple: int) -> PeriodicResponse | Non
     found = Round.closed(strobe, steady, round(n))
     if found is None:
         return None
-    cycle = replace(locked_cycle(drive.system, found), operating_point=drive.at)
+    cycle = locked_cycle(drive.system, found)
+    cycle = replace(drive.form.told(cycle, found.start) if drive.form else cycle, operating_point=drive.at)
     return PeriodicResponse(multiple, drive.phase(found.start.x0), drive.amplitude, cycle, found.one_of_many)
 
 

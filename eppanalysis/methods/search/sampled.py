@@ -57,11 +57,13 @@ _N_RANDOM, _MOST_RANDOM, _SMALLEST, _LARGEST, _DRAWS, _SEED = 16, 200, 0.05, 3.0
 _TURNS, _FEWEST, _MOST, _FACTOR, _LONGER = 40.0, 400, 40_000, 3.0, 3
 #: Samples in which a run that comes to a locked cycle has done so, and repeated it.
 _LOCKS = 8000
+#: Samples of orbits beside which others of as many samples are sought.
+_MIDWAY = 40
 #: Starts on a cycle from which orbits of other numbers of samples are sought, and samples in all of those.
 _STARTS, _MOST_SOUGHT = 6, 30_000
 #: Samples in all runs from the random starts of a draw, in those between starts that end differently, and how often the
 #: way between two is halved: a run from there is near what lies between for some turns.
-_MOST_DRAWN, _MOST_BETWEEN, _HALVINGS = 100_000, 250_000, 14
+_MOST_DRAWN, _MOST_BETWEEN, _HALVINGS = 100_000, 150_000, 14
 #: Turns of the longest known orbit that a run from a boundary is long, and how near it comes back, relative to how far
 #: it is from known orbits, where another one is sought.
 _STAYS, _RETURNS = 4, 0.1
@@ -167,7 +169,7 @@ class SampledSearch:
                 self.ended = True
 
     def _runs(self) -> bool:
-        """Runs from the loop's own start and from others, more of them while cycles are met once; whether one is enough."""
+        """Runs from the loop's own start and from others, more while cycles are met once; whether one is enough."""
         for start in (self.hybrid, *self.starts.given()):
             self.outcome(start)
             if self.stopped:
@@ -292,12 +294,12 @@ class SampledSearch:
         back = np.abs(rows[-3 : -len(rows) // 2 : -1] - rows[-1]) / np.where(size > 0.0, size, np.inf)
         n = 2 + int(np.argmin(back.max(axis=1)))
         begin = self.strobe.begun(run.state[samples[-1]], run.memory_values[samples[-1]], run.modes[samples[-1]])
-        orbit = close_locked(self.strobe, begin, n)
-        if orbit is None or not orbit.is_stable or not self._is_near(orbit, rows[-1], differs):
+        closed = close_locked(self.strobe, begin, n)
+        if closed is None or not self._is_near(closed, rows[-1], differs):
             self.refused += 1
             return None
         self.refused = 0
-        return self._add(orbit)
+        return self._add(closed)
 
     def _is_near(self, orbit: Round, y: Array, share: float) -> bool:
         away = np.max(np.abs(orbit.at_samples - y) / orbit.scale, axis=1)
@@ -314,7 +316,7 @@ class SampledSearch:
         return any(np.abs(extent[0] - known[0]) + np.abs(extent - known)[1:].max() < _ALIKE for known in self.extents)
 
     def _known(self, begin: HybridSystem, n: int, to_come: float) -> int | None:
-        """The orbit that a run of n samples a turn is on, where that is a known one but for its changes still to come."""
+        """The known orbit that a run of n samples a turn is on, but for its changes still to come."""
         y = np.append(begin.x0, begin.H0)[self.strobe.free]
         for k, orbit in enumerate(self.rounds):
             away = np.max(np.abs(orbit.at_samples - y) / orbit.scale, axis=1)
@@ -342,12 +344,12 @@ class SampledSearch:
             self._say(len(self.begun), None, "runs between starts of different ends")
             (a, on_a), (b, on_b) = (self.begun[k] for k in rng.choice(len(self.begun), 2, replace=False))
             self._left -= 1
-            if on_a != on_b and self._bisect(a, on_a, b, on_b):
+            if on_a != on_b and self._bisect(a, on_a, b):
                 return True
         return False
 
-    def _bisect(self, a: Array, on_a: Outcome, b: Array, on_b: Outcome) -> bool:
-        """Halve the way between two starts that end differently, and close the orbit on the boundary; whether enough."""
+    def _bisect(self, a: Array, on_a: Outcome, b: Array) -> bool:
+        """Halve the way between two starts that end differently, and close the orbit there; whether it is enough."""
         for _ in range(_HALVINGS):
             self._left -= 1
             middle = 0.5 * (a + b)
@@ -357,7 +359,7 @@ class SampledSearch:
             if on == on_a:
                 a = middle
             else:
-                b, on_b = middle, on
+                b = middle
         self.boundaries += 1
         if not self.strobe.forgets and self.strobe.every:
             orbit = self._on_boundary(self.starts.begun(a, ()))
@@ -377,7 +379,7 @@ class SampledSearch:
         beside, moving = np.ones(len(rows)), np.isfinite(size)
         if self.rounds:
             known = np.concatenate([orbit.at_samples for orbit in self.rounds])
-            beside = KDTree((known / size)[:, moving]).query((rows / size)[:, moving], p=np.inf)[0]
+            beside = np.asarray(KDTree((known / size)[:, moving]).query((rows / size)[:, moving], p=np.inf)[0])
         tries = 0
         for n in range(1, len(rows) // 2):
             back = np.max(np.abs(rows[n:] - rows[:-n]) / size, axis=1)
@@ -410,8 +412,10 @@ class SampledSearch:
         if self.strobe.forgets or not self.strobe.every:
             return
         self._seek_midway()
+        of_each = {o.n: o for o in reversed(self.rounds)}  # of as many samples others are near, or mirror images
         seeds = [
-            (o.n, [o.strobe.begun(*self._split(o, k), o.start.modes0) for k in self._spread(o)]) for o in self.rounds
+            (n, [o.strobe.begun(*self._split(o, k), o.start.modes0) for k in self._spread(o)])
+            for n, o in of_each.items()
         ]
         for cycle in self.starts.predicted:
             run = self._run(self.starts.begun(cycle.state, cycle.memory), 2.5 * cycle.period + self.strobe.period)
@@ -441,12 +445,13 @@ class SampledSearch:
         for n, orbits in alike.items():
             rows = np.concatenate([orbit.at_samples[:-1] for orbit in orbits])
             size = np.max([orbit.scale for orbit in orbits], axis=0)
-            beside = KDTree(rows / size).query(rows / size, k=min(2, len(rows)), p=np.inf)[1][:, -1]
-            for k in np.unique(np.linspace(0, len(rows) - 1, min(_STARTS, len(rows))).astype(int)):
-                begun = orbits[k // n].begun_at(0.5 * (rows[k] + rows[beside[k]]))
-                orbit = close_locked(self.strobe, begun, n, size)
-                if orbit is not None:
-                    self._add(orbit)
+            near = np.asarray(KDTree(rows / size).query(rows / size, k=min(3, len(rows)), p=np.inf)[1])
+            spread = np.unique(np.linspace(0, len(rows) - 1, min(_MIDWAY, len(rows))).astype(int))
+            for one, other in ((k, other) for k in spread.tolist() for other in near[k, 1:]):
+                begun = orbits[one // n].begun_at(0.5 * (rows[one] + rows[other]))
+                found = close_locked(self.strobe, begun, n, size)
+                if found is not None:
+                    self._add(found)
 
     def _spread(self, orbit: Round) -> list[int]:
         """Places of some samples of an orbit, evenly spread."""
@@ -471,7 +476,9 @@ class SampledSearch:
         else:
             text += "no cycle gave a start to seek orbits from that are locked to the samples."
         if self.boundaries:
-            text += f" Orbits on {count(self.boundaries, 'boundary')} between starts that end differently were closed from runs."
+            text += (
+                f" {count(self.boundaries, 'boundary').capitalize()} between starts that end differently were bisected."
+            )
         if self.others:
             text += (
                 " Cycles that are not locked to the samples, and those through a dead time, are listed as runs have "

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from eppanalysis.arrays import Array
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.simulate import run_hybrid, simulate
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -61,18 +61,28 @@ class InSamples:
 
     def state(self, y: Array) -> Array:
         """The user's state of the loop's states and memory values."""
-        n, own = len(self.clocked.given.A), len(np.asarray(self.system.elements[0].x0))
-        return y[1 + own : 1 + own + n]  # behind the clock and the controller's states stand its outputs
+        return y[1:][self._outputs]  # behind the clock
 
-    def told(self, cycle: LimitCycle) -> LimitCycle:
-        """A cycle of the loop as its samples have it: states, signals at samples, and their discrete Fourier series."""
+    @property
+    def _outputs(self) -> slice:
+        """Where the states of the last sample stand among the memory values: behind the controller's own."""
+        own = len(np.asarray(self.clocked.controller.x0))
+        return slice(own, own + len(self.clocked.given.A))
+
+    def told(self, cycle: LimitCycle, start: HybridSystem | None = None) -> LimitCycle:
+        """A cycle of the loop as its samples have it: states, signals at samples, and their discrete Fourier series.
+
+        It is run from its own state, with the inputs held, or from a `start` on it.
+        """
         if not cycle.state.size:
             return cycle
         loop, T = self.clocked.given, self.clocked.time_step
         period, n = cycle.period / T, len(loop.A)
         locked = abs(period - round(period)) < _WHOLE * period
         count = round(period) if locked else int(_TURNS * period)
-        x, Y = self._samples(cycle, count)
+        if start is None:
+            start = HybridSystem.from_lure(self.system).held.begun(cycle.state, cycle.memory)
+        x, Y = self._samples(start, count)
         if not locked:
             period = _turn(Y[:, 0], period)
         shown = slice(round(period) if locked else int(period) + 1)
@@ -92,17 +102,16 @@ class InSamples:
             event_states=np.zeros((0, n)),
         )
 
-    def _samples(self, cycle: LimitCycle, count: int) -> tuple[Array, Array]:
-        """States and signals at so many samples from the begin of a cycle on, shapes (count, n), (count, signals)."""
-        hybrid = HybridSystem.from_lure(self.system).held.begun(cycle.state, cycle.memory)
+    def _samples(self, hybrid: HybridSystem, count: int) -> tuple[Array, Array]:
+        """States and signals at so many samples from a start on, shapes (count, n), (count, signals)."""
         strobe, T = Strobe.of(hybrid), self.clocked.time_step
         assert strobe is not None
         most = (2 + len(hybrid.elements)) * count + 100
-        times = T * (np.arange(count) + 0.5)
+        times: Array = np.asarray(T * (np.arange(count) + 0.5), float)
         run = run_hybrid(hybrid, float(times[-1]), times, T, 100 * most, most)
         order = run.order[run.guard[run.order] == strobe.guard]
-        rows = np.vstack([np.append(hybrid.x0, hybrid.H0), np.hstack([run.state, run.memory_values])[order]])
-        return np.array([self.state(y) for y in rows[:count]]), run.samples[:count]
+        held = np.vstack([hybrid.H0, run.memory_values[order]])[:count]
+        return held[:, self._outputs], run.samples[:count]
 
 
 def simulate_in_samples(
@@ -139,7 +148,7 @@ def simulate_in_samples(
     counts = counts[counts <= n]
     # Nothing moves between samples, so that all that a sample brings about is seen half a sample later.
     made = simulate(form.system, given, (n + 0.5) * T, T * (counts + 0.5), max_events=max_events)
-    return _at_samples(form, made, T * counts, OperatingPoint.of(system, input, t_end), n, wanted)
+    return _at_samples(form, made, np.asarray(T * counts, float), OperatingPoint.of(system, input, t_end), n, wanted)
 
 
 def _at_samples(form: InSamples, made: Trajectory, t: Array, at: OperatingPoint, n: int, wanted: int) -> Trajectory:
@@ -182,10 +191,10 @@ def _turn(y: Array, about: float) -> float:
     return span / max(round(span / about), 1)
 
 
-def _series(Y: Array, period: float) -> list[Array]:
+def _series(Y: Array, period: float) -> list[ComplexArray]:
     """Fourier coefficients of signals (samples, s) over whole periods [samples], up to half the sample rate."""
     k = np.arange(int(period / 2.0) + 1)
     c = np.exp(-2j * np.pi / period * np.outer(k, np.arange(len(Y)))) @ Y / len(Y)
     # An even number of samples has one at the highest frequency that is its own mirror image.
     c[1 : int(np.ceil(period / 2.0))] *= 2.0
-    return list(c.T)
+    return [np.asarray(each, complex) for each in c.T]

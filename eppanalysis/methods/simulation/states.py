@@ -39,7 +39,7 @@ class OtherStates:
         C = np.where((np.abs(apart.C) <= _UNREAD * (np.abs(system.C) @ T)) & unread, 0.0, apart.C)
         return replace(apart, A=A, C=C)
 
-    def beside(self, system: LureSystem) -> OtherStates:  # noqa: ARG002
+    def beside(self, system: LureSystem) -> OtherStates:
         """The states of the user's loop at other values: the same."""
         return self
 

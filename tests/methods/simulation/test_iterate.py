@@ -121,7 +121,7 @@ def test_cascades_and_circles_within_a_sample_are_solved():
     circle = epp.LureSystem.build(
         [[0.0]], [[1.0, 0.0]], [[0.0], [1.0]], [epp.Saturation(), epp.DeadZone()], D=[[0, 0.5], [0.5, 0]], time_step=1.0
     )
-    # x is zero from the second sample on, and nothing but zero solves the circle; at the first dz = s/2 + 3 - 1, s = dz/2.
+    # At the first sample d = s / 2 + 3 - 1 and s = min(d / 2, 1); then x is zero, which zero alone solves.
     run = epp.simulate(replace(circle, x0=np.array([3.0])), t_end=1.0)
     assert run.signals["dead_zone_output"] == pytest.approx([2.5, 0.0])
     assert run.signals["saturation_output"] == pytest.approx([1.0, 0.0])

@@ -157,8 +157,9 @@ def same_round(one: Round, other: Round) -> bool:
     """Whether two orbits are one, begun at different samples."""
     if one.n != other.n:
         return False
-    away = np.max(np.abs(one.at_samples - other.at_samples[0]) / one.scale, axis=1)
-    return bool(np.min(away) < 1e3 * _SAME)
+    there, here = one.at_samples[:-1] / one.scale, other.at_samples[:-1] / one.scale
+    turns = np.flatnonzero(np.max(np.abs(there - here[0]), axis=1) < _SAME)
+    return any(bool(np.max(np.abs(np.roll(there, -turn, axis=0) - here)) < _SAME) for turn in turns)
 
 
 def of_one_continuum(one: Round, other: Round) -> bool:

@@ -18,7 +18,6 @@ from eppanalysis.arrays import Array, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.dynamic.sampled import ControllerMemory, SampledController
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.signals import SignalMap
 
 #: How near a time must be to a whole number of samples, in samples.
 _WHOLE = 1e-6
@@ -57,43 +56,61 @@ class Clocked:
         return whole_samples(self.given, "a dead time", self.given.delays)
 
     @cached_property
-    def system(self) -> LureSystem:
-        """The loop round a sampled controller, whose outputs are the states (and inputs) of the last sample."""
-        loop, s = self.given, self.given.signals
-        (nz, n), nw, nv, k = loop.C.shape, loop.B.shape[1], len(loop.v0), int(self.lags.sum())
-        A, B = self._with_registers()
-        # It reads outputs, the inputs of the last sample and those of this one, and a constant.
+    def controller(self) -> SampledController:
+        """What makes the next states of the outputs, of the inputs at the last sample, of those now, and of a constant.
+
+        Its outputs are the states and the inputs of the last sample.
+        """
+        loop, (A, B) = self.given, self._with_registers()
+        nv, nw, k = len(loop.v0), loop.B.shape[1], len(A) - len(loop.A)
         held = np.vstack([loop.B_input, np.zeros((k, nv))])
         constant = np.append(loop.constant_state, np.zeros(k))[:, None]
-        read = np.hstack([B, held, np.zeros((n + k, nv)), constant])
+        read = np.hstack([B, held, np.zeros((len(A), nv)), constant])
         now = np.hstack([np.zeros((nv, nw + nv)), np.eye(nv), np.zeros((nv, 1))])
         begin = self._begin(loop.x0, loop.memory)
-        control = SampledController(
-            A, read, np.vstack([A, np.zeros((nv, n + k))]), np.vstack([read, now]), sample_time=self.time_step,
-            offset=self.time_step, x0=begin, y0=np.append(begin, self.inputs),
-        )  # fmt: skip
-        # Behind the controller stand its outputs (states, registers, inputs), then those of the elements.
-        puts_out = n + k + nv
-        x, v, w = slice(0, n), slice(n + k, puts_out), slice(puts_out, puts_out + nw)
-        D = np.zeros((nw + 2 * nv + 1 + nz, puts_out + nw))
-        D[:nw, w], D[nw : nw + nv, v] = np.eye(nw), np.eye(nv)
-        seen = slice(nw + 2 * nv + 1, None)
-        D[seen, x], D[seen, v], D[seen, w] = loop.C, loop.D_input, loop.D
-        D_input = np.zeros((len(D), nv))
-        D_input[nw + nv : nw + 2 * nv] = np.eye(nv)
-        signals = np.zeros((len(s.names), puts_out + nw))
+        return SampledController(
+            A,
+            read,
+            np.vstack([A, np.zeros((nv, len(A)))]),
+            np.vstack([read, now]),
+            sample_time=self.time_step,
+            offset=self.time_step,
+            x0=begin,
+            y0=np.append(begin, self.inputs),
+        )
+
+    @cached_property
+    def system(self) -> LureSystem:
+        """The loop round the controller, which comes first among the elements."""
+        loop, s = self.given, self.given.signals
+        (nz, n), nw, nv, k = loop.C.shape, loop.B.shape[1], len(loop.v0), int(self.lags.sum())
+        # Columns: states, registers and inputs that the controller holds, and outputs of the elements.
+        x, v, w = slice(0, n), slice(n + k, n + k + nv), slice(n + k + nv, n + k + nv + nw)
+        # Rows: what the controller reads, and the inputs of the elements.
+        reads = nw + 2 * nv + 1
+        D, D_input, signals = np.zeros((reads + nz, w.stop)), np.zeros((reads + nz, nv)), np.zeros((len(s.C), w.stop))
+        D[:nw, w], D[nw : nw + nv, v], D_input[nw + nv : nw + 2 * nv] = np.eye(nw), np.eye(nv), np.eye(nv)
+        D[reads:, x], D[reads:, v], D[reads:, w] = loop.C, loop.D_input, loop.D
         signals[:, x], signals[:, v], signals[:, w] = s.C, s.D_input, s.D
         return LureSystem.build(
-            np.zeros((0, 0)), np.zeros((0, puts_out + nw)), np.zeros((len(D), 0)), [control, *loop.elements],
-            D=D, D_input=D_input, input_names=loop.input_names, v0=loop.v0, memory=[None, *loop.memory],
-            constant_input=np.concatenate([np.zeros(nw + 2 * nv), [1.0], loop.constant_input]),
-            element_names=[_free_name(loop.element_names), *loop.element_names], principal=loop.principal + 1,
-            signals=SignalMap(s.names, np.zeros((len(s.names), 0)), signals, 0.0 * s.D_input, s.constant, s.units),
+            np.zeros((0, 0)),
+            np.zeros((0, w.stop)),
+            np.zeros((reads + nz, 0)),
+            [self.controller, *loop.elements],
+            D=D,
+            D_input=D_input,
+            constant_input=np.concatenate([np.zeros(reads - 1), [1.0], loop.constant_input]),
+            input_names=loop.input_names,
+            v0=loop.v0,
+            memory=[None, *loop.memory],
+            element_names=[_free_name(loop.element_names), *loop.element_names],
+            signals=replace(s, C=np.zeros((len(s.C), 0)), D=signals, D_input=np.zeros_like(s.D_input)),
+            principal=loop.principal + 1,
             name=loop.name,
-        )  # fmt: skip
+        )
 
     def _with_registers(self) -> tuple[Array, Array]:
-        """Matrices of states and registers: an output enters its chain, newest first, and the oldest reaches the loop."""
+        """Matrices of states and registers: an output enters its chain first, and from its last place it acts."""
         loop, lags = self.given, self.lags
         n, nw, k = len(loop.A), loop.B.shape[1], int(lags.sum())
         A, B = np.zeros((n + k, n + k)), np.zeros((n + k, nw))
