@@ -80,7 +80,6 @@ def branch(given: Given, over: str, low: float, high: float) -> Facts:
     if not pieces or any(special.kind is Change.END for special in pieces[0].special):
         pieces += _followed(case, over, (case.value(over), low), (case.value(over), high))
     special = [special for piece in pieces for special in piece.special]
-    none = "not followed in discrete time" if case.to_system().time_step else "none found"
     lost = [case.text(over, s.value, DIGITS) for s in special if s.kind is Change.END]
     return {
         "pieces": [
@@ -89,7 +88,7 @@ def branch(given: Given, over: str, low: float, high: float) -> Facts:
             for p in pieces
         ],
         "begins": [[s.value, s.cycle.peak_to_peak[given.signal]] for s in special if s.kind in BORN],
-        "doubts": f"not followed beyond {' and '.join(lost)}" if lost else "" if pieces else none,
+        "doubts": f"not followed beyond {' and '.join(lost)}" if lost else "" if pieces else "none found",
     }
 
 

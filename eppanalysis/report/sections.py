@@ -247,10 +247,9 @@ def _branch(case: Case, *, full: bool = False) -> str:
 
 
 def _followed(case: Case, *, full: bool = False) -> str:
-    """The parameter over which a cycle is followed; none in discrete time, and in short reports of sampled loops."""
+    """The parameter over which a cycle is followed; none in short reports of loops with samples."""
     names, system = variation_of(case).over(), case.to_system()
-    followed = not system.time_step if full else not in_samples(system)
-    return names[0] if names and followed else ""
+    return names[0] if names and (full or not in_samples(system)) else ""
 
 
 def _map(case: Case) -> str:

@@ -18,7 +18,7 @@ from eppanalysis.methods.continuation.steps import Point, admissible, make_point
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
+from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case, require_continuous
 from eppanalysis.readable import count, span, words
 from eppanalysis.results import LimitCycle, Result, Status
 from eppanalysis.results.provenance import Provenance
@@ -152,6 +152,7 @@ def continue_folds(
     [[1.663, 1.0], [1.829, 1.1]]
     """
     case = require_case(case, "continue_folds")
+    require_continuous(case.to_system(), "continue_folds")
     check_counts("continue_folds", {"n_points": (n_points, 1)})
     rows = np.linspace(case.si(other, over[0]), case.si(other, over[1]), n_points)
     low, high = sorted(case.si(parameter, v) for v in limits)

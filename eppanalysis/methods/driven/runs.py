@@ -30,6 +30,8 @@ METHOD = "run to a periodic steady state"
 #: Periods of the input after which a run is looked at, and samples of each of the last ones.
 _LOOKED_AT = (30, 100, 300)
 _SAMPLES = 240
+#: Where between even times a run is looked at: on these the samples of a controller may fall, where signals jump.
+_ASIDE = 0.382
 #: Distance of a stretch from the one before it, relative to the range of each signal, up to which it repeats it.
 REPEATS = 1e-6
 #: Difference of a number of periods from a whole one that is rounding, and of a response from a run's end, in its size.
@@ -58,7 +60,7 @@ def steady_of_run(drive: Drive, most_periods: int) -> Steady:
     reached = 0
     for made in dict.fromkeys(max(n, 4 * most_periods) for n in _LOOKED_AT):
         last = 2 * most_periods
-        times = np.linspace(made - last, made, last * _SAMPLES + 1) * drive.period
+        times = (made - last + (np.arange(last * _SAMPLES) + _ASIDE) / _SAMPLES) * drive.period
         run = _run(drive, made, times)
         if run is None:
             break

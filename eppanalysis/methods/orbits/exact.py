@@ -57,7 +57,7 @@ def steady_hybrid(system: LureSystem, at: OperatingPoint | None = None, observed
         If an input is unknown, or what is given names none.
     """
     if system.time_step:
-        raise EppError(f"{system.name}: a discrete-time loop has no motion between samples; it is iterated instead.")
+        raise EppError(f"{system.name} is a loop in discrete time, which has no motion between its samples.")
     memory = system if at is None else replace(system, v0=at.vector(system))
     return HybridSystem.from_lure(memory, observed=observed).held
 

@@ -340,9 +340,10 @@ class SampledSearch:
         """
         rng = np.random.default_rng(_SEED)
         self._left = _MOST_BETWEEN // self.strobe.samples_in(self.horizon)
-        while self._left > 0 and len({on for _, on in self.begun}) > 1:
-            self._say(len(self.begun), None, "runs between starts of different ends")
-            (a, on_a), (b, on_b) = (self.begun[k] for k in rng.choice(len(self.begun), 2, replace=False))
+        ended = [start for start in self.begun if start[1] not in (End.UNDECIDED, End.OUT_OF_EVENTS)]
+        while self._left > 0 and len({on for _, on in ended}) > 1:
+            self._say(self.boundaries, None, "boundaries between starts of different ends")
+            (a, on_a), (b, on_b) = (ended[k] for k in rng.choice(len(ended), 2, replace=False))
             self._left -= 1
             if on_a != on_b and self._bisect(a, on_a, b):
                 return True

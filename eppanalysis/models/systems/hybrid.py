@@ -117,7 +117,10 @@ class HybridSystem:
             For a discrete-time system, an unknown input, or a loop without a unique solution.
         """
         if system.time_step:
-            raise ModelError(f"{system.name}: a discrete-time system has no hybrid form; it is iterated instead.")
+            raise ModelError(
+                f"{system.name}: a loop in discrete time has no hybrid form of its own",
+                expected="that of its controller",
+            )
         unknown = set(input_signals or {}) - set(system.input_names)
         if unknown:
             known = ", ".join(system.input_names) or "none"

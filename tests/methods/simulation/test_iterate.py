@@ -169,3 +169,36 @@ def test_dead_time_between_samples_is_refused():
     late = epp.LureSystem.from_tf(control.tf([1.0], [1.0, -1.6, 0.8], 0.1), epp.Relay(), delay=0.14)
     with pytest.raises(ModelError, match=r"a dead time is 0.14 s; expected a whole number of samples of 0.1 s"):
         epp.simulate(late, t_end=10.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_cascades_with_dead_times_and_inputs_are_those_of_a_plain_iteration(seed: int) -> None:
+    """Three elements, of which one feeds the next within a sample and two have a dead time; a sine and a step."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(3, 3))
+    A *= 0.8 / np.abs(np.linalg.eigvals(A)).max()
+    elements = [epp.Saturation(-0.4, 0.5, 1.5), epp.Play(0.2), epp.Quantiser(0.1, 30)]
+    D = np.array([[0.0, 0.0, 0.0], [0.7, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    B, C, B_input, D_input = (rng.normal(size=shape) for shape in ((3, 3), (3, 3), (3, 2), (3, 2)))
+    lags = np.array([0, 2, 1])
+    system = epp.LureSystem.build(
+        A, B, C, elements, D=D, B_input=B_input, D_input=D_input, input_names=("a", "b"), v0=[0.1, 0.0],
+        constant_state=0.1 * rng.normal(size=3), x0=rng.normal(size=3), delays=0.25 * lags, time_step=0.25,
+    )  # fmt: skip
+    run = epp.simulate(system, {"a": epp.inputs.Sine(0.6, 0.37), "b": epp.inputs.Step(0.8, time=4.0)}, 20.0)
+    x, held, W, Z = system.x0, 0.0, [], []
+    for k in range(81):
+        v = np.array([0.1 + 0.6 * np.sin(2 * np.pi * 0.37 * 0.25 * k), 0.8 * (k >= 16)])
+        z = C @ x + D_input @ v
+        w = np.zeros(3)
+        w[0] = np.clip(1.5 * z[0], -0.4, 0.5)
+        z[1] += 0.7 * w[0]
+        held = min(max(held, z[1] - 0.1), z[1] + 0.1)
+        w[1], w[2] = held, 0.1 * np.clip(np.floor(z[2] / 0.1 + 0.5), -30, 30)
+        W.append(w)
+        Z.append(z)
+        late = np.array([W[max(k - lag, 0)][j] for j, lag in enumerate(lags)])
+        x = A @ x + B @ late + B_input @ v + system.constant_state
+    for j, name in enumerate(("saturation", "play", "quantiser")):
+        np.testing.assert_allclose(run.signals[f"{name}_input"], np.array(Z)[:, j], atol=1e-11)
+        np.testing.assert_allclose(run.signals[f"{name}_output"], np.array(W)[:, j], atol=1e-11)

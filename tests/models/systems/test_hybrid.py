@@ -105,7 +105,7 @@ def test_clocks_and_inputs_are_not_compared_between_periods():
 
 def test_what_has_no_hybrid_form_is_refused():
     discrete = epp.LureSystem.build([[0.5]], [[1.0]], [[1.0]], [epp.Relay()], time_step=1.0)
-    with pytest.raises(ModelError, match="it is iterated instead"):
+    with pytest.raises(ModelError, match="no hybrid form of its own"):
         HybridSystem.from_lure(discrete)
     with pytest.raises(ModelError, match="no input 'x'; expected one of: harness_position"):
         HybridSystem.from_lure(elbow(), {"x": epp.inputs.Step(1.0)})
