@@ -201,6 +201,8 @@ def _describe(unit: str) -> str:
     return f"{kind} such as {example!r}" if unit else f"{kind} such as {example}"
 
 
+# A case that is varied is read again and again, and most of its texts stay.
+@lru_cache(maxsize=4096)
 def _split(text: str, unit: str | None) -> tuple[float, str]:
     wanted = "a number with or without a unit" if unit is None else _describe(unit)
     if len(text) > _LONGEST:
@@ -298,7 +300,6 @@ def parse_any(value: object) -> tuple[float, str]:
 
 @lru_cache(maxsize=4096)
 def _parsed(text: str) -> tuple[float, str]:
-    """As :func:`parse_any`: a case that is varied is read again and again, and most of its texts stay."""
     number, given = _split(text, None)
     unit = "Hz" if _counts_turns(given) else unit_of(dimensions(given))
     return _finite(number * _factor_and_base(given)[0], unit), unit
