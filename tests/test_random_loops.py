@@ -1,4 +1,4 @@
-"""The engine on random loops: three thousand (`EPP_LOOPS`) against itself with halved steps, a sample against another one.
+"""The engine on random loops: three thousand (`EPP_LOOPS`) against itself with halved steps, some against another one.
 
 A missed or invented switch shows as a difference between the two runs. Loops may be chaotic or balance on an edge;
 where the runs differ, a third run from a start moved by a few parts in 1e14 tells whether the loop itself magnifies

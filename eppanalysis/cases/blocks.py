@@ -288,7 +288,8 @@ def needed(
 ) -> dict[str, Callable[[float], Any]]:
     """What may stand in for the fields that a part needs and that are not given: made of a number, lists as long."""
     forms = declared_fields(made) if issubclass(made, LinearBlock) else field_types(made)
-    lacking = [key for key in _without_default(made) if key not in given]
+    # A class has a hash though its instances have none.
+    lacking = [key for key in _without_default(made) if key not in given]  # type: ignore[arg-type]
     return {key: partial(_stand_in, forms[key], length, i + 1) for i, key in enumerate(lacking)}
 
 
