@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING
 
 from eppanalysis.errors import EppError, Fault
@@ -201,6 +201,8 @@ def _describe(unit: str) -> str:
     return f"{kind} such as {example!r}" if unit else f"{kind} such as {example}"
 
 
+# A case that is varied is read again and again, and most of its texts stay.
+@lru_cache(maxsize=4096)
 def _split(text: str, unit: str | None) -> tuple[float, str]:
     wanted = "a number with or without a unit" if unit is None else _describe(unit)
     if len(text) > _LONGEST:
@@ -293,9 +295,12 @@ def parse_any(value: object) -> tuple[float, str]:
     >>> parse_any("20 mm"), parse_any("2 kHz"), parse_any("30 1/s")
     ((0.02, 'm'), (2000.0, 'Hz'), (30.0, '1/s'))
     """
-    if not isinstance(value, str):
-        return _number(value, None), ""
-    number, given = _split(value, None)
+    return _parsed(value) if isinstance(value, str) else (_number(value, None), "")
+
+
+@lru_cache(maxsize=4096)
+def _parsed(text: str) -> tuple[float, str]:
+    number, given = _split(text, None)
     unit = "Hz" if _counts_turns(given) else unit_of(dimensions(given))
     return _finite(number * _factor_and_base(given)[0], unit), unit
 
@@ -364,7 +369,12 @@ def unit_of(exponents: Mapping[str, float]) -> str:
     >>> unit_of({"kilogram": 1, "second": -2}), unit_of({"second": 2.0})
     ('N/m', 's^2')
     """
-    wanted = {name: power for name, power in exponents.items() if power}
+    return _called(tuple((name, power) for name, power in exponents.items() if power))
+
+
+@lru_cache(maxsize=1024)
+def _called(exponents: tuple[tuple[str, float], ...]) -> str:
+    wanted = dict(exponents)
     for unit in (*KINDS, *_COMMON):
         if unit != "Hz" and dimensions(unit) == wanted:
             return unit

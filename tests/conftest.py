@@ -7,15 +7,20 @@ import os
 import signal
 import threading
 from collections.abc import Generator
+from functools import cache
 
 # As the command line has it; numpy asks when it is imported. Threads of several test processes get in each other's way.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import matplotlib as mpl
 import pytest
+import typer.testing
 from hypothesis import HealthCheck, settings
 
 mpl.use("Agg")
+
+# The command line is made once in a process, as its users do, and not for each command that a test runs.
+typer.testing._get_command = cache(typer.testing._get_command)
 
 # Derandomised, so that a run never fails by luck; no deadline, because machines are busy.
 settings.register_profile(

@@ -288,9 +288,15 @@ def needed(
 ) -> dict[str, Callable[[float], Any]]:
     """What may stand in for the fields that a part needs and that are not given: made of a number, lists as long."""
     forms = declared_fields(made) if issubclass(made, LinearBlock) else field_types(made)
-    parameters = inspect.signature(made).parameters.items()
-    lacking = [k for k, p in parameters if p.default is inspect.Parameter.empty and k not in given]
+    # A class has a hash though its instances have none.
+    lacking = [key for key in _without_default(made) if key not in given]  # type: ignore[arg-type]
     return {key: partial(_stand_in, forms[key], length, i + 1) for i, key in enumerate(lacking)}
+
+
+@cache
+def _without_default(made: type) -> tuple[str, ...]:
+    """Fields that a part cannot be made without."""
+    return tuple(k for k, p in inspect.signature(made).parameters.items() if p.default is inspect.Parameter.empty)
 
 
 def _stand_in(what: Declared | Held, length: int, nth: int, number: float) -> Any:

@@ -302,15 +302,19 @@ def _places(data, path=()):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("turn", range(2))
 @pytest.mark.parametrize("name", MUTATED)
 def test_check_and_simulate_say_the_same_of_a_file_that_is_changed_in_one_place(
-    tmp_path: Path, name: str, change: str
+    tmp_path: Path, name: str, turn: int
 ) -> None:
-    """Every key of every table: valid, or sentences and no traceback; and what is valid can be run."""
+    """Every key of every table: valid, or sentences and no traceback; and what is valid can be run.
+
+    Two changes at each place, other ones from place to place.
+    """
     told = ("expected", "check again", "is its unit right?")
     whole, path = tomllib.loads(epp.case(name).to_toml()), tmp_path / "changed.toml"
-    for place in _places(whole):
+    for i, place in enumerate(_places(whole)):
+        change = list(CHANGES)[(i + 3 * turn) % len(CHANGES)]
         data = copy.deepcopy(whole)
         holder = data
         for key in place[:-1]:

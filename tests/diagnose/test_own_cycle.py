@@ -16,6 +16,7 @@ from eppanalysis.cli.commands import app
 from eppanalysis.diagnose.record import oscillation_of, record_of
 from eppanalysis.shown import for_people
 from eppanalysis.tables.console import candidates_table
+from tests.report.test_commands import resolve
 
 HOUSE = """
 kind = "diagram"
@@ -149,7 +150,7 @@ def test_a_diagnosis_has_a_bound_of_effort(kind: str) -> None:
                                    ([5.0], [0.2, 1.0, 0.0]), ([1.0], [0.02, 1.0])],
     }[kind]  # fmt: skip
     loop = epp.LureSystem.from_blocks(blocks)
-    steps = 100_000
+    steps = 40_000
     with allotted(1e9) as work:
         found = epp.diagnose(loop, sine(loop.signals.names[0]), steps=steps)
     assert len(str(found)) > 20
@@ -185,7 +186,9 @@ def test_no_probability_stands_below_none_explains_it() -> None:
 
 
 @pytest.mark.slow
-def test_commands_of_a_diagnosis_run_as_they_are_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_of_a_diagnosis_are_understood_and_that_of_a_file_runs_as_it_is_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     case = epp.case("level_valve")
     asked = list(epp.diagnose(case, shipped_cases_folder() / "measured" / "tank_level.csv").remedies())
@@ -195,7 +198,7 @@ def test_commands_of_a_diagnosis_run_as_they_are_printed(tmp_path: Path, monkeyp
     t = 400.0 - np.linspace(12.0 * cycle.period, 0.0, 1500)
     asked += epp.diagnose(house, {"time": t - t[0], "T": epp.simulate(house, t_eval=t).signals["T"]}).remedies()
     assert len(asked) == 2
-    for line in asked:
-        command = line[line.index("eppanalysis ") :]
-        done = CliRunner().invoke(app, shlex.split(command)[1:])
-        assert done.exit_code == 0, f"{command}: {done.output}"
+    of_case, of_file = (line[line.index("eppanalysis ") :] for line in asked)
+    resolve(of_case)
+    done = CliRunner().invoke(app, shlex.split(of_file)[1:])
+    assert done.exit_code == 0, f"{of_file}: {done.output}"

@@ -26,7 +26,7 @@ SANITIZED = (
     "test_newton.py", "test_periodic.py", "test_periodicity.py", "test_responses.py",
 )  # fmt: skip
 #: Seconds of processor time that automata are drawn for.
-FUZZ = float(os.environ.get("EPP_FUZZ", "20"))
+FUZZ = float(os.environ.get("EPP_FUZZ", "6"))
 
 
 def run_python(*args: str, limit: float = 600.0, **environment: str) -> str:

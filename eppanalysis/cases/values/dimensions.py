@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -221,13 +222,20 @@ def _contradicted(known: Sequence[_Fact], fact: _Fact) -> str:
 
 def _implied(known: Sequence[_Fact], role: Role, name: str) -> float | None:
     """Exponent of a base unit in a field of this role, None where what is known does not tell."""
-    rows = np.array([f.role[:2] for f in known], float).reshape(-1, 2)
-    right = np.array([_right(f, name) for f in known], float)
     # Exponents add up as roles do: a role that is a combination of known ones has that combination of their exponents.
-    weights = np.linalg.lstsq(rows.T, np.array(role[:2], float), rcond=None)[0] if len(known) else np.zeros(0)
-    if not np.allclose(weights @ rows if len(known) else np.zeros(2), role[:2]):
+    weights = _combination(tuple(f.role[:2] for f in known), role[:2])
+    if weights is None:
         return None
-    return float(np.round(weights @ right, 9)) + (role[2] if name == "second" else 0)
+    right = sum(weight * _right(f, name) for weight, f in zip(weights, known, strict=True))
+    return round(right, 9) + (role[2] if name == "second" else 0)
+
+
+@lru_cache(maxsize=1024)
+def _combination(known: tuple[tuple[int, int], ...], wanted: tuple[int, int]) -> tuple[float, ...] | None:
+    """Weights with which roles add up to another one, None where they do not."""
+    rows = np.array(known, float).reshape(-1, 2)
+    weights = np.linalg.lstsq(rows.T, np.array(wanted, float), rcond=None)[0] if known else np.zeros(0)
+    return tuple(weights.tolist()) if np.allclose(weights @ rows, wanted) else None
 
 
 def _right(fact: _Fact, name: str) -> float:

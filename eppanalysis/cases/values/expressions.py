@@ -282,10 +282,13 @@ def is_expression(given: object) -> bool:
     >>> [is_expression(given) for given in ("5 mm", "-3", 2.0, "Kp", "2*Kp", "11/J")]
     [False, False, False, True, True, True]
     """
-    if not isinstance(given, str):
-        return False
+    return isinstance(given, str) and _is_no_quantity(given)
+
+
+@lru_cache(maxsize=4096)
+def _is_no_quantity(text: str) -> bool:
     try:
-        parse_any(given)
+        parse_any(text)
     except QuantityError:
         return True
     return False

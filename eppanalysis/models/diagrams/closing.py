@@ -208,7 +208,8 @@ def _cuts(
     outputs = ny + nw
     C, D = (np.vstack([part[:outputs], part[-(nu + nz) :]]) for part in carried[:2])
     D[-nz or len(D) :] += within
-    late = [_delay_of(network, port, C[i], D[i], E[:, i]) for i, port in enumerate(ports)]
+    delays = np.array(network.delays())
+    late = [_delay_of(network.late, delays, port, C[i], D[i], E[:, i]) for i, port in enumerate(ports)]
     number = {port: i for i, port in enumerate(ports)}
     own = {port: number.get(network.moved.get(port, port), -1) for port in network.original}
     kept = {written(port): i for port, i in own.items() if i >= 0 and late[i] is not None}
@@ -219,15 +220,15 @@ def _cuts(
     )  # fmt: skip
 
 
-def _delay_of(network: Network, port: Port, C: Array, D: Array, E: Array) -> float | None:
+def _delay_of(known: Mapping[Port, float], delays: Array, port: Port, C: Array, D: Array, E: Array) -> float | None:
     """Dead time of a disturbance at a port that carries ``C x + D w`` and acts on elements through E.
 
     A port that hands on nothing but a late output carries it before the dead time, as far as a loop can tell, and so
     the disturbance is late instead. Where more is mixed a loop cannot tell: None.
     """
-    if port in network.late:
-        return network.late[port]
-    waits = set(np.array(network.delays())[D != 0].tolist())
+    if port in known:
+        return known[port]
+    waits = set(delays[D != 0].tolist())
     if not any(waits):
         return 0.0
     return waits.pop() if len(waits) == 1 and not np.any(C) and not np.any(E) else None

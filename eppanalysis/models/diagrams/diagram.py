@@ -128,7 +128,7 @@ class Diagram:
         """
         return cls(**drawn(loop))
 
-    @property
+    @cached_property
     def levels(self) -> dict[str, float]:
         """External inputs and where they are before the start [SI]."""
         given = self.inputs

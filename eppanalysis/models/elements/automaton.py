@@ -265,6 +265,11 @@ class Automaton:
         return np.argsort(self.guard_columns["mode"], kind="stable")
 
     @cached_property
+    def guards_by_mode(self) -> ByName:
+        """Fields of the guards in the order of `by_mode`."""
+        return {name: column[self.by_mode] for name, column in self.guard_columns.items()}
+
+    @cached_property
     def first_of_mode(self) -> IntArray:
         """Where the guards of each mode begin in `by_mode`, shape (modes + 1,)."""
         counts = np.bincount(self.guard_columns["mode"], minlength=len(self.modes))

@@ -229,7 +229,7 @@ class _Packer:
             **self._signals(V, carrier),
             **breakpoints,
         )
-        model = Model(*(np.array(a, order="C") for a in model))
+        model = Model(*map(np.ascontiguousarray, model))
         return self._around(model, x0).begun(self.system.x0, self.system.memory)
 
     def _about_elements(self, V: Array, carrier: Array) -> tuple[Array, Array, Array, Array]:
@@ -474,7 +474,7 @@ class _Packer:
     def _write_guards(self, g: dict[str, Any], rows: slice, e: int, B: Array, C: Array, D: Array) -> None:
         a = self.automata[e]
         z, w, h = a.n_inputs, a.n_outputs, a.n_memory
-        guards = {name: column[a.by_mode] for name, column in a.guard_columns.items()}
+        guards = a.guards_by_mode
         # A sticking mode is entered only where the loop pulls the input back against the jump.
         target, modes, (z0, w0) = guards["target"], a.mode_columns, self.first[e, :2]
         enters = ~modes["sticking"][target] | admitted(modes["jump"][target], int(z0), int(w0), B, C, D)

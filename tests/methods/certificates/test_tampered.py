@@ -166,8 +166,9 @@ def test_names_and_kinds_of_values_are_as_they_should_be(made: Callable[[str], D
 def test_what_is_not_refused_is_true(made: Callable[[str], Document], name: str) -> None:
     document, said = made(name), 0
     checker = checker_of(document)
-    # Every place of each kind; of dear ones every third value of a place.
-    for label, edited in some(another_size(document), 1 if name in FAST else 3):
+    # Every place of each kind; of dear ones every third value of a place, or the first.
+    step = 1 if name in FAST else 99 if name.startswith("cells") else 3
+    for label, edited in some(another_size(document), step):
         if not refused(checker, edited):
             said += 1
             assert stated(edited) == stated(document) or WITNESS[name.partition(",")[0]](edited), (

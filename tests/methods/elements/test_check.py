@@ -167,7 +167,7 @@ def ring(n_modes: int, n_guards: int, constant: float) -> epp.AutomatonElement:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("n_modes", "n_guards", "constant"), [(30, 40, 0.0), (5, 40, 1.0), (60, 60, -1.0)])
+@pytest.mark.parametrize(("n_modes", "n_guards", "constant"), [(30, 40, 0.0), (60, 60, -1.0)])
 def test_rules_with_ever_more_chains_of_events_are_given_up_in_time(
     n_modes: int, n_guards: int, constant: float
 ) -> None:

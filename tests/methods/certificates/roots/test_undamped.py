@@ -26,21 +26,15 @@ PLANTS = {
     "with a lag": ([1.0], [1.0, 1.0, 1.0, 1.0]),
     "with an integrator": ([2.0, 1.0], [1.0, 0.0, 1.0, 0.0]),
 }
-#: Behind an integrator every bias within the dead zone balances, too: many boxes are left.
-BY_BIAS = ("uneven dead zone", "with an integrator")
+#: Behind an integrator every bias within the dead zone balances, too: many boxes are left, of a small one.
+BY_BIAS, SMALL = ("uneven dead zone", "with an integrator"), {"amplitude": (0.4, 0.5), "omega": (0.9, 1.1)}
 
 
-@pytest.mark.parametrize(
-    ("name", "plant"),
-    [
-        pytest.param(name, plant, marks=pytest.mark.slow) if (name, plant) == BY_BIAS else (name, plant)
-        for name in ELEMENTS
-        for plant in PLANTS
-    ],
-)
+@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("name", ELEMENTS)
 def test_what_swings_alone_is_not_proved_absent(name: str, plant: str) -> None:
     loop = epp.LureSystem.from_tf(PLANTS[plant], ELEMENTS[name])
-    found = epp.certify(loop, box=BOX)
+    found = epp.certify(loop, box=SMALL if (name, plant) == BY_BIAS else BOX)
     if not found.document:
         assert found.message.startswith("Not covered")
         return
