@@ -83,8 +83,8 @@ def find_limit_cycles(
     ----------
     system : LureSystem or Case
         In discrete time, and with sampled controllers, orbits are sought that close after a whole number of samples;
-        stable motions that stay and do not close so are listed as long runs have them (method "simulation", or
-        "iteration" in discrete time), and their `note` says so.
+        stable motions that stay and do not close so are listed as long runs have them (method "simulation"), and their
+        `note` says so.
     operating_point : OperatingPoint or mapping of str to float, optional
         Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
     by_balance : bool
@@ -104,7 +104,7 @@ def find_limit_cycles(
     Raises
     ------
     EppError
-        For a discrete-time system with an element of several inputs, or an input that does not stand still.
+        For an input that does not stand still.
     ModelError
         If an input is unknown.
 
