@@ -32,7 +32,8 @@ class CycleSearch(Listing[LimitCycle]):
     ----------
     cycles : tuple of LimitCycle
         Exact orbits; and where runs are on cycles whose orbits could not be closed, those as the runs have them (method
-        "simulation", with an error estimate below 1e-9). With samples, motions too that are not locked to them, with the difference between their turns as an error estimate (their `note` says so).
+        "simulation", with an error estimate below 1e-9). With samples, motions too that are not locked to them,
+        with the difference between their turns as an error estimate (their `note` says so).
     status : Status
         CONVERGED, or UNDECIDED when something is left open: no orbit was found for a predicted cycle whose estimate
         says that it exists, some run neither settled nor repeated itself nor left, or is on a cycle that could not be
