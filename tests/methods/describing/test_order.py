@@ -60,6 +60,23 @@ def test_the_order_of_the_elements_does_not_decide_which_cycles_are_found(loop, 
     assert np.array([f for f, _ in one]) == pytest.approx(np.array([f for f, _ in other]), rel=1e-6)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_turned_states_do_not_decide_which_element_leads(seed):
+    """A relay behind a plant and a dead zone behind it act on nothing else: in turned states but for rounding."""
+    loop = epp.LureSystem.from_blocks(
+        [
+            epp.RateLimiter(0.209),
+            ([0.704], [0.08422851562500001, 0.6349328125, 0.316125, 1.0]),
+            epp.Relay(-0.616, 0.616),
+            epp.DeadZone(-0.343, 0.343, 0.934),
+            ([0.605], [0.391, 1.0]),
+        ]
+    )
+    Q = np.linalg.qr(np.random.default_rng(seed).normal(size=loop.A.shape))[0]
+    plain, turned = cycles(loop), cycles(loop.in_coordinates(Q, Q.T))
+    assert len(plain) == 1 and np.array(plain) == pytest.approx(np.array(turned), rel=1e-6)
+
+
 def test_cycles_that_both_orders_find_are_the_same():
     assert np.array(cycles(fast("dz rl"))) == pytest.approx(np.array(cycles(fast("rl dz"))), rel=1e-6)
 
