@@ -94,7 +94,7 @@ def iterate(
         settled_at={k: float(y[-1]) for k, y in signals.items()} if status is Status.SETTLED else {},
         settled_since=_since(t, X, period, rounding) if status.ok else float("nan"),
         note=f"The run stopped after {n - 1} of {wanted} samples; give it more (max_steps)." if early else "",
-        units=s.units_by_name(),
+        units=s.units_of_results(),
         provenance=facts,
     )
 

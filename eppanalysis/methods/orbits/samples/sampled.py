@@ -198,7 +198,7 @@ def _limit_cycle(step: Step, orbit: _Found) -> LimitCycle:
         state=orbit.states[0, :n].copy(),
         mean_state=orbit.states[:, :n].mean(axis=0),
         memory=tuple(float(stored[i]) if i in stored else None for i in range(len(system.elements))),
-        units=s.units_by_name(),
+        units=s.units_of_results(),
     )
 
 

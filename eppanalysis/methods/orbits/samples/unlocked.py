@@ -150,7 +150,7 @@ def _limit_cycle(step: Step, path: Array, W: Array, turns: Turns) -> LimitCycle:
         state=path[first, :n].copy(),
         mean_state=path[first:last, :n].mean(axis=0),
         memory=tuple(float(stored[i]) if i in stored else None for i in range(len(system.elements))),
-        units=s.units_by_name(),
+        units=s.units_of_results(),
         note=f"not locked to the samples: {len(lengths)} turns of {lengths.min():.6g} to {lengths.max():.6g} samples",
         provenance=Provenance("simulation", {"system": system.name, "turns": len(lengths), "time_step": T}),
     )
