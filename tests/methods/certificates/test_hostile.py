@@ -184,6 +184,35 @@ def test_arcs_of_endless_pieces_end_in_a_sentence(rate: str) -> None:
     assert code == 1 and said["why"]
 
 
+@pytest.mark.parametrize(("rows", "count"), [(2, 2000), (150, 2)])
+def test_arcs_of_many_unknowns_are_refused_at_once(rows: int, count: int) -> None:
+    ones = [[str(int(i == j)) for j in range(rows)] for i in range(rows)]
+    arc = {
+        "rate": [*ones[:-1], ["0"] * rows],
+        "guards": [["1"] * rows],
+        "on_rates": [False],
+        "fired": 0,
+        "jump": ones,
+        "levels": [],
+        "at_once": False,
+    }
+    course = {"modes": [[0]], "guards": [0], "unknown": [0], "held": [], "basis": [["1"]]}
+    document = {
+        "statement": STATEMENTS["orbit"].text,
+        "loop": {"arcs": [arc] * count, "course": course},
+        "claim": {"events": count, "period": ["1", "1"], "box": "1/10"},
+        "evidence": {
+            "solution": ["1"] * (rows * count),
+            "sizes": ["1"] * rows,
+            "weights": ["1"] * ((rows - 1) * count),
+            "radius": "1/1000",
+            "box": "1/10",
+        },
+    }
+    code, said, _ = run(of_text(document["statement"]).program, json.dumps(sealed(document)))
+    assert code == 1 and "unknowns" in said["why"]
+
+
 def test_a_checker_runs_beside_files_with_the_names_of_the_standard_library(tmp_path: Path) -> None:
     """Without -I, from its own folder and from another, where the names of modules stand for something else."""
     document = json.dumps(sealed(roots(evidence={"roots": [], "cover": ["?"]}, claim={"roots": 0, "undecided": 1})))
