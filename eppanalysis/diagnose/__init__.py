@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import check_counts
+from eppanalysis.cases.values.typed import read_in
 from eppanalysis.diagnose.candidates import STEPS, Candidates, Family, candidates_of, size_exponents
 from eppanalysis.diagnose.fit import Fit, Yardstick, all_fits, of_family
 from eppanalysis.diagnose.questions import question
@@ -253,7 +254,8 @@ def _with_sizes(made: Explanation, family: Family, case: LureSystem | CaseLike, 
     for name, power in size_exponents(family.element).items():
         fields[name] = _interval(float(getattr(family.element, name)), best, power)
         if parameter_of and (full := parameter_of(f"{family.name}.{name}")):
-            units[name] = parameters[full].unit
+            unit, typed = parameters[full].unit, parameters[full].friendly
+            units[name] = read_in(unit, typed) if typed != unit else unit
             own.append(full)
     others = sorted(n for n in parameters if n not in own)
     # What is free to choose: by its mark, else what the file gives a name of its own.

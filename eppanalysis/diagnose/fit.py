@@ -9,6 +9,7 @@ Stat Assoc 90, 1995): a disturbance of any frequency explains a period less well
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -135,25 +136,27 @@ def _of_cycle(yard: Yardstick, family: Family, cycle: LimitCycle) -> Fit | None:
     if family.in_proportion:
         size = factor
     else:
-        # The size of a cycle is nearly a power of that of its element: secants
-        # in the logarithms, of which the exponent also carries the error over.
-        for _ in range(_SIZES):
-            if abs(np.log(factor)) < _NEAR:
-                break
+        # The size of a cycle is nearly a power of that of its element: secants in the logarithms, of which the exponent
+        # also carries the error over. Its period tells the size, too: of the sizes that fit, the likeliest counts.
+        met = [(size, cycle, harmonics, factor, error, exponent)]
+        while len(met) <= _SIZES and abs(np.log(factor)) >= _NEAR:
             step = np.log(factor) / exponent
-            try:
+            near = None
+            with suppress(EppError):  # what cannot be sought is no size of the element
                 near = _nearest(family.cycles(float(size * np.exp(step))), cycle)
-            except EppError:
-                return None
             if near is None:
-                return None
+                break
             size, cycle, before = float(size * np.exp(step)), near, factor
             harmonics, factor, error = yard.laid(_harmonics(yard.found, cycle))
             if not factor > 0.0:
-                return None
+                break
             exponent = float(np.clip(np.log(before / factor) / step, 0.2, 5.0))
-        if abs(np.log(factor)) >= 10 * _NEAR:
+            met.append((size, cycle, harmonics, factor, error, exponent))
+        met = [one for one in met if abs(np.log(one[3])) < 10 * _NEAR]
+        if not met:
             return None
+        likeliest = min(met, key=lambda one: yard.of_shape(one[2]) + yard.of_frequency(one[1].omega))
+        size, cycle, harmonics, factor, error, exponent = likeliest
     misfit = yard.of_shape(harmonics) + yard.of_frequency(cycle.omega) + yard.of_growth(0.0)
     # A cycle chooses neither its frequency nor its growth, so that both densities count in full
     # (docs/howto/diagnose.md, What the verdict rests on).

@@ -155,6 +155,52 @@ t_end = "10 s"
     assert f"epp.design_bounds(case, 'K', '{named}', at=['5'], allow='x " in asked
 
 
+def test_a_size_is_said_in_the_unit_and_a_record_read_beside_the_time_that_the_case_types():
+    """A run that is told in minutes has no signal "time", and a band in inches no millimetres."""
+    servo = """
+kind = "diagram"
+title = "servo"
+connect = ["-gear -> motor", "motor -> gear"]
+signals = { x = { of = "motor", unit = "m" } }
+[blocks]
+motor = { kind = "transfer_function", num = [5], den = [1, 1, 0] }
+[elements]
+gear = { element = "play", gap = "0.1 in" }
+[run]
+t_end = "3 min"
+"""
+    record = {"time": played()["time"], "x": 1e-3 * played()["x"]}
+    found = epp.diagnose(epp.case_from_text(servo, name="servo"), record)
+    assert found[0].name == "gear"
+    assert found[0].sizes().count(" in") == 3 and " mm" not in found[0].sizes()
+
+
+def test_a_record_in_a_file_has_its_time_beside_signals_alone(tmp_path):
+    """However the case types its time: that of the record is none of its signals."""
+    case = epp.case_from_text(
+        """
+kind = "diagram"
+title = "room"
+connect = ["-room -> relay", "relay -> room"]
+signals = { T = { of = "room", unit = "K" } }
+[blocks]
+room = { kind = "transfer_function", num = [3], den = ["5 min", 1], start = ["1 K"] }
+[elements]
+relay = { element = "hysteresis_relay", lower = "-0.5 K", upper = "0.5 K", low = "-1 K", high = "1 K" }
+[run]
+t_end = "1 h"
+""",
+        name="room",
+    )
+    cycle = epp.simulate(case).limit_cycle
+    t = 3600.0 - np.linspace(10.0 * cycle.period, 0.0, 400)
+    values = epp.simulate(case, t_eval=t).signals["T"]
+    rows = [f"{now - t[0]:.6f},{value:.6f}" for now, value in zip(t, values, strict=True)]
+    (tmp_path / "record.csv").write_text("\n".join(["time [s],T [K]", *rows]))
+    found = epp.diagnose(case, tmp_path / "record.csv")
+    assert found.oscillation.names == ("T",) and found[0].name == "relay"
+
+
 def test_a_waveform_that_no_candidate_has_stays_unexplained():
     t = np.linspace(0.0, 60.0, 2000)
     found = said({"time": t, "x": np.sign(np.sin(1.1 * t))})

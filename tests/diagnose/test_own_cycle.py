@@ -202,3 +202,32 @@ def test_commands_of_a_diagnosis_are_understood_and_that_of_a_file_runs_as_it_is
     resolve(of_case)
     done = CliRunner().invoke(app, shlex.split(of_file)[1:])
     assert done.exit_code == 0, f"{of_file}: {done.output}"
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_thermostat_as_it_is_modelled_is_named_in_noise(seed: int) -> None:
+    """Its period tells its size better than its swing does, of which 3 % are noise."""
+    room = epp.case_from_text(
+        """
+kind = "diagram"
+title = "room"
+connect = ["-sensor + set -> relay", "relay -> heat", "heat + loss -> room", "room -> sensor"]
+signals = { T = { of = "room", unit = "K" } }
+[blocks]
+set = { kind = "constant", value = "20 K" }
+loss = { kind = "constant", value = "2 K" }
+heat = { kind = "gain", gain = 30 }
+room = { kind = "transfer_function", num = [1], den = ["40 min", 1], start = ["18 K"] }
+sensor = { kind = "transfer_function", num = [1], den = ["60 s", 1], start = ["18 K"] }
+[elements]
+relay = { element = "hysteresis_relay", lower = "-0.4 K", upper = "0.4 K", low = "0 K", high = "1 K" }
+[run]
+t_end = "3 h"
+""",
+        name="room",
+    )
+    t = np.linspace(10_800.0 - 12.0 * epp.simulate(room).limit_cycle.period, 10_800.0, 576)
+    exact = epp.simulate(room, t_eval=t).signals["T"]
+    noise = 0.015 * np.ptp(exact) * np.random.default_rng(seed).normal(size=t.size)
+    found = epp.diagnose(room, {"time": t - t[0], "T": exact + noise}, steps=100_000)
+    assert found.names == ("relay",) and found[0].fields["high"][0] == pytest.approx(1.0, rel=0.05)

@@ -260,16 +260,21 @@ def _own(case: CaseLike, name: str, wanted: str) -> float:
 
 
 def _allowed(case: CaseLike, limit: str, own: float, factor: float) -> float:
-    """A factor of the case's own value, taken back towards it until the case is valid."""
-    why = ""
-    while abs(factor - 1.0) > 1e-3:
+    """A factor of the case's own value, or the one nearest to it with which the case is valid."""
+    why, near, far = "", 1.0, factor
+    while abs(far - near) > 1e-3 * near:
         try:
             case.with_values({limit: factor * own})
-            return factor * own
         except EppError as error:
-            why = str(error).removesuffix(".")
-            factor = 1.0 + 0.8 * (factor - 1.0)
-    raise EppError(f"design_bounds: {limit} cannot be changed in this case ({why}); expected a parameter that can.")
+            why, far = str(error).removesuffix("."), factor
+        else:
+            near = factor
+        if near == far:
+            return far * own
+        factor = 0.5 * (near + far)
+    if near == 1.0:
+        raise EppError(f"design_bounds: {limit} cannot be changed in this case ({why}); expected a parameter that can.")
+    return near * own
 
 
 def _check_pair(case: CaseLike, over: str, value: float, limit: str, end: float) -> None:

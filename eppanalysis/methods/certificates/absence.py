@@ -8,7 +8,7 @@ from typing import Any
 
 from eppanalysis.methods.certificates import check_absence
 from eppanalysis.methods.certificates.check_absence import Refused, added, criterion, number, positive, sector, times
-from eppanalysis.methods.certificates.numbers import middle_of
+from eppanalysis.methods.certificates.numbers import ROUNDING, middle_of
 from eppanalysis.methods.certificates.registry import sealed
 
 Polynomial = list[Fraction]
@@ -109,19 +109,30 @@ def _multiplier(
 
     An element that remembers has none but zero: the integral of its output times the rate of its input does not vanish.
     """
-    circle = criterion(num, den, low, high, Fraction(0))
-    if positive(circle):
+    if _holds(num, den, low, high, Fraction(0)):
         return Fraction(0)
     # With memory the integral of w dx/dt over a period need not vanish, so that no multiplier but zero is allowed.
     if remembers:
         return None
     # The criterion is linear in its multiplier: two of them give the polynomial of any (docs/theory/certificates.md, No
     # periodic motion).
-    tilt = added(criterion(num, den, low, high, Fraction(1)), circle, Fraction(-1))
-    for candidate in _candidates(circle, tilt):
-        if positive(added(circle, tilt, candidate)):
-            return candidate
-    return None
+    circle, tilted = (criterion(num, den, low, high, Fraction(r)) for r in (0, 1))
+    candidates = _candidates(circle, added(tilted, circle, Fraction(-1)))
+    return next((r for r in candidates if _holds(num, den, low, high, r)), None)
+
+
+def _holds(num: Polynomial, den: Polynomial, low: Fraction, high: Fraction | None, multiplier: Fraction) -> bool:
+    """Whether the criterion holds for all linear parts that are the stated one but for rounding of its coefficients.
+
+    A mode without damping that the element does not see cancels in G exactly, and after rounding hardly.
+    """
+    sizes, dens = ([abs(c) for c in p] for p in (num, den))
+    dens = added(dens, sizes, abs(low))
+    terms = times([Fraction(1), abs(multiplier)], times(sizes, dens))
+    if high is not None:
+        terms = added(terms, times(dens, dens), 1 / (high - low))
+    # Each term has two rounded coefficients; those of omega squared come from even powers.
+    return positive(added(criterion(num, den, low, high, multiplier), terms[::2], -3 * ROUNDING))
 
 
 def _candidates(circle: Polynomial, tilt: Polynomial) -> list[Fraction]:

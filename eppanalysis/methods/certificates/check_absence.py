@@ -1,6 +1,6 @@
 """Checker of a certificate of absence: no periodic motion but rest, by the criterion of Popov or the circle criterion.
 
-It stands alone, ``python -I check_absence.py < certificate.json``, and computes with exact rationals throughout.
+It stands alone, ``python -I check_absence.py < certificate.json``, and computes with exact rationals (python-flint).
 Theory: docs/theory/certificates.md, and of play docs/theory/absence_with_play.md, "By frequency".
 """
 
@@ -12,9 +12,11 @@ if __name__ == "__main__" and not sys.flags.safe_path:
 import json
 from fractions import Fraction
 
+from flint import fmpq, fmpq_poly
+
 STATEMENT = "no periodic motion but rest"
-#: Most characters of a file, and of a number in it; most coefficients of a polynomial of the loop.
-LENGTH, DIGITS, ORDER = 100_000, 1000, 60
+#: Most characters of a file, of a number in it, and of the numbers of a polynomial; most coefficients of the loop's.
+LENGTH, DIGITS, SIZE, ORDER = 100_000, 1000, 4000, 60
 HALF = {"slope": (Fraction,), "bends": [[(Fraction,), (Fraction,)]], "jumps": [[(Fraction,), (Fraction,)]]}
 ELEMENTS: dict = {
     "odd_pieces": HALF,
@@ -185,15 +187,13 @@ def positive(p):
         p = p[1:]
     if not p or p[-1] <= 0:
         return False
-    chain = [p, [i * c for i, c in enumerate(p)][1:]]
-    while trimmed(chain[-1]):
-        rest = chain[-2]
-        while len(rest) >= len(chain[-1]):
-            shifted = [Fraction(0)] * (len(rest) - len(chain[-1])) + chain[-1]
-            rest = added(rest, shifted, -rest[-1] / chain[-1][-1])
-        chain.append([-c / abs(rest[-1]) for c in rest])
+    first = fmpq_poly([fmpq(*c.as_integer_ratio()) for c in p])
+    chain = [first, first.derivative()]
+    while chain[-1]:
+        rest = -(chain[-2] % chain[-1])
+        chain.append(rest / abs(rest[rest.degree()]) if rest else rest)
     chain.pop()
-    return changes([q[0] for q in chain]) == changes([q[-1] for q in chain])
+    return changes([q[0] for q in chain]) == changes([q[q.degree()] for q in chain])
 
 
 def verify(document):
@@ -203,6 +203,8 @@ def verify(document):
     require(loop["time_step"] is None, "a loop in discrete time is not covered")
     require(number(loop["delay"]) == 0, "a loop with dead time is not covered")
     require(max(len(loop["num"]), len(loop["den"])) <= ORDER, "a linear part of too high an order")
+    rows = loop["num"], loop["den"], evidence["polynomial"]
+    require(max(sum(map(len, row)) for row in rows) <= SIZE, f"a polynomial of more than {SIZE} characters")
     num, den = (trimmed([*map(number, loop[name][::-1])]) for name in ("num", "den"))
     require(0 < len(num) < len(den), "a linear part that is zero, or passes its input straight through")
     low, high = sector(loop["element"])

@@ -12,8 +12,8 @@ from flint import acb, acb_poly, arb, arb_mat, ctx, fmpq
 
 ctx.prec = 100
 STATEMENT = "all roots of the first-order balance in a box, of a ring or with a bias"
-#: Most characters of a file, and of a number in it; most coefficients of a linear part, and most boxes of the cover.
-LENGTH, DIGITS, ORDER, BOXES = 1_000_000, 1000, 60, 25_000
+#: Most characters of a file, of a number; coefficients of a linear part; boxes of the cover, terms of gains in them.
+LENGTH, DIGITS, ORDER, BOXES, TERMS = 1_000_000, 1000, 60, 25_000, 4_000_000
 HALF = {"slope": (Fraction,), "bends": [[(Fraction,), (Fraction,)]], "jumps": [[(Fraction,), (Fraction,)]]}
 ODD = {"odd_pieces": HALF, "play": {"gap": (Fraction,)}}
 ODD["hysteresis_relay"] = {"threshold": (Fraction,), "level": (Fraction,)}
@@ -102,13 +102,12 @@ def box_form(part):
     return {side: [(Fraction,), (Fraction,)] for side in sides}
 
 
-BOX = [(Fraction,)]
 LINK = {"num": [(Fraction,)], "den": [(Fraction,)], "delay": (Fraction,), "element": element_form}
 FORM = {
     "loop": {"ring": [LINK], "means": [(Fraction,)]},
     "box": box_form,
     "claim": {"roots": (int,), "undecided": (int,)},
-    "evidence": {"roots": [{"enclosure": BOX, "region": BOX}], "cover": [(str,)]},
+    "evidence": {"roots": [{name: [(Fraction,)] for name in ("enclosure", "region")}], "cover": [(str,)]},
 }
 
 
@@ -243,6 +242,7 @@ class Balance:
             polynomials = (acb_poly([acb(c) for c in p]) for p in (num, den))
             self.ring.append((*polynomials, delay, Element(link["element"])))
         require(len(self.ring) == 1 or (self.ring and not self.means), "a ring with a bias")
+        self.boxes = min(BOXES, TERMS // sum(1 + len(element.steps) for *_, element in self.ring))
 
     def linear(self, w):
         """At ``s = j omega`` the denominators along the ring, the numerators with the dead times, whether all pass."""
@@ -323,7 +323,7 @@ def verify(document):
     box = [rational(x) for side in sides for x in document["box"][side]]
     require(within(box, box) and box[0] > 0 and box[2] > 0, "a box that is none")
     (cover,) = evidence["cover"]
-    require(len(cover) <= BOXES, f"a cover of more than {BOXES} boxes")
+    require(len(cover) <= balance.boxes, f"a cover of more than {balance.boxes} boxes")
     for root in evidence["roots"]:
         inner, region = ([rational(x) for x in root[name]] for name in ("enclosure", "region"))
         require(len(inner) == len(region) == len(box), "a region of other unknowns")

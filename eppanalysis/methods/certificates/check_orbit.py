@@ -18,8 +18,9 @@ from flint import arb, arb_mat, ctx, fmpq, fmpq_mat, fmpz
 STATEMENT = "one closed orbit of a sequence of affine arcs in a box, and no event earlier"
 #: Bits; terms of Taylor polynomials, the most that rate times length of a piece may be, halvings of a piece.
 BITS, TERMS, REACH, HALVINGS = 256, 16, 2.5, 40
-#: Most characters of a file, and of a number in it; most pieces of all arcs; most shares of an arc that are compared.
-LENGTH, DIGITS, PIECES, SHARES = 2_000_000, 4000, 20_000, 8
+#: Most characters of a file, and of a number in it; most unknowns, and rows of a matrix; most pieces of all arcs; most
+#: shares of an arc that are compared.
+LENGTH, DIGITS, UNKNOWNS, SIZE, PIECES, SHARES = 2_000_000, 4000, 600, 60, 20_000, 8
 ROWS = [[(Fraction,)]]
 ARC = {"rate": ROWS, "guards": ROWS, "on_rates": [(bool,)], "fired": (int,), "jump": ROWS, "levels": ROWS}
 COURSE = {"modes": [[(int,)]], "guards": [(int,)], "unknown": [(int,)], "held": [[(int,), (Fraction,)]], "basis": ROWS}
@@ -281,6 +282,7 @@ def verify(document):
     loop, said, evidence = opened(document, FORM)
     x, sizes, weights = (rationals([evidence[name]]).entries() for name in ("solution", "sizes", "weights"))
     (radius, box), k = rationals([[evidence["radius"], evidence["box"]]]).entries(), len(sizes)
+    require(len(x) <= UNKNOWNS and k <= SIZE, f"more than {UNKNOWNS} unknowns, or {SIZE} of an arc")
     with ctx.workprec(BITS):
         orbit = Orbit([Arc(e, k - 1) for e in loop["arcs"]], k - 1)
         fits = len(x) == k * len(orbit.timed) and len(weights) == (k - 1) * len(orbit.timed)

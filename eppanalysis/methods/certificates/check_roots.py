@@ -16,8 +16,9 @@ from flint import acb, acb_poly, arb, ctx, fmpq
 
 ctx.prec = 100
 STATEMENT = "all roots of the first-order balance in a box"
-#: Most characters of a file, and of a number in it; most coefficients of a polynomial, and most boxes of all covers.
-LENGTH, DIGITS, ORDER, BOXES = 1_000_000, 1000, 60, 100_000
+#: Most characters of a file, and of a number in it; most coefficients of a polynomial, most boxes of all covers, and
+#: most terms of the gain in all of these.
+LENGTH, DIGITS, ORDER, BOXES, TERMS = 1_000_000, 1000, 60, 100_000, 20_000_000
 ELEMENTS: dict = {
     "odd_pieces": {"slope": (Fraction,), "bends": [[(Fraction,), (Fraction,)]], "jumps": [[(Fraction,), (Fraction,)]]},
     "play": {"gap": (Fraction,)},
@@ -158,7 +159,7 @@ class Gain:
         seen = [self.follow[0] / 2] if self.follow else [x[0] for x in self.bends + self.jumps]
         placed = all(x >= 0 for x in (*seen, *(self.follow or ())))
         require(placed and all(0 <= x[1] <= x[0] for x in self.jumps), "an element that is none")
-        self.thresholds = sorted({x for x in seen if x > 0})
+        self.thresholds, self.terms = sorted({x for x in seen if x > 0}), len(self.bends + self.jumps)
 
     def over(self, low, high):
         """N and dN/dA over amplitudes between two thresholds."""
@@ -188,6 +189,7 @@ class Balance:
     def __init__(self, loop):
         self.num, self.den = (acb_poly([acb(rational(c)) for c in loop[name][::-1]]) for name in ("num", "den"))
         self.delay, self.gain = rational(loop["delay"]), Gain(loop["element"])
+        self.boxes = min(BOXES, TERMS // (1 + self.gain.terms))
         self.step = None if loop["time_step"] is None else rational(loop["time_step"])
         require(len(self.den) > 0 and len(self.num) + len(self.den) <= ORDER, "a linear part that is none")
         timed = self.delay >= 0 if self.step is None else self.step > 0 and self.delay == 0
@@ -273,7 +275,7 @@ def verify(document):
     require(0 < box[0] < box[1] and 0 < box[2] < box[3], "a box that is none")
     # Beyond half the sampling frequency the same motions come again under another name.
     require(balance.step is None or box[3] * balance.step < arb.pi(), "a box beyond half the sampling frequency")
-    require(sum(map(len, evidence["cover"])) <= BOXES, f"a cover of more than {BOXES} boxes")
+    require(sum(map(len, evidence["cover"])) <= balance.boxes, f"a cover of more than {balance.boxes} boxes")
     parts, roots, undecided = balance.pieces(box), [], 0  # type: ignore[var-annotated]
     for root in evidence["roots"]:
         (a, b, c, d), region = inner, _ = [tuple(map(rational, root[name])) for name in ("enclosure", "region")]

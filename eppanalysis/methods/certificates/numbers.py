@@ -15,7 +15,7 @@ _MOST_DIGITS, _WITHIN = 14, Fraction(1, 2**50)
 #: Greatest denominator of a coefficient that is taken for a fraction rather than a decimal.
 _LARGEST_DENOMINATOR = 1000
 #: Relative distance within which a coefficient is taken for a simpler one.
-_ROUNDING = Fraction(1, 10**13)
+ROUNDING = Fraction(1, 10**13)
 
 
 class NotCovered(EppError):
@@ -62,7 +62,7 @@ def coefficient_of(value: Fraction) -> Fraction:
     (Fraction(3, 10), Fraction(2, 3))
     """
     for near in (value.limit_denominator(_LARGEST_DENOMINATOR), Fraction(f"{float(value):.10g}")):
-        if abs(near - value) <= _ROUNDING * abs(value):
+        if abs(near - value) <= ROUNDING * abs(value):
             return near
     return Fraction(f"{float(value):.15g}")
 

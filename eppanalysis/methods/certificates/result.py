@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context, Decimal
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -190,7 +190,7 @@ def sentence(document: Mapping[str, Any], name: str = UNNAMED) -> str:
         multiplier = (
             "the circle criterion"
             if claim["multiplier"] == "0"
-            else f"Popov's criterion with a multiplier of {float(Fraction(claim['multiplier'])):.4g} s"
+            else f"Popov's criterion with a multiplier of {rounded(Fraction(claim['multiplier']), ROUND_HALF_EVEN)} s"
         )
         edges = f"{low} to {'infinity' if high is None else high}"
         if document["loop"]["element"]["kind"] == "play":
@@ -211,7 +211,7 @@ def sentence(document: Mapping[str, Any], name: str = UNNAMED) -> str:
 
 def _gap(claim: Mapping[str, Any]) -> str:
     """A gap in degrees, rounded down; degrees that were given are themselves."""
-    return rounded(Fraction(math.degrees(Fraction(claim["backlash"])) * (1.0 + 1e-12)), ROUND_FLOOR)
+    return rounded(Fraction(claim["backlash"]) * Fraction(math.degrees(1.0)) * (1 + Fraction(1, 10**12)), ROUND_FLOOR)
 
 
 def _orbit_sentence(name: str, claim: Mapping[str, Any]) -> str:
@@ -230,7 +230,7 @@ def _period(ends: Sequence[str]) -> str:
     """A period as it is known: a number where its digits are, else from and to."""
     low, high = map(Fraction, ends)
     if high - low <= _SHARP * low:
-        return f"of {float(low + high) / 2:.4g} s"
+        return f"of {rounded((low + high) / 2, ROUND_HALF_EVEN)} s"
     return f"of {rounded(low, ROUND_FLOOR)} to {rounded(high, ROUND_CEILING)} s"
 
 
@@ -243,7 +243,9 @@ def rounded(value: Fraction, way: str, digits: int = 4) -> str:
     ('0.6666', '0.6667')
     """
     decimal = Context(prec=digits, rounding=way).divide(Decimal(value.numerator), Decimal(value.denominator))
-    return f"{float(decimal):.{digits}g}"
+    text = f"{float(decimal):.{digits}g}"
+    # Beyond the range of floats it would be zero, or infinity, of which nothing is proved.
+    return text if Decimal(text) == decimal else f"{decimal:.{digits}g}"
 
 
 def _cycles_sentence(name: str, claim: Mapping[str, Any]) -> str:
@@ -268,9 +270,9 @@ def _roots_sentence(name: str, claim: Mapping[str, int], box: Mapping[str, Any])
     ends = {
         side: f"{rounded(low, ROUND_CEILING)} to {rounded(high, ROUND_FLOOR)}" for side, (low, high) in sides.items()
     }
-    place = f"for amplitudes {ends['amplitude']} and {ends['frequency']} rad/s"
-    if "bias" in box:
-        place = f"for amplitudes {ends['amplitude']}, {ends['frequency']} rad/s and biases {ends['bias']}"
+    # Of an odd element at no bias the balance without one is decided: cycles about another mean are none of its roots.
+    bias = f"biases {ends['bias']}" if "bias" in box else "no bias"
+    place = f"for amplitudes {ends['amplitude']}, {ends['frequency']} rad/s and {bias}"
     number, left = claim["roots"], claim["undecided"]
     count = f"exactly {number} root{'s' * (number != 1)}" if number else "no root"
     outside = f", outside of {left} box{'es' * (left > 1)} in which nothing is decided" if left else ""

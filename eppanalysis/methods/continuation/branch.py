@@ -449,7 +449,7 @@ class Walk:
             message=in_words(ends),
             ends=ends,
             signals=tuple(names),
-            units=system.signals.units_by_name(),
+            units=system.signals.units_of_results(),
             provenance=Provenance("pseudo-arclength continuation", {"limits": self.limits}, case=facts_of(self.case)),
             operating_point=self.case.operating_point,
         )

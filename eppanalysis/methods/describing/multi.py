@@ -20,6 +20,7 @@ from eppanalysis.methods.describing.balance import ON_THE_WAY, Balance, describe
 from eppanalysis.methods.describing.curves import contour_lines, crossings, distinct, interpolate, polish, settle
 from eppanalysis.methods.describing.search import Found, frequency_scales
 from eppanalysis.methods.describing.trace import Box, trace
+from eppanalysis.models.systems.linear import ROUNDING, units_of_states
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import CANCELLED
 from eppanalysis.models.systems.measured.loop import DataSystem
@@ -66,15 +67,18 @@ def choose_pivot(system: LureSystem) -> int:
 def _acts(system: LureSystem, omega: float) -> BoolArray:
     """Which outputs of elements (columns) act on which of their inputs: a response that is rounding is none.
 
-    In turned coordinates of the state a response of nothing is a sum whose terms cancel.
+    In turned coordinates of the state a response of nothing is a sum whose terms cancel, or what passes through entries
+    of A that are zero but for rounding: in even units of the states those are known to a share of the largest ones.
     """
+    response = np.abs(system.frequency_response(np.array([omega]))[0])
     if isinstance(system, DataSystem):
-        measured: BoolArray = system.frequency_response(np.array([omega]))[0] != 0
-        return measured
-    within = np.abs(np.linalg.inv(1j * omega * np.eye(len(system.A)) - system.A))
-    terms = np.abs(system.C) @ within @ np.abs(system.B) + np.abs(system.D)
-    acts: BoolArray = np.abs(system.frequency_response(np.array([omega]))[0]) > CANCELLED * terms
-    return acts
+        return np.asarray(response != 0)
+    unit = units_of_states(system.A, system.around)
+    A, B, C = system.A * unit / unit[:, None], system.B / unit[:, None], system.C * unit
+    within = np.linalg.inv(1j * omega * np.eye(len(A)) - A)
+    into, out = np.linalg.norm(within @ B, axis=0), np.linalg.norm(C @ within, axis=1)
+    terms = np.abs(C) @ np.abs(within) @ np.abs(B) + np.abs(system.D)
+    return np.asarray(response > CANCELLED * terms + ROUNDING * np.linalg.norm(A) * np.outer(out, into))
 
 
 def search_several(balance: Balance) -> Found:

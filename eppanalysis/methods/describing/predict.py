@@ -335,7 +335,7 @@ def _cycle(balance: Balance, p: Point, at: OperatingPoint, estimate: Estimate, c
         memory=tuple(
             e.memory_of((p.mean + W.imag)[ws]) for e, ws in zip(system.elements, system.output_slices, strict=True)
         ),
-        units=signals.units_by_name(),
+        units=signals.units_of_results(),
         mean_state=coordinates @ x,
         elements={
             n: {"amplitude": float(a), "bias": float(b), "phase": float(np.angle(np.exp(1j * (q - p.phase[0]))))}

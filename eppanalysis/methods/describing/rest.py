@@ -17,7 +17,7 @@ from eppanalysis.methods.describing.balance import Balance
 from eppanalysis.methods.margins.reach import BALANCED, balances_of_one, units_of, without
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.own import AutomatonElement
-from eppanalysis.models.systems.linear import zeros
+from eppanalysis.models.systems.linear import ROUNDING, units_of_states, zeros
 from eppanalysis.models.systems.sampled.averaged import AveragedSystem
 from eppanalysis.readable import listed, quantity
 
@@ -271,15 +271,24 @@ def _pulled_back(balance: Balance, element: int, jump: float, derivatives: int =
 
 
 def _pull(balance: Balance, element: int, jump: float, count: int) -> Array:
-    """What a jump of one element does to the first derivatives of its own input; what is rounding is zero."""
+    """What a jump of one element does to the first derivatives of its own input; what is rounding is zero.
+
+    In turned states entries that should be zero are known to a share of the largest ones beside them, in even units.
+    """
     system, out = balance.system, balance.system.output_slices[element]
-    A, b, c = system.A, system.B[:, out], system.C[balance.rows[element]]
-    forward, size, terms, sizes = b.sum(1), np.abs(b).sum(1), [], []
+    unit = units_of_states(system.A, system.around)
+    A, b, c = system.A * unit / unit[:, None], system.B[:, out] / unit[:, None], system.C[balance.rows[element]] * unit
+    moved, read, size, terms, sizes = [b.sum(1)], [c], np.abs(b).sum(1), [], []
     for _ in range(count):
-        terms.append(float(c @ forward) * jump)
-        sizes.append(float(np.abs(c) @ size) * abs(jump))
-        forward, size = A @ forward, np.abs(A) @ size
-    return np.where(np.abs(terms) <= BALANCED * np.array(sizes), 0.0, terms)
+        terms.append(float(c @ moved[-1]))
+        sizes.append(float(np.abs(c) @ size))
+        moved, read, size = [*moved, A @ moved[-1]], [*read, read[-1] @ A], np.abs(A) @ size
+    into, out_of = np.linalg.norm(moved[:-1], axis=1), np.linalg.norm(read[:-1], axis=1)
+    # Of c, of b, and of any one A between them.
+    unsure = into[0] * out_of + into * out_of[0]
+    unsure[1:] += np.linalg.norm(A) * np.convolve(into, out_of)[: count - 1]
+    sure = np.abs(terms) > BALANCED * np.array(sizes) + ROUNDING * unsure
+    return np.where(sure, jump * np.array(terms), 0.0)
 
 
 def _dies_out(balance: Balance, element: int, jump: float) -> bool:

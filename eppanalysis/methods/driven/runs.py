@@ -150,7 +150,7 @@ def _cycle(drive: Drive, periods: int, multiple: int, distance: float) -> LimitC
         events=tuple(e._replace(time=e.time - begin) for e in run.events if begin < e.time < end),
         time=shape.time,
         waveform=shape.waveform,
-        units=system.signals.units_by_name(),
+        units=system.signals.units_of_results(),
         operating_point=drive.at,
         provenance=Provenance(METHOD, {"system": system.name, "periods": periods}, {"distance": REPEATS}),
     )

@@ -401,7 +401,7 @@ def _cycle(system: LureSystem, loop: Loop, point: _Point, log: list[_Point]) -> 
         waveform=dict(zip(names, wave, strict=True)),
         state=x + states,
         memory=tuple(float(r.memory_at_zero[0]) if r.memory.size else None for r in regimes),
-        units=signals.units_by_name(),
+        units=signals.units_of_results(),
         mean_state=x,
         note=" ".join(filter(None, (point.note, order_one(system, n)))),
         provenance=Provenance(

@@ -14,7 +14,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.means import StaticBalance
+from eppanalysis.models.systems.means import StaticBalance, without_rounding
 from eppanalysis.readable import listed, quantity
 
 #: Share of the terms of a static balance below which they balance.
@@ -102,10 +102,12 @@ def balances_of_one(system: LureSystem, static: StaticBalance, element: int) -> 
     """Static balances that are left of one element alone, ``on_bias b + on_mean mean = prescribed``."""
     mine = system.output_slices[element]
     others = np.delete(static.on_bias, element, axis=1), np.delete(static.on_mean, mine, axis=1)
+    own = np.column_stack([static.on_bias[:, element], static.on_mean[:, mine].sum(1), static.prescribed])
     for k in without(np.hstack(others)):
-        on_bias, on_mean = float(k @ static.on_bias[:, element]), float(k @ static.on_mean[:, mine].sum(1))
+        # What cancels leaves rounding, and a line so flat would cross any level far enough out.
+        on_bias, on_mean, prescribed = without_rounding(k @ own, np.abs(k) @ np.abs(own), BALANCED).tolist()
         if on_mean:
-            yield on_bias, on_mean, float(k @ static.prescribed)
+            yield on_bias, on_mean, prescribed
 
 
 def without(columns: Array) -> Array:
@@ -113,4 +115,4 @@ def without(columns: Array) -> Array:
     columns = columns[:, np.any(columns, 0)] / np.abs(columns).max(0)[np.any(columns, 0)]
     u, s, _ = np.linalg.svd(columns)
     rank = int(np.sum(s > BALANCED * s.max(initial=0.0)))
-    return np.asarray(u[:, rank:].T, float)
+    return without_rounding(u[:, rank:].T, np.ones(1))

@@ -65,7 +65,7 @@ def _cycle_of(system: LureSystem, orbit: Orbit) -> LimitCycle:
         memory=remembered(
             orbit.hybrid, y[: orbit.hybrid.x0.size], y[orbit.arcs.memory], orbit.arcs.event_sequence.modes[0]
         ),
-        units=system.signals.units_by_name(),
+        units=system.signals.units_of_results(),
         event_states=orbit.starts[:-1, :n] + aside,
         provenance=Provenance(EXACT_ORBIT, settings, {"residual": CONVERGED}),
     )

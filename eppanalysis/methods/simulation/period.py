@@ -121,7 +121,7 @@ def advance(hybrid: HybridSystem, change: Array) -> Array:
 
 def advances(system: LureSystem, gained: Array, shape: PeriodShape) -> list[str]:
     """Which signals go on from period to period, in words; nothing where all repeat."""
-    units, most = system.signals.units_by_name(), shape.peak_to_peak
+    units, most = system.signals.units_of_results(), shape.peak_to_peak
     on = [
         f"{quantity(float(more), units.get(name, ''))} to {words(name)}"
         for name, more in zip(system.signals.names, gained, strict=True)

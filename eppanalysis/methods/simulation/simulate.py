@@ -174,7 +174,7 @@ def simulate(
         settled_since=max(_since(hybrid, run, found), moves_until(times, signals, rest)) if status.ok else float("nan"),
         n_events=run.count,
         note=BENEATH_ROUNDING if lost else (early and hybrid.chatters) or early or trend,
-        units=system.signals.units_by_name(),
+        units=system.signals.units_of_results(),
         provenance=facts,
         operating_point=at,
         again=again,
@@ -492,7 +492,7 @@ def cycle_of_run(
         state=run.state[first, : hybrid.n_plant].copy(),
         event_states=run.state[run.order[-p - 1 : -1], : hybrid.n_plant].copy(),
         memory=remembered(hybrid, run.state[first], run.memory_values[first], run.modes[first]),
-        units=system.signals.units_by_name(),
+        units=system.signals.units_of_results(),
         provenance=facts,
         operating_point=at,
     )

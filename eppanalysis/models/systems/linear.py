@@ -17,6 +17,9 @@ from eppanalysis.models.systems.own_states import diagonal
 #: What is smaller than this share of the terms that it is made of is rounding: a realisation in other coordinates
 #: (rotated, balanced, identified) has such remainders where another one has zeros.
 ROUNDING = 1e-13
+#: What leads from state to state beside a state matrix: array (n, m) to the state rate, the outputs and inputs of each
+#: element, array (k, n) from the state.
+Around = tuple[Array, list[tuple[int, int]], Array]
 #: Share of the fastest pole below which one is taken for that of an integrator.
 _SLOW = 1e-9
 
@@ -227,8 +230,25 @@ def integrators_apart(A: Array, rounding: float | None = None) -> tuple[Array, A
     return apart, Q, k
 
 
+def units_of_states(A: Array, around: Around) -> Array:
+    """Units of the states that make all that leads from state to state alike, shape (n,).
+
+    Parameters
+    ----------
+    A : array, shape (n, n)
+    around : Around
+        Parts that only this connects would otherwise be counted in units that have nothing to do with one another.
+    """
+    (B, sizes, C), n = around, len(A)
+    k = n + B.shape[1]
+    whole = np.zeros((k + len(C),) * 2)
+    whole[:n, :n], whole[:n, n:k], whole[k:, :n] = A, B, C
+    whole[n:k, k:] = diagonal([np.ones(size) for size in sizes])
+    return balanced(whole)[1][:n]
+
+
 def coordinates_with_integrators_apart(
-    A: Array, *, discrete: bool, around: tuple[Array, list[tuple[int, int]], Array] | None = None
+    A: Array, *, discrete: bool, around: Around | None = None
 ) -> tuple[Array, Array, Array] | None:
     """A state matrix in coordinates in which its integrators show as rows of zeros (of the unit matrix where discrete).
 
@@ -237,10 +257,8 @@ def coordinates_with_integrators_apart(
     A : array, shape (n, n)
     discrete : bool
         An integrator has its pole at one then.
-    around : (array (n, m), list of (int, int), array (k, n)), optional
-        What else leads from state to state: to the state rate, the outputs and inputs of each element, from the state.
-        Parts that only this connects would otherwise be counted in units that have nothing to do with one another, and
-        coordinates across them lose what passes from one to the other.
+    around : Around, optional
+        Coordinates across parts that only this connects would otherwise lose what passes from one to the other.
 
     Returns
     -------
@@ -251,16 +269,8 @@ def coordinates_with_integrators_apart(
     unit = np.eye(n) if discrete else np.zeros((n, n))
     if not n:
         return None
-    if around is None:
-        even, size = balanced(A - unit)
-    else:
-        B, sizes, C = around
-        k = n + B.shape[1]
-        whole = np.zeros((k + len(C),) * 2)
-        whole[:n, :n], whole[:n, n:k], whole[k:, :n] = A - unit, B, C
-        whole[n:k, k:] = diagonal([np.ones(size) for size in sizes])
-        size = balanced(whole)[1][:n]
-        even = (A - unit) * size / size[:, None]
+    size = balanced(A - unit)[1] if around is None else units_of_states(A - unit, around)
+    even = (A - unit) * size / size[:, None]
     # In discrete time the entries of A are near one, so that their rounding does not shrink with the sample time.
     rounding = max(ROUNDING * float(np.linalg.norm(even)), 4 * n * np.finfo(float).eps) if discrete else None
     apart, Q, k = integrators_apart(even, rounding)

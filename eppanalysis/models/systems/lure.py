@@ -27,7 +27,7 @@ from eppanalysis.models.systems.algebraic import require_unique
 from eppanalysis.models.systems.cuts import Cuts, element_cuts, require_places
 from eppanalysis.models.systems.interchange.ports import connections, linear_part
 from eppanalysis.models.systems.interchange.ring import Ring
-from eppanalysis.models.systems.linear import StateSpace, as_state_space, coordinates_with_integrators_apart
+from eppanalysis.models.systems.linear import Around, StateSpace, as_state_space, coordinates_with_integrators_apart
 from eppanalysis.models.systems.own_states import own_count, passes_outputs, ports, stacked, started
 from eppanalysis.models.systems.responses import Responses
 from eppanalysis.models.systems.signals import (
@@ -347,14 +347,18 @@ class LureSystem(Responses):
             cuts=None if self.cuts is None else self.cuts.in_coordinates(T, inverse),
         )
 
+    @property
+    def around(self) -> Around:
+        """What leads from state to state through the elements."""
+        return self.B, [(e.n_outputs, e.n_inputs) for e in self.elements], self.C
+
     @cached_property
     def with_integrators_apart(self) -> tuple[LureSystem, Array]:
         """The loop in coordinates in which integrators have rows of zeros in A, and T of ``x = T y``.
 
         In other coordinates rounding makes slow poles of integrators. Where they show already the loop stays as it is.
         """
-        around = self.B, [(e.n_outputs, e.n_inputs) for e in self.elements], self.C
-        found = coordinates_with_integrators_apart(self.A, discrete=bool(self.time_step), around=around)
+        found = coordinates_with_integrators_apart(self.A, discrete=bool(self.time_step), around=self.around)
         if found is None:
             return self, np.eye(len(self.A))
         A, T, inverse = found

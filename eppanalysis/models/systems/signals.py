@@ -38,9 +38,12 @@ class SignalMap:
         return replace(self, names=names, C=C, D=D, D_input=D_input, constant=constant, units=units)
 
     def units_by_name(self) -> dict[str, str]:
-        """SI unit of each signal, empty for one that has none, and of time where it is read in another one."""
-        units = dict(zip(self.names, self.units or ("",) * len(self.names), strict=True))
-        return {**({"time": self.time} if isinstance(self.time, Unit) else {}), **units}
+        """SI unit of each signal, empty for one that has none."""
+        return dict(zip(self.names, self.units or ("",) * len(self.names), strict=True))
+
+    def units_of_results(self) -> dict[str, str]:
+        """SI unit of each signal, and of time where it is read in another one."""
+        return {**({"time": self.time} if isinstance(self.time, Unit) else {}), **self.units_by_name()}
 
     def in_units(self, known: Mapping[str, str]) -> SignalMap:
         """The signals with these units, by their names; none for one that is not among them."""

@@ -99,3 +99,31 @@ def test_what_was_not_found_is_not_said_to_be_none(finding):
     said = "undecided at 1 of 2 values" if is_open else "no bound at 1 of 2 values"
     assert said in str(among)
     assert (alone.status is epp.Status.UNDECIDED) == is_open and alone[0].known is Known.NONE
+
+
+@pytest.mark.slow
+def test_the_range_that_is_looked_in_ends_where_the_case_ceases_to_be_valid():
+    """Friction at rest is at least that of sliding, 2 lbf; the bound lies a hair above, and was called none."""
+    case = epp.case_from_text(
+        """
+kind = "diagram"
+title = "slider on a belt"
+connect = ["mass.speed - belt -> rub", "-rub -> mass"]
+signals = { x = { of = "mass.position", unit = "in" } }
+[parameters]
+v = "20 mm/s"
+fs = "3 lbf"
+[blocks]
+mass = { kind = "mass", mass = "2 lb", damping = "1 N*s/m", stiffness = "800 N/m" }
+belt = { kind = "constant", value = "v" }
+[elements]
+rub = { element = "friction", coulomb = "2 lbf", static = "fs" }
+[run]
+t_end = "8 s"
+""",
+        name="slider",
+    )
+    found = epp.design_bounds(case, "v", "fs", at=["20 mm/s"], verify=False)
+    lbf = case.si("fs", "1 lbf")
+    assert found.within[0] == pytest.approx(2.0 * lbf, rel=2e-3)
+    assert "fs of 2.06 lbf" in str(found)

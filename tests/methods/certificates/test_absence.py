@@ -224,6 +224,28 @@ def test_hypotheses_that_fail_are_named(loop: epp.LureSystem, why: str) -> None:
     assert not found.proved and not found.document and found.message.startswith("Not decided") and why in found.message
 
 
+@pytest.mark.parametrize("element", [epp.Saturation(), epp.Relay(), epp.Cube(1.0), epp.Play(0.5)], ids=lambda e: e.kind)
+@pytest.mark.parametrize("seen", ["moved, not seen", "seen, not moved", "neither"])
+def test_a_mode_without_damping_that_the_element_does_not_see_swings_for_ever(
+    element: epp.Nonlinearity, seen: str
+) -> None:
+    """In turned states it cancels but for rounding, to one side or the other: ten loops of each."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        omega = rng.uniform(0.3, 5.0)
+        A = scipy.linalg.block_diag(np.diag(-rng.uniform(0.2, 3.0, 2)), [[0.0, omega], [-omega, 0.0]])
+        moved, read = (np.append(rng.uniform(0.3, 1.0, 2), scale * rng.normal(size=2)) for scale in _SCALES[seen])
+        loop = epp.LureSystem.build(A, -moved[:, None], read[None], [element])
+        alone = epp.LureSystem.build(A[:2, :2], loop.B[:2], loop.C[:, :2], [element])
+        T = rng.normal(size=(4, 4))
+        found = epp.certify(loop.in_coordinates(T, np.linalg.inv(T)), "absence")
+        assert epp.certify(alone, "absence").proved and not found.proved, (seed, found.message)
+
+
+#: How much of the mode is moved by the element, and is read by it.
+_SCALES = {"moved, not seen": (1.0, 0.0), "seen, not moved": (0.0, 1.0), "neither": (0.0, 0.0)}
+
+
 def tampered() -> list[tuple[str, dict]]:
     whole = epp.certify(limited(5.9, [1.0, 3.0, 2.0, 0.0]), "absence").document
     made = []

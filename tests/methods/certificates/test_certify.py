@@ -5,15 +5,18 @@ from __future__ import annotations
 import ast
 import json
 import math
+import re
 import subprocess
 import sys
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.methods.certificates.registry import STATEMENTS, Statement
+from eppanalysis.methods.certificates.registry import STATEMENTS, Statement, sealed
+from eppanalysis.methods.certificates.result import sentence
 from eppanalysis.results import LimitCycle, Status
 
 CHECKERS = sorted({statement.program for statement in STATEMENTS.values()})
@@ -124,6 +127,51 @@ def test_what_is_no_certificate_is_refused_in_a_sentence(tmp_path: Path, text: s
     path.write_text(text)
     found = epp.check_certificate(path)
     assert not found.accepted and why in found.message and "Traceback" not in found.message
+
+
+def test_roots_without_a_bias_are_said_to_be_without_one() -> None:
+    """A relay before an unstable pole: cycles about another mean are no roots of the balance that is decided."""
+    loop = epp.LureSystem.from_tf(
+        ([0.844], [0.603, -0.999999512776, 0.09841844, -0.163216]),
+        epp.HysteresisRelay(lower=-0.201, upper=0.201, low=-1.32, high=1.32),
+    )
+    about = [cycle.elements["hysteresis_relay"]["bias"] for cycle in epp.predict_limit_cycles(loop)]
+    found = epp.certify(loop)
+    assert len(about) == 4 and np.count_nonzero(about) == 2
+    assert len(found.roots) == 2 and str(found).endswith("rad/s and no bias.")
+
+
+@pytest.mark.parametrize("exponent", [400, -400])
+def test_numbers_beyond_floats_are_written_out(tmp_path: Path, exponent: int) -> None:
+    """A box that ends there is no box without end, and a proof of such a loop no traceback."""
+    there = f"1{'0' * exponent}" if exponent > 0 else f"1/1{'0' * -exponent}"
+    nothing = {"slope": "0", "bends": [], "jumps": [], "kind": "odd_pieces"}
+    loop = {"num": ["1"], "den": ["1", "1"], "delay": "0", "time_step": None, "element": nothing}
+    amplitude = sorted(["1", there], key=Fraction)
+    document = {
+        "statement": STATEMENTS["roots"].text,
+        "loop": loop,
+        "box": {"amplitude": amplitude, "frequency": ["1", "2"]},
+        "claim": {"roots": 0, "undecided": 0},
+        "evidence": {"roots": [], "cover": ["."]},
+    }
+    (path := tmp_path / "file.json").write_text(json.dumps(sealed(document)))
+    found = epp.check_certificate(path)
+    assert found.accepted and f"1e{exponent:+}" in found.message.replace("1.000e", "1e"), found.message
+
+
+@pytest.mark.parametrize("exponent", [400, -400])
+def test_a_multiplier_a_gap_and_a_period_beyond_floats_are_written_out(exponent: int) -> None:
+    there = f"1{'0' * exponent}" if exponent > 0 else f"1/1{'0' * -exponent}"
+    claims = [
+        ("absence", {"sector": ["0", "1"], "multiplier": there}),
+        ("elbow", {"backlash": there}),
+        ("orbit", {"period": [there, there], "events": 2, "box": there}),
+    ]
+    for name, claim in claims:
+        loop = {"element": {"kind": "odd_pieces"}}
+        text = sentence({"statement": STATEMENTS[name].text, "claim": claim, "loop": loop})
+        assert re.search(rf"e[{'-+'[exponent > 0]}](39|40)\d\b", text), text
 
 
 def test_errors_are_sentences(tmp_path: Path) -> None:

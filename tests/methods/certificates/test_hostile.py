@@ -108,6 +108,36 @@ def test_a_cover_of_millions_of_boxes_is_refused_at_once(mark: str) -> None:
         assert code == 1 and "characters" in said["why"]
 
 
+def tree(depth: int) -> str:
+    """A cover of empty boxes, each cut in halves so many times."""
+    return "aw"[depth % 2] + tree(depth - 1) * 2 if depth else "."
+
+
+def test_an_element_of_many_bends_under_many_boxes_is_refused_at_once() -> None:
+    bends = [[f"1/{k + 2}", "1"] for k in range(10_000)]
+    element = {"kind": "odd_pieces", "slope": "0", "bends": bends, "jumps": []}
+    loop = {**FIRST_LAG, "den": ["1", str(10**12)], "element": element}
+    document = roots(loop=loop, evidence={"roots": [], "cover": [tree(13)]})
+    ring = {"ring": [{n: x for n, x in loop.items() if n != "time_step"}], "means": []}
+    for part in (document, {**document, "statement": STATEMENTS["balance"].text, "loop": ring}):
+        code, said, _ = run(of_text(part["statement"]).program, json.dumps(sealed(part)))
+        assert code == 1 and "a cover of more than" in said["why"]
+
+
+def test_polynomials_of_many_digits_are_refused_at_once() -> None:
+    """Each within what a number may have: their chain of remainders would take minutes."""
+    row = [str(3**700 + k) for k in range(45)]
+    element = {"kind": "odd_pieces", "slope": "0", "bends": [["1", "1"]], "jumps": []}
+    document = {
+        "statement": STATEMENTS[Asked.ABSENCE].text,
+        "loop": {**FIRST_LAG, "num": row, "den": [*row, "1"], "element": element},
+        "claim": {"sector": ["0", "1"], "multiplier": "0"},
+        "evidence": {"multiplier": "0", "polynomial": row},
+    }
+    code, said, _ = run(of_text(document["statement"]).program, json.dumps(sealed(document)))
+    assert code == 1 and "a polynomial of more than" in said["why"]
+
+
 @pytest.mark.parametrize("exponent", [6, 12, 300])
 def test_a_slow_pole_ends_in_a_sentence(exponent: int) -> None:
     """In the units of the fast one a crossing comes after a time without end."""
@@ -152,6 +182,35 @@ def test_arcs_of_endless_pieces_end_in_a_sentence(rate: str) -> None:
     }
     code, said, _ = run(of_text(document["statement"]).program, json.dumps(sealed(document)))
     assert code == 1 and said["why"]
+
+
+@pytest.mark.parametrize(("rows", "count"), [(2, 2000), (150, 2)])
+def test_arcs_of_many_unknowns_are_refused_at_once(rows: int, count: int) -> None:
+    ones = [[str(int(i == j)) for j in range(rows)] for i in range(rows)]
+    arc = {
+        "rate": [*ones[:-1], ["0"] * rows],
+        "guards": [["1"] * rows],
+        "on_rates": [False],
+        "fired": 0,
+        "jump": ones,
+        "levels": [],
+        "at_once": False,
+    }
+    course = {"modes": [[0]], "guards": [0], "unknown": [0], "held": [], "basis": [["1"]]}
+    document = {
+        "statement": STATEMENTS["orbit"].text,
+        "loop": {"arcs": [arc] * count, "course": course},
+        "claim": {"events": count, "period": ["1", "1"], "box": "1/10"},
+        "evidence": {
+            "solution": ["1"] * (rows * count),
+            "sizes": ["1"] * rows,
+            "weights": ["1"] * ((rows - 1) * count),
+            "radius": "1/1000",
+            "box": "1/10",
+        },
+    }
+    code, said, _ = run(of_text(document["statement"]).program, json.dumps(sealed(document)))
+    assert code == 1 and "unknowns" in said["why"]
 
 
 def test_a_checker_runs_beside_files_with_the_names_of_the_standard_library(tmp_path: Path) -> None:

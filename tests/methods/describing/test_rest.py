@@ -88,3 +88,24 @@ def _stays(guards, mode: str) -> bool:
     x = np.linspace(-10.0, 10.0, 4001)
     met = [weight * x + constant > 0.0 for m, _, weight, constant in guards if m == mode]
     return not np.all(np.any(met, axis=0))
+
+
+def _rings() -> list[epp.LureSystem]:
+    """A preload that must give nothing to an integrator, and a relay in front of one: neither can, for each jumps."""
+    ring = epp.LureSystem.from_blocks
+    wind = epp.AntiWindupPID(1.32, 0.385, 0.313, -1.34, 1.34), epp.AntiWindupPID(1.55, 0.848, 0.228, -2.27, 2.27)
+    servo = epp.Preload(0.228, 1.12), ([1.05], [0.484, 1.0]), epp.RateLimitedServo(9.43, 0.55)
+    lags, last = (([0.413], [0.955, 1.0]), ([0.315], [0.102, 1.0])), (epp.Tanh(1.35, 0.546), ([0.578], [0.689, 1.0]))
+    winding = ([0.355], [1.0, 0.0]), wind[1], ([4.76], [0.102, 1.0, 0.0])
+    return [
+        ring([epp.Preload(0.114, 1.73), ([0.401], [1.0, 0.0]), *servo, ([0.369], [1.0, 0.0, 0.0]), *last]),
+        ring([epp.Saturation(-1.36, 0.512, 1.12), lags[0], wind[0], lags[1], epp.Relay(-0.158, 0.158), *winding]),
+    ]
+
+
+@pytest.mark.parametrize("loop", _rings(), ids=["preload", "relay"])
+def test_no_state_of_rest_is_said_whatever_the_coordinates(loop):
+    """What cancels in the balance of one element, and what its jump does to its own input, is zero but for rounding."""
+    Q = np.linalg.qr(np.random.default_rng(1).normal(size=loop.A.shape))[0]
+    plain, turned = (epp.predict_limit_cycles(system).warnings for system in (loop, loop.in_coordinates(Q, Q.T)))
+    assert plain == turned and "no state of rest" in plain[0]

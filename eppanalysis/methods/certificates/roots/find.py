@@ -54,7 +54,7 @@ class _Search:
         """Marks of the boxes that one piece is cut into, as the checker reads them."""
         marks: list[str] = []
         left = [part]
-        most = min(_MOST_BOXES, self.check.BOXES - self.looked_at - _ROOM)
+        most = min(_MOST_BOXES, self.balance.boxes - self.looked_at - _ROOM)
         while left:
             box = left.pop()
             mark = self.mark(box, part, len(marks) < most)

@@ -224,7 +224,7 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
         memory=remembered(start, start.x0, start.H0, start.modes0),
         mean_state=found.rows[:-1, :n].mean(axis=0),
         event_states=found.rows[:-1, :n].copy(),
-        units=system.signals.units_by_name(),
+        units=system.signals.units_of_results(),
         note="; ".join([locked, *advances(system, gained, shape)]),
         provenance=Provenance(
             EXACT_ORBIT, {"system": system.name, "samples": found.n * strobe.every}, {"residual": CLOSED}

@@ -84,4 +84,4 @@ def test_the_box_that_is_printed_lies_in_the_one_that_is_proved() -> None:
     """Its ends are rounded inward, as what is proved of a box is not proved of a larger one."""
     box = {"amplitude": (0.123456, 9.87654), "omega": (0.333333, 7.77777)}
     found = epp.certify(L(([1.0], [1.0, 3.0, 3.0, 1.0]), epp.Saturation()), box=box)
-    assert str(found).endswith("for amplitudes 0.1235 to 9.876 and 0.3334 to 7.777 rad/s.")
+    assert str(found).endswith("for amplitudes 0.1235 to 9.876, 0.3334 to 7.777 rad/s and no bias.")
