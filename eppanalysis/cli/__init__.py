@@ -6,10 +6,9 @@ import atexit
 import gc
 import io
 import os
-import signal
 import sys
-from typing import NoReturn
 
+from eppanalysis.cli.ends import end_as_interrupted, exit_code
 from eppanalysis.cli.signs import write_plainly
 
 
@@ -24,26 +23,15 @@ def main() -> None:
         if getattr(sys, name) is None:  # closed by the caller, who wants neither text nor a traceback about it
             setattr(sys, name, io.StringIO())
         write_plainly(getattr(sys, name))
-    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-        signal.signal(signal.SIGTERM, _end)
+    end_as_interrupted()
     try:
         from eppanalysis.cli.commands import app
 
         app()
     except KeyboardInterrupt:  # before a command has begun
         sys.stderr.write("Interrupted: nothing is kept.\n")
-        sys.exit(130)
+        sys.exit(exit_code())
     except SystemExit as ended:
-        if _ended and ended.code == 130:
-            sys.exit(128 + signal.SIGTERM)
+        if ended.code == 130:  # of any interrupt, whoever has caught it
+            sys.exit(exit_code())
         raise
-
-
-#: That the command has been asked to end.
-_ended: list[int] = []
-
-
-def _end(number: int, frame: object) -> NoReturn:
-    """As an interrupt: what has been begun is put away, temporary files and processes too."""
-    _ended.append(number)
-    raise KeyboardInterrupt

@@ -23,6 +23,7 @@ from eppanalysis.cli.common import (
     print_json,
     split_pair,
 )
+from eppanalysis.cli.ends import exit_code
 from eppanalysis.errors import EppError
 from eppanalysis.readable import count
 
@@ -204,7 +205,7 @@ def sweep(
         typer.echo(f"Interrupted: {where}", err=True)
         if scheduler == _THREADS:  # which would first finish their blocks, for a minute if need be; a store bears it
             sys.stdout.flush()
-            os._exit(130)
+            os._exit(exit_code())
         raise typer.Exit(130) from None
     _write(dataset, None if store else output, picture, curves)
     counts = _counts(dataset)

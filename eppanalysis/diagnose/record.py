@@ -117,12 +117,26 @@ def record_of(
     if unknown or not signals:
         what = f"there is no signal {unknown[0]!r}" if unknown else "the record has no signal"
         raise ModelError(f"diagnose: {what}", expected=did_you_mean(unknown[0] if unknown else "", units))
-    if time.ndim != 1 or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0):
-        raise EppError("diagnose: time must be finite and grow from sample to sample.")
+    if time.ndim != 1 or not time.size:
+        raise EppError(f"diagnose: time has shape {time.shape}; expected a number for each sample.")
+    _require_finite("time", time)
+    if np.any(np.diff(time) <= 0):
+        later = int(np.argmax(np.diff(time) <= 0)) + 1
+        raise EppError(
+            f"diagnose: time is {time[later]:g} at sample {later}, behind {time[later - 1]:g}; expected a later time."
+        )
     for name, values in signals.items():
-        if values.shape != time.shape or not np.all(np.isfinite(values)):
-            raise EppError(f"diagnose: {name} has shape {values.shape}; expected finite numbers, {time.shape}.")
+        if values.shape != time.shape:
+            raise EppError(f"diagnose: {name} has shape {values.shape}; expected that of time, {time.shape}.")
+        _require_finite(name, values)
     return Record("record", time, signals)
+
+
+def _require_finite(name: str, values: Array) -> None:
+    holes = np.flatnonzero(~np.isfinite(values))
+    if holes.size:
+        first = f"{values[holes[0]]:g} at sample {holes[0]}"
+        raise EppError(f"diagnose: {name} is {first}; expected finite numbers, as a record has no holes.")
 
 
 def oscillation_of(record: Record) -> Oscillation:

@@ -54,3 +54,20 @@ def test_nothing_is_left_behind(tmp_path: Path, what: str, signalled: signal.Sig
     assert not [pid for pid in children if Path(f"/proc/{pid}").exists()]
     assert [path.name for path in tmp_path.iterdir()] == ["there"]
     assert not list(there.rglob("eppanalysis-*"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("signalled", [signal.SIGTERM, signal.SIGINT])
+def test_threads_of_a_sweep_end_with_the_code_of_the_signal(tmp_path: Path, signalled: signal.Signals) -> None:
+    store = tmp_path / "map.zarr"
+    axes = ("--axis", "play.gap=1:3:4000", "-o", str(store))
+    command = [sys.executable, "-m", "eppanalysis", "sweep", "backlash_servo", *axes]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+    end = time.monotonic() + 60.0
+    while not store.exists() and process.poll() is None and time.monotonic() < end:
+        time.sleep(0.05)
+    process.send_signal(signalled)
+    _, said = process.communicate(timeout=40)
+    assert said.splitlines()[-1] == "Interrupted: what is done is kept; the same command goes on."
+    assert process.returncode == 128 + signalled

@@ -29,7 +29,7 @@ def died_out(start: HybridSystem, run: Run) -> bool:
 def dwindles(start: HybridSystem, run: Run) -> tuple[bool, float]:
     """Whether the last events that a run keeps are smaller than the first, and their size relative to the whole run."""
     size = np.where(run.high > run.low, run.high - run.low, np.inf)
-    before, now = ((np.ptp(run.state[part], axis=0) / size)[start.compared].max() for part in (
+    before, now = ((np.ptp(run.state[part], axis=0) / size)[start.compared].max(initial=0.0) for part in (
         run.order[:_PILE], run.order[-_PILE:],
     ))  # fmt: skip
     return bool(now < _DWINDLES * before), float(now)

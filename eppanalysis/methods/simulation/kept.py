@@ -88,7 +88,7 @@ class Run:
     def _last_swings(self) -> float:
         """Size of the motion over the last events, relative to that of the whole run: of the state that moves most."""
         size = np.where(self.high > self.low, self.high - self.low, np.inf)
-        return float((np.ptp(self.state[self.order[-_FEW:]], axis=0) / size).max())
+        return float((np.ptp(self.state[self.order[-_FEW:]], axis=0) / size).max(initial=0.0))
 
     def why_early(self, t_end: float) -> str:
         """Why a run has ended before its time, and what to do, in a sentence; empty for one that has not."""

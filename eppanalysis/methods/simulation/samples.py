@@ -143,16 +143,23 @@ def _turns(strobe: Strobe, run: Run, rows: Rows, t_end: float) -> tuple[NDArray[
         places, values = places[first:], values[first:]
         if places.size <= _TURNS:
             continue
-        steps = np.abs(np.diff(values, axis=0) / scale).sum(axis=0)
-        # What wanders goes to and fro; of a trend the way from the first turn to the last is nearly all its steps
-        # together.
-        if np.any(np.abs(values[-1] - values[0]) / scale > _TREND * steps + _CLOSED):
-            continue
+        values = values / scale
         span = np.array([np.ptp(rows.values[a : b + 1], axis=0) / scale for a, b in pairwise(places)])
-        differ = float(max(np.ptp(values / scale, axis=0).max(), np.ptp(span, axis=0).max()))
+        if _trends(values) or _trends(span):
+            continue
+        differ = float(max(np.ptp(values, axis=0).max(), np.ptp(span, axis=0).max()))
         if differ <= 2.0 * _DIFFER:
             return places, differ
     return None
+
+
+def _trends(turns: Array) -> bool:
+    """Whether a column goes one way from turn to turn.
+
+    What wanders goes to and fro; of a trend the way from the first turn to the last is nearly all its steps together.
+    """
+    steps = np.abs(np.diff(turns, axis=0)).sum(axis=0)
+    return bool(np.any(np.abs(turns[-1] - turns[0]) > _TREND * steps + _CLOSED))
 
 
 def _reach(values: Array, of: np.ufunc) -> Array:

@@ -78,7 +78,7 @@ class Responses(ABC):
         s, ds = self._place(1j * omega)
         A, B, C = (np.array(m, float, order="C") for m in (apart._rates, apart.B, C if T is None else C @ T))
         out = np.empty((count, *omega.shape, len(C), B.shape[1]), complex)
-        response_and_slope(A, B, C, s.ravel(), 1j * ds.ravel(), out.reshape(count, -1, *out.shape[-2:]))
+        response_and_slope(A, B, C, s.ravel(), 1j * ds.ravel(), out.reshape(count, omega.size, *out.shape[-2:]))
         if np.any(self.delays):
             out *= np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
             out[1:] -= 1j * self.delays * out[:1]

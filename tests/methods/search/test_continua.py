@@ -68,3 +68,30 @@ def test_a_modulator_that_cycles_for_ever_is_neutral():
         away = np.diff(np.abs(beside[::n]).max(axis=1)[1:])
         assert away == pytest.approx(away[0], rel=1e-6) and away[0] > 0.0
         assert cycle.stable is None and "neutral" in cycle.stability_criterion
+
+
+_FOLLOWING = """
+kind = "diagram"
+title = "An element that follows its input all round a cycle"
+connect = ["-plant -> relay", "relay -> lag", {wires}]
+[blocks]
+lag = {{ kind = "transfer_function", num = [1], den = [1, 1] }}
+plant = {{ kind = "transfer_function", num = [4], den = [1, 2, 1], start = [0.5, 0] }}
+[elements]
+relay = {{ element = "hysteresis_relay", lower = -0.1, upper = 0.1 }}
+{element}
+[run]
+t_end = "100 s"
+"""
+
+
+def test_a_rate_limit_that_is_never_met_changes_nothing():
+    free = _FOLLOWING.format(wires='"lag -> plant"', element="")
+    limiter = 'limiter = { element = "rate_limiter", rate = 100.0 }'
+    limited = _FOLLOWING.format(wires='"lag -> limiter", "limiter -> plant"', element=limiter)
+    cases = [epp.case_from_text(text, "loop") for text in (free, limited)]
+    cycle, other = (epp.exact_orbit(case, epp.simulate(case).limit_cycle) for case in cases)
+    assert other.period == pytest.approx(cycle.period, rel=1e-12) and "continuum" not in other.stability_criterion
+    assert cycle.multipliers is not None and other.multipliers is not None
+    n = cycle.multipliers.size
+    assert other.multipliers[:n] == pytest.approx(cycle.multipliers, abs=1e-9) and not other.multipliers[n:].any()

@@ -211,3 +211,24 @@ def test_what_is_left_of_a_decay_within_a_dead_zone_is_no_cycle() -> None:
     statuses = {float(t): epp.simulate(servo, t_end=t).status for t in (8.0, 9.0, 10.0, 11.0, 20.0)}
     assert statuses.pop(20.0) is epp.Status.SETTLED
     assert set(statuses.values()) <= {epp.Status.UNDECIDED, epp.Status.SETTLED}
+
+
+@pytest.mark.parametrize("start", [0.3, 1.0], ids=["grows", "shrinks"])
+def test_a_motion_whose_size_still_changes_from_turn_to_turn_is_no_cycle(start: float) -> None:
+    """An oscillator of little damping under a sampled law: its turns wander by a sample, its size goes one way."""
+    T, A, b = 0.06, np.array([[0.0, 1.0], [-0.6, -0.1]]), np.array([0.0, 1.0])
+    C, D = np.array([[-7.3, 0.0], [0.0, 0.0]]), np.array([[0.0, 0.0], [1.0, 0.0]])
+    elements = [epp.SampledController([], [], [], [[1.0]], T), epp.Saturation(slope=0.6)]
+    loop = epp.LureSystem.build(A, np.column_stack([0.0 * b, b]), C, elements, D=D, x0=[start, 0.0])
+
+    step = scipy.linalg.expm(np.block([[A, b[:, None]], [np.zeros((1, 3))]]) * T)
+    x, inputs = np.array([start, 0.0]), []
+    for _ in range(40_000):
+        x = step[:2, :2] @ x + step[:2, 2] * np.clip(-0.6 * 7.3 * x[0], -1.0, 1.0)
+        inputs.append(7.3 * x[0])
+    size = np.ptp(inputs[20_000:])
+
+    runs = [epp.simulate(loop, t_end=t).limit_cycle for t in (20.0, 40.0, 60.0, 100.0, 600.0)]
+    assert runs[-1] is not None
+    for cycle in filter(None, runs):
+        assert max(cycle.peak_to_peak.values()) == pytest.approx(size, rel=0.01)

@@ -336,3 +336,14 @@ def test_elements_and_signals_with_indices_are_parameters_of_a_case():
     assert case.value("u[0].upper") == 2.0 and case.named_signals[0] == "y[0]"
     found = epp.sweep(case, {"u[0].upper": [1.0, 2.0]}, progress=False)
     assert found.sizes["u[0].upper"] == 2
+
+
+@pytest.mark.parametrize("name", ["sys[3]$copy", "Ventil_öffnung", "μ"])
+def test_names_that_python_control_gives_and_letters_of_any_alphabet_stand_in_a_case(name: str) -> None:
+    limiter = control.nlsys(None, lambda t, x, u, params: np.clip(u, -1, 1), name=name, inputs="u", outputs="v")
+    plant = control.ss([[0, 1], [0, -1]], [[0], [4]], [[-1, 0]], 0, inputs="v", outputs="u")
+    loop = epp.from_control(control.interconnect([limiter, plant], outputs="u"), {name: epp.Saturation()})
+    case = epp.Case.from_system(loop, name="mine", t_end=1.0).with_values({f"{name}.upper": 2.0})
+    again = epp.case_from_text(case.to_toml(), "mine").to_system()
+    assert again.element_names == (name,) and again.signals.names == loop.signals.names
+    assert again.elements == (epp.Saturation(-1.0, 2.0),)
