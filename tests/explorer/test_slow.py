@@ -1,5 +1,6 @@
 """What the explorer's page finds in some seconds."""
 
+import numpy as np
 import pytest
 
 pytest.importorskip("bokeh")
@@ -25,7 +26,9 @@ def test_a_branch_that_is_lost_says_where_and_is_sought_from_the_case_too():
     assert min(values) <= own < 3.3638e-3 < max(values)
 
 
-def test_in_discrete_time_no_branch_is_followed_which_is_not_none_found():
+def test_a_branch_in_discrete_time_is_drawn_as_any_other():
     case = epp.case("backlash_discrete_pi")
-    facts = slow.branch(slow.Given.of(case, case.to_system().signals.names[0]), "loop.gain", 0.5, 2.0)
-    assert not facts["pieces"] and facts["doubts"] == "not followed in discrete time"
+    facts = slow.branch(slow.Given.of(case, case.to_system().signals.names[0]), "play.gap", 0.5, 2.0)
+    (piece,) = facts["pieces"]
+    assert not facts["doubts"] and (min(piece["value"]), max(piece["value"])) == (0.5, 2.0)
+    assert np.array(piece["size"]) == pytest.approx(1.66604459745 * np.array(piece["value"]))
