@@ -8,11 +8,11 @@ from eppanalysis.cases import Case
 from eppanalysis.cases.command_line import Asking
 from eppanalysis.errors import EppError
 from eppanalysis.limits import MARGIN, Limit, Printed
-from eppanalysis.methods.bounds.searched import in_samples
 from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
 from eppanalysis.methods.certificates.result import Certificate
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.search.result import CycleSearch
+from eppanalysis.models.systems.sampled.clocked import has_samples
 from eppanalysis.readable import quantity, words
 from eppanalysis.results import Status, Trajectory
 
@@ -84,7 +84,7 @@ class Found:
         if not names:
             return []
         question = self.asking.bounds(names[0])
-        if not question and names[0] == "loop.gain" and not in_samples(self.case.to_system()):
+        if not question and names[0] == "loop.gain" and not has_samples(self.case.to_system()):
             question = self.asking.largest(names[0])
         return [f"{asked}: {question}"] if question else []
 

@@ -15,7 +15,8 @@ from eppanalysis.cases import Case, variation_of
 from eppanalysis.cases.command_line import Asking, called
 from eppanalysis.cases.variation import time_of_maps
 from eppanalysis.methods.bounds.numbers import why_no_bounds
-from eppanalysis.methods.bounds.searched import in_samples, why_by_search
+from eppanalysis.methods.bounds.searched import why_by_search
+from eppanalysis.models.systems.sampled.clocked import has_samples
 from eppanalysis.models.systems.sampled.strobe import sampled_among
 from eppanalysis.plotting import main_signals
 
@@ -220,7 +221,7 @@ print("Computed", datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"))"""
 def _prediction(case: Case) -> str:
     """With a Nyquist plot of its own where the prediction's is the loop gain over amplitude."""
     system = case.to_system()
-    several = len(system.elements) > 1 and not in_samples(system)
+    several = len(system.elements) > 1 and not has_samples(system)
     return _PREDICTION.format(nyquist=_NYQUIST if several else "")
 
 
@@ -249,7 +250,7 @@ def _branch(case: Case, *, full: bool = False) -> str:
 def _followed(case: Case, *, full: bool = False) -> str:
     """The parameter over which a cycle is followed; none in short reports of loops with samples."""
     names, system = variation_of(case).over(), case.to_system()
-    return names[0] if names and (full or not in_samples(system)) else ""
+    return names[0] if names and (full or not has_samples(system)) else ""
 
 
 def _map(case: Case) -> str:

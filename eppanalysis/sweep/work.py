@@ -12,7 +12,7 @@ import numpy as np
 from eppanalysis.arrays import IntArray
 from eppanalysis.cases import Case
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
-from eppanalysis.models.systems.sampled.strobe import is_sampled
+from eppanalysis.models.systems.sampled.clocked import has_samples
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.sweep.analyses import (
     FAILED,
@@ -293,8 +293,7 @@ class _Cell:
 
 def _alone(case: Case) -> bool:
     """Whether runs of a case are made one by one: in discrete time, and where samples never end."""
-    system = case.to_system()
-    return bool(system.time_step) or is_sampled(system.elements)
+    return has_samples(case.to_system())
 
 
 def _judge(truth: str, out: Columns) -> None:

@@ -22,7 +22,7 @@ from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.methods.search.find import search_from
 from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.sampled.strobe import is_sampled
+from eppanalysis.models.systems.sampled.clocked import has_samples
 from eppanalysis.progress import Progress
 from eppanalysis.readable import DIGITS, listed
 from eppanalysis.results import LimitCycle, Status
@@ -47,14 +47,9 @@ class Answer:
         return not (self.cycles or self.open_ends)
 
 
-def in_samples(system: LureSystem) -> bool:
-    """Whether a loop has sampled controllers, or is one of discrete time."""
-    return bool(system.time_step) or is_sampled(system.elements)
-
-
 def why_by_search(system: LureSystem) -> str:
     """Why the bounds of a loop are those of the search, in a sentence; empty where they are folds."""
-    if in_samples(system):
+    if has_samples(system):
         return "The loop is sampled"
     try:
         Loop.of(system, system.v0)

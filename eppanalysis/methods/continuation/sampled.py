@@ -25,7 +25,7 @@ from eppanalysis.methods.continuation.own_states import searched
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import (
-    Round,
+    LockedOrbit,
     away,
     close_locked,
     locked_cycle,
@@ -85,11 +85,13 @@ class _Here:
     hybrid: HybridSystem
     strobe: Strobe
 
-    def locked(self, once: Round | None) -> _Point | None:
+    def locked(self, once: LockedOrbit | None) -> _Point | None:
         """A point of a closed orbit."""
         return None if once is None else _Point(self, once)
 
-    def carried(self, near: Round, n: int, sample: int = 0, size: float = 1.0, by: Array | None = None) -> Round | None:
+    def carried(
+        self, near: LockedOrbit, n: int, sample: int = 0, size: float = 1.0, by: Array | None = None
+    ) -> LockedOrbit | None:
         """The orbit of n periods of the samples nearest to one at another value, begun on it, scaled, moved."""
         behind = np.flatnonzero(near.run.guard[: near.last] == near.strobe.guard) + 1
         place = int(np.append(0, behind)[:: near.strobe.every][sample])
@@ -186,19 +188,21 @@ class _Point:
     """A cycle at a value of the parameter: its orbit where it is locked to the samples, else the last turn of a run."""
 
     here: _Here
-    of: Round | _LastTurn
+    of: LockedOrbit | _LastTurn
     slope: Array | None = None  # of what repeats at its first sample by the parameter, shape (m,); none at first
 
     @property
-    def once(self) -> Round | None:
+    def once(self) -> LockedOrbit | None:
         """The orbit, where it is locked to the samples."""
-        return self.of if isinstance(self.of, Round) else None
+        return self.of if isinstance(self.of, LockedOrbit) else None
 
     @cached_property
     def cycle(self) -> LimitCycle:
         """The cycle, analysed."""
         return (
-            locked_cycle(self.here.system, self.of) if isinstance(self.of, Round) else self.of.cycle(self.here.system)
+            locked_cycle(self.here.system, self.of)
+            if isinstance(self.of, LockedOrbit)
+            else self.of.cycle(self.here.system)
         )
 
     @property
@@ -218,7 +222,7 @@ class _Point:
 
     def next(self, here: _Here) -> _Point | None:
         """The same cycle at a value near; None where it is not there any more."""
-        if isinstance(self.of, Round):
+        if isinstance(self.of, LockedOrbit):
             way = here.value - self.value
             once = here.carried(self.of, self.of.n, by=None if self.slope is None else way * self.slope)
             if once is None:
@@ -276,7 +280,7 @@ class _Point:
         return f"cycle of {count(int(self.samples), 'sample')}"
 
 
-def _moved(old: Round, new: Round) -> tuple[float, int]:
+def _moved(old: LockedOrbit, new: LockedOrbit) -> tuple[float, int]:
     """How far an orbit has moved at its samples, relative to its motion, and which of them is now the first."""
     there, now = old.at_samples[:-1] / old.scale, new.at_samples[:-1] / old.scale
     moves = [float(np.max(np.abs(np.roll(there, -k, axis=0) - now), initial=0.0)) for k in range(len(there))]

@@ -16,7 +16,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.driven.drive import Drive
 from eppanalysis.methods.driven.result import PeriodicResponse
-from eppanalysis.methods.orbits.samples.locked import Round, locked_cycle
+from eppanalysis.methods.orbits.samples.locked import LockedOrbit, locked_cycle
 from eppanalysis.methods.simulation.period import analyse_period
 from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.methods.steady.closing import close
@@ -93,7 +93,7 @@ def _closed(drive: Drive, periods: int, multiple: int) -> PeriodicResponse | Non
         or np.any(np.abs(steady.extent - last.extent)[steady.sought] > _AS_LARGE * steady.scale)
     ):
         return None
-    found = Round.closed(strobe, steady, round(n))
+    found = LockedOrbit.closed(strobe, steady, round(n))
     if found is None:
         return None
     cycle = locked_cycle(drive.system, found)

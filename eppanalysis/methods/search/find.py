@@ -50,7 +50,8 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
-from eppanalysis.models.systems.sampled.strobe import Strobe, is_sampled
+from eppanalysis.models.systems.sampled.clocked import has_samples
+from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.progress import Progress
 from eppanalysis.results import LimitCycle, Status, smallest_first
@@ -149,7 +150,7 @@ def _as_it_is(
     seeds = seeds_of(system, at) if predicted is None else predicted
     for cycle in seeds:
         cycle.require_state(len(system.A))
-    if system.time_step or is_sampled(system.elements):
+    if has_samples(system):
         return _in_samples(system, at, seeds, lambda own, starts: search_sampled(own, starts, at, progress, enough))
     hybrid = steady_hybrid(system, at)
     if not np.any(poles(system.A)):
@@ -221,7 +222,7 @@ def search_from(
     In a loop with sampled controllers it ends at the first cycle that is `enough`, and those known come first.
     """
     loop, at = standing(system, None, "find_limit_cycles")
-    if enough is not None and known and (loop.time_step or is_sampled(loop.elements)):
+    if enough is not None and known and has_samples(loop):
         near = _in_samples(loop, at, known, lambda own, starts: search_near(own, starts, at, enough))
         if near is not None:
             return near

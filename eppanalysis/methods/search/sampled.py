@@ -18,7 +18,7 @@ from scipy.spatial import KDTree
 
 from eppanalysis.arrays import Array, IntArray
 from eppanalysis.methods.orbits.samples.locked import (
-    Round,
+    LockedOrbit,
     away,
     close_locked,
     lengths_near,
@@ -141,7 +141,7 @@ class SampledSearch:
     starts: Starts
     progress: Progress | None = None
     enough: Enough | None = None
-    rounds: list[Round] = field(default_factory=list)
+    rounds: list[LockedOrbit] = field(default_factory=list)
     others: list[LimitCycle] = field(default_factory=list)
     extents: list[Array] = field(default_factory=list)
     ends: Counter[End] = field(default_factory=Counter)
@@ -301,7 +301,7 @@ class SampledSearch:
         self.refused = 0
         return self._add(closed)
 
-    def _is_near(self, orbit: Round, y: Array, share: float) -> bool:
+    def _is_near(self, orbit: LockedOrbit, y: Array, share: float) -> bool:
         away = np.max(np.abs(orbit.at_samples - y) / orbit.scale, axis=1)
         return bool(orbit.is_stable and np.min(away) <= share)
 
@@ -324,7 +324,7 @@ class SampledSearch:
                 return k
         return None
 
-    def _add(self, orbit: Round) -> int:
+    def _add(self, orbit: LockedOrbit) -> int:
         """The place of an orbit among those listed, one for each continuum."""
         for k, known in enumerate(self.rounds):
             if same_round(known, orbit) or of_one_continuum(known, orbit):
@@ -369,7 +369,7 @@ class SampledSearch:
                 self.stopped = self.suffices
         return self.stopped
 
-    def _on_boundary(self, start: HybridSystem) -> Round | None:
+    def _on_boundary(self, start: HybridSystem) -> LockedOrbit | None:
         """The orbit near which a run from a boundary stays for a while: where it returns, and not to a known one."""
         longest = max((orbit.n for orbit in self.rounds), default=1)
         run = self._run(start, max(self.horizon, _STAYS * longest * self.strobe.period))
@@ -439,7 +439,7 @@ class SampledSearch:
 
     def _seek_midway(self) -> None:
         """Orbits midway between neighbouring samples of those known: on a curve unstable ones lie between stable."""
-        alike: dict[int, list[Round]] = {}
+        alike: dict[int, list[LockedOrbit]] = {}
         for orbit in self.rounds:
             if not orbit.one_of_many:  # between those of a continuum lie its others
                 alike.setdefault(orbit.n, []).append(orbit)
@@ -454,13 +454,13 @@ class SampledSearch:
                 if found is not None:
                     self._add(found)
 
-    def _spread(self, orbit: Round) -> list[int]:
+    def _spread(self, orbit: LockedOrbit) -> list[int]:
         """Places of some samples of an orbit, evenly spread."""
         places = np.append(0, np.flatnonzero(orbit.run.guard[: orbit.last] == self.strobe.guard) + 1)
         places = places[:: self.strobe.every]
         return places[np.unique(np.linspace(0, places.size - 1, min(_STARTS, places.size)).astype(int))].tolist()
 
-    def _split(self, orbit: Round, k: int) -> tuple[Array, Array]:
+    def _split(self, orbit: LockedOrbit, k: int) -> tuple[Array, Array]:
         n = self.hybrid.x0.size
         return orbit.rows[k, :n], orbit.rows[k, n:]
 

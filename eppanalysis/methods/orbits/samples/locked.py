@@ -43,7 +43,7 @@ _MOST_LENGTHS = 40
 
 
 @dataclass(frozen=True, eq=False)
-class Round:
+class SampledTurn:
     """Once round: a start behind a sample, and the run from there to the same sample some whole periods later."""
 
     strobe: Strobe
@@ -51,26 +51,17 @@ class Round:
     n: int  # periods of the strobe
     run: Run
     last: int  # place of the event that ends it
-    steady: Pass | None = None  # the same motion, closed
 
     @classmethod
-    def of(cls, strobe: Strobe, start: HybridSystem, n: int) -> Round | None:
+    def of(cls, strobe: Strobe, start: HybridSystem, n: int) -> SampledTurn | None:
         """The run once round; None where it ends before."""
         run = run_over(start, n * strobe.period + 0.25 * min(c.sample_time for c in strobe.controllers))
         if run is None:
             return None
         samples = np.flatnonzero(run.guard[: run.n_kept] == strobe.guard)
-        return None if samples.size < n * strobe.every else cls(strobe, start, n, run, samples[n * strobe.every - 1])
-
-    @classmethod
-    def closed(cls, strobe: Strobe, steady: Pass, n: int) -> Round | None:
-        """A steady motion of n periods, begun at the sample where what repeats is greatest, its first place first."""
-        run = steady.run
-        samples = steady.events[run.guard[steady.events] == strobe.guard]
-        behind = np.hstack([run.state[samples], run.memory_values[samples]])[:, strobe.free] / steady.scale
-        first = samples[np.lexsort(np.round(behind, _DIGITS).T[::-1])[-1]]
-        found = cls.of(strobe, strobe.begun(run.state[first], run.memory_values[first], run.modes[first]), n)
-        return None if found is None else replace(found, steady=steady)
+        if samples.size < n * strobe.every:
+            return None
+        return SampledTurn(strobe, start, n, run, int(samples[n * strobe.every - 1]))
 
     @cached_property
     def rows(self) -> Array:
@@ -84,21 +75,38 @@ class Round:
         places = np.flatnonzero(self.run.guard[: self.last + 1] == self.strobe.guard) + 1
         return self.rows[np.append(0, places)][:: self.strobe.every, self.strobe.free]
 
-    @property
-    def pass_(self) -> Pass:
-        """The steady motion that it was closed as."""
-        assert self.steady is not None
-        return self.steady
+    def begun_at(self, begin: Array) -> HybridSystem:
+        """The start, with other values of what repeats."""
+        y, n = self.rows[0].copy(), self.start.x0.size
+        y[self.strobe.free] = begin
+        return self.strobe.begun(y[:n], y[n:], self.run.modes[self.last])
+
+
+@dataclass(frozen=True, eq=False)
+class LockedOrbit(SampledTurn):
+    """A turn that ends where it began."""
+
+    steady: Pass  # the same motion, begun where no event is near
+
+    @classmethod
+    def closed(cls, strobe: Strobe, steady: Pass, n: int) -> LockedOrbit | None:
+        """A steady motion of n periods, begun at the sample where what repeats is greatest, its first place first."""
+        run = steady.run
+        samples = steady.events[run.guard[steady.events] == strobe.guard]
+        behind = np.hstack([run.state[samples], run.memory_values[samples]])[:, strobe.free] / steady.scale
+        first = samples[np.lexsort(np.round(behind, _DIGITS).T[::-1])[-1]]
+        turn = SampledTurn.of(strobe, strobe.begun(run.state[first], run.memory_values[first], run.modes[first]), n)
+        return None if turn is None else cls(strobe, turn.start, n, turn.run, turn.last, steady)
 
     @property
     def motion(self) -> Array:
         """How far what repeats moves, between samples too, shape (m,)."""
-        return self.pass_.extent[self.strobe.free]
+        return self.steady.extent[self.strobe.free]
 
     @property
     def scale(self) -> Array:
         """Size of the motion in each place, never zero."""
-        return self.pass_.scale
+        return self.steady.scale
 
     @property
     def rests(self) -> bool:
@@ -111,23 +119,17 @@ class Round:
     @property
     def one_of_many(self) -> bool:
         """Whether it belongs to a continuum of orbits."""
-        values = self.pass_.multipliers
+        values = self.steady.multipliers
         return values is not None and bool(np.any(np.abs(values - 1.0) < _NEUTRAL))
 
     @property
     def is_stable(self) -> bool:
         """Whether all its multipliers are within one."""
-        values = self.pass_.multipliers
+        values = self.steady.multipliers
         return values is not None and bool(np.all(np.abs(values) < 1.0))
 
-    def begun_at(self, begin: Array) -> HybridSystem:
-        """The start, with other values of what repeats."""
-        y, n = self.rows[0].copy(), self.start.x0.size
-        y[self.strobe.free] = begin
-        return self.strobe.begun(y[:n], y[n:], self.run.modes[self.last])
 
-
-def close_locked(strobe: Strobe, start: HybridSystem, n: int, size: Array | None = None) -> Round | None:
+def close_locked(strobe: Strobe, start: HybridSystem, n: int, size: Array | None = None) -> LockedOrbit | None:
     """The orbit of n periods of the strobe near a start, once round in the fewest; None where none is found.
 
     Parameters
@@ -138,13 +140,13 @@ def close_locked(strobe: Strobe, start: HybridSystem, n: int, size: Array | None
         Of the motion that is looked for: far smaller ones are rest.
     """
     steady = close(start, n * strobe.period, given=True) if n else None
-    found = None if steady is None else Round.closed(strobe, steady, n)
+    found = None if steady is None else LockedOrbit.closed(strobe, steady, n)
     if found is None or found.rests or (size is not None and not np.any(found.motion > _REST * size)):
         return None
     return _once(found)
 
 
-def _once(found: Round) -> Round | None:
+def _once(found: LockedOrbit) -> LockedOrbit | None:
     """Taken back to the fewest periods after which it has closed; None for rest."""
     away = np.max(np.abs(found.at_samples - found.at_samples[0]) / found.scale, axis=1)
     for n in range(1, found.n):
@@ -153,7 +155,7 @@ def _once(found: Round) -> Round | None:
     return found
 
 
-def same_round(one: Round, other: Round) -> bool:
+def same_round(one: LockedOrbit, other: LockedOrbit) -> bool:
     """Whether two orbits are one, begun at different samples."""
     if one.n != other.n:
         return False
@@ -162,11 +164,11 @@ def same_round(one: Round, other: Round) -> bool:
     return any(bool(np.max(np.abs(np.roll(there, -turn, axis=0) - here)) < _SAME) for turn in turns)
 
 
-def of_one_continuum(one: Round, other: Round) -> bool:
+def of_one_continuum(one: LockedOrbit, other: LockedOrbit) -> bool:
     """Whether two orbits belong to one continuum, which a disturbance moves the loop along."""
 
     def once(begin: Array) -> Array | None:
-        path = Round.of(one.strobe, one.begun_at(begin), one.n)
+        path = SampledTurn.of(one.strobe, one.begun_at(begin), one.n)
         return None if path is None else path.at_samples
 
     # At its rim, where a sample meets a threshold, a disturbance leads off a continuum to one side.
@@ -181,7 +183,7 @@ def starts_on(strobe: Strobe, run: Run, n: int, most: int) -> Iterator[HybridSys
         yield strobe.begun(run.state[place], run.memory_values[place], run.modes[place])
 
 
-def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
+def locked_cycle(system: LureSystem, found: LockedOrbit) -> LimitCycle:
     """What a closed orbit looks like to its user."""
     strobe, start, run, last = found.strobe, found.start, found.run, found.last
     period = found.n * strobe.period
@@ -194,7 +196,7 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
         return signals - np.outer(times[: len(signals)], gained / period)
 
     shape = analyse_period(marks, system.delays, start.time_scale, system.signals.names, sample)
-    steady = found.pass_
+    steady = found.steady
     many, matrix = found.one_of_many, steady.matrix
     values = None if steady.on_a_border and not many else steady.multipliers
     drifting = many and drifts(matrix, np.ones(len(matrix)))
@@ -247,9 +249,9 @@ def locked_orbit(system: LureSystem, hybrid: HybridSystem, strobe: Strobe, start
     return unclosed(start, f"no orbit that is locked to the samples was found near {length:.6g} of {strobe.period:g} s")
 
 
-def rounds_near(hybrid: HybridSystem, strobe: Strobe, start: LimitCycle) -> Iterator[Round]:
+def rounds_near(hybrid: HybridSystem, strobe: Strobe, start: LimitCycle) -> Iterator[LockedOrbit]:
     """Closed orbits near an approximate cycle: of its number of samples, or where that is no whole one, of all near."""
-    length, found = start.period / strobe.period, list[Round]()
+    length, found = start.period / strobe.period, list[LockedOrbit]()
     whole = abs(length - round(length)) < 1e-6 * length and round(length) > 0
     begun = hybrid.begun(start.state, start.memory)
     # A short run first, before it has left an unstable cycle; a stable one is nearer after a long one.

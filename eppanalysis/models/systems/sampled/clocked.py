@@ -18,6 +18,7 @@ from eppanalysis.arrays import Array, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.dynamic.sampled import ControllerMemory, SampledController
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.sampled.strobe import sampled_among
 
 #: How near a time must be to a whole number of samples, in samples.
 _WHOLE = 1e-6
@@ -137,6 +138,11 @@ class Clocked:
         begin = self._begin(state, memory)
         control = ControllerMemory(tuple(begin.tolist()), (*begin.tolist(), *self.inputs.tolist()), self.time_step)
         return np.zeros(1), (control, *memory)
+
+
+def has_samples(system: LureSystem) -> bool:
+    """Whether a loop has sampled controllers, or is one in discrete time."""
+    return bool(system.time_step or sampled_among(system.elements))
 
 
 def _free_name(taken: Sequence[str]) -> str:
