@@ -109,7 +109,12 @@ def test_a_cycle_on_a_threshold_is_the_border_of_a_continuum():
     """The integrator of the converter counts in whole steps: one cycle ends a sample on a level of its modulator."""
     found = epp.find_limit_cycles(epp.case("buck_converter"))
     closed = [cycle for cycle in found if cycle.method == "exact orbit"]
-    assert len(closed) == found.n_continua == 3 and found.status.ok
+    assert len(closed) == found.n_continua == len(found) and found.status.ok
+    samples = Counter(round(cycle.period / 4e-6) for cycle in closed)
+    assert {28, 55, 82} <= set(samples) and max(samples.values()) <= 2
+    for n in (n for n, times in samples.items() if times == 2):  # the two are mirror images
+        one, other = (cycle.mean["voltage"] for cycle in closed if round(cycle.period / 4e-6) == n)
+        assert one == pytest.approx(-other, rel=1e-6)
     for cycle in closed:
         assert cycle.stable and cycle.residual < 1e-13
         assert np.min(np.abs(cycle.multipliers - 1.0)) < 1e-8
