@@ -212,7 +212,8 @@ class SampledSearch:
 
     def cycles(self) -> list[LimitCycle]:
         """Those found."""
-        return [*(locked_cycle(self.system, o) for o in self.rounds), *self.others]
+        closed = [locked_cycle(self.system, orbit) for orbit in self.rounds]
+        return [*closed, *(c for c in self.others if not any(_stands_for(orbit, c) for orbit in closed))]
 
     def _say(self, done: int, of: int | None, doing: str) -> None:
         if self.progress is not None:
@@ -286,7 +287,7 @@ class SampledSearch:
         samples = self._at_strobe(run)
         rows = np.hstack([run.state[samples], run.memory_values[samples]])[:, self.strobe.free]
         for k, orbit in enumerate(self.rounds):
-            if self._is_near(orbit, rows[-1], differs):
+            if _comes_to(rows, orbit, differs):
                 return k
         if self.refused == _STARTS or len(rows) < 6:  # what has closed on none so often fills a curve
             return None
@@ -295,15 +296,11 @@ class SampledSearch:
         n = 2 + int(np.argmin(back.max(axis=1)))
         begin = self.strobe.begun(run.state[samples[-1]], run.memory_values[samples[-1]], run.modes[samples[-1]])
         closed = close_locked(self.strobe, begin, n)
-        if closed is None or not self._is_near(closed, rows[-1], differs):
+        if closed is None or not _comes_to(rows, closed, differs):
             self.refused += 1
             return None
         self.refused = 0
         return self._add(closed)
-
-    def _is_near(self, orbit: LockedOrbit, y: Array, share: float) -> bool:
-        away = np.max(np.abs(orbit.at_samples - y) / orbit.scale, axis=1)
-        return bool(orbit.is_stable and np.min(away) <= share)
 
     def _at_strobe(self, run: Run) -> IntArray:
         """Places of the samples of a run at which all come round, oldest first."""
@@ -489,6 +486,28 @@ class SampledSearch:
             text += " Motions of runs that neither settle nor repeat themselves may fill a curve."
         text += " The search ended before it had come to its end." * self.ended
         return text + " It ended at the first cycle that was enough." * self.stopped
+
+
+def _comes_to(rows: Array, orbit: LockedOrbit, differs: float) -> bool:
+    """Whether samples (k, m) of a run come ever nearer to a stable orbit, and are as near as its turns differ."""
+    n = orbit.n
+    if not orbit.is_stable or len(rows) < 2 * n:
+        return False
+    turns = [rows[end - n : end] for end in np.linspace(max(len(rows) // 2, n), len(rows), 3).astype(int)]
+    tree = KDTree(orbit.at_samples / orbit.scale)
+    far = [float(np.max(tree.query(turn / orbit.scale, p=np.inf)[0])) for turn in turns]
+    return far[2] < far[1] < far[0] and far[2] <= differs
+
+
+def _stands_for(orbit: LimitCycle, motion: LimitCycle) -> bool:
+    """Whether a stable orbit of one or several turns is a motion that a run has, as far as that tells of it."""
+    near, turns = motion.error_estimate, orbit.period / motion.period
+    alike = abs(turns - round(turns)) <= near * turns and round(turns) > 0
+    return (
+        alike
+        and bool(orbit.stable)
+        and all(abs(orbit.peak_to_peak[k] - y) <= near * y for k, y in motion.peak_to_peak.items())
+    )
 
 
 def search_sampled(
