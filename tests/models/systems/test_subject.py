@@ -44,8 +44,6 @@ def test_analyses_of_continuous_time_say_so() -> None:
     record = {"time": time, loop.signals.names[0]: np.sin(5.0 * time)}
     analyses = {
         "dither": lambda: epp.dither(loop, frequency=1.0),
-        "forced_response": lambda: epp.forced_response(loop, amplitude=1.0, frequency=1.0),
-        "frequency_response": lambda: epp.frequency_response(loop, amplitude=1.0, frequencies=(1.0, 2.0)),
         "diagnose": lambda: epp.diagnose(loop, record),
     }
     for analysis, call in analyses.items():
