@@ -1,4 +1,4 @@
-"""In discrete time: the smallest disturbances that start a cycle, beside a plain iteration of the difference equation."""
+"""In discrete time: the smallest disturbances that start a cycle, beside a plain iteration."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 import eppanalysis as epp
 from tests.stress.machine import iterate
 
-#: Three lags under a relay that is silent near zero: rest, and a cycle beyond it. The input acts on a lag and the relay.
+#: Three lags under a relay that is silent near zero. The input acts on a lag and on the relay.
 A = np.array([[0.7, 0.0, 0.0], [0.25, 0.75, 0.0], [0.06, 0.25, 0.7]])
 LOOP = epp.LureSystem.build(
     A, [[-2.4], [0.0], [0.0]], [[0.0, 0.0, 1.0]], [epp.RelayDeadZone(1.0, 1.0)], x0=[0.1, 0.0, 0.0], time_step=0.5,
