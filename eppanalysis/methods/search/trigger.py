@@ -157,6 +157,7 @@ def trigger(
     found = find_limit_cycles(system, at) if cycles is None else cycles
     if not found.stable:
         return ()
+    form: InSamples | _AsItIs
     form = InSamples.at(system, at) if system.time_step else _AsItIs(system, steady_hybrid(system, at))
     hybrid = steady_hybrid(form.system, at)
     amplitude = np.max([form.range_of(c) for c in found], axis=0)
