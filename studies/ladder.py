@@ -134,10 +134,10 @@ def table() -> tuple[list[str], list[list[str]]]:
 def _line(name: str, rungs: Sequence[Row]) -> list[str]:
     best = rungs[-1]
     exact = next((r for r in rungs if r.method.startswith("exact")), None)
-    if best.exact < 0:
+    if exact is None:
         what = "not real" if best.method.startswith(METHODS[:2]) else "not closed"
     else:
-        what = "sampled" if exact is None else exact.method.split(", ")[-1]
+        what = exact.method.split(", ")[-1]
     cells = [_cell([r for r in rungs if r.method.startswith(m)]) for m in METHODS]
     return [f"`{name}`", what, f"{(exact or best).frequency:.5g}", *cells]
 

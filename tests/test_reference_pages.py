@@ -22,7 +22,7 @@ from eppanalysis.models.diagrams import BLOCKS
 from eppanalysis.models.diagrams.wiring import port_names
 from eppanalysis.models.elements import ELEMENTS
 from studies import DOCS
-from studies.pages import api, blocks, elements
+from studies.pages import api, blocks, elements, kinds
 
 LOOPS = (DOCS / "reference" / "loops.md").read_text(encoding="utf-8")
 DIAGRAMS = (DOCS / "reference" / "diagrams.md").read_text(encoding="utf-8")
@@ -58,6 +58,19 @@ def test_every_field_of_an_element_has_a_meaning_and_nothing_else_has():
     for kind in ELEMENTS:
         assert set(elements.meanings(kind)) == set(inspect.signature(element_class(kind)).parameters)
         assert all(re.search(r"\w", text) for text in elements.meanings(kind).values())
+
+
+def test_every_public_analysis_has_a_row_on_the_page_of_kinds():
+    assert {*kinds.public_analyses()} == {*kinds.ANALYSES}
+    assert {*kinds.told(kinds.PAGE.read_text(encoding="utf-8"))} == {*kinds.ANALYSES}
+
+
+@pytest.mark.slow
+def test_the_page_on_kinds_says_what_the_analyses_say():
+    """But for those that take a minute together, which the page itself was made with."""
+    names = kinds.ANALYSES.keys() - kinds.DEAR
+    told = kinds.told(kinds.PAGE.read_text(encoding="utf-8"))
+    assert {name: told[name] for name in names} == kinds.answers(names), "run python -m studies.pages.kinds"
 
 
 @pytest.mark.parametrize("model", [CutRow, LoopFile, LoopSection, RunSection, SignalRow])

@@ -13,7 +13,7 @@ from eppanalysis.arguments import check_counts, checked
 from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.cases import as_case
 from eppanalysis.errors import EppError
-from eppanalysis.models.systems.subject import require_case
+from eppanalysis.models.systems.subject import require_case, require_continuous
 from eppanalysis.readable import count, listed, span, words
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
@@ -236,6 +236,7 @@ def fold_boundary(case: Case | LureSystem, axes: Mapping[str, Axis], *, allow: s
     [[1.0, 0.255], [2.0, 0.159]]
     """
     case = require_case(as_case(case), "fold_boundary")
+    require_continuous(case.to_system(), "fold_boundary")
     x, y = _two(axes)
     design = make_design(case, axes)
     given, reach = (d.values[name] for d, name in zip(design.dimensions, (x, y), strict=True))

@@ -420,7 +420,7 @@ def as_found(case: Case, ladder: Ladder) -> bool | None:
 
 
 def _exact_cycles(ladder: Ladder) -> str:
-    """How many exact cycles of either kind there are; a dash where there can be none (discrete time)."""
+    """How many exact cycles of either kind there are; a dash where the search for them is refused."""
     if ladder.search is None:
         return "-"
     kinds = ((ladder.search.stable, "stable"), (ladder.search.unstable, "unstable"))

@@ -84,7 +84,7 @@ def test_errors_of_the_rungs_have_one_format():
 
 
 def test_what_errors_are_taken_against_is_exact_and_no_other_error_is_none_at_all():
-    """In discrete time that is the run itself: it was off by "0 %" from itself."""
+    """A run that ends on the exact cycle to the last digit was off by "0 %" from it."""
     ladder = epp.ladder(epp.case("backlash_discrete_pi"))
     own = next(row for row in ladder.rows if row.method == "simulation")
     assert [own.error_of(name) for name in own.errors] == ["exact"] * 2

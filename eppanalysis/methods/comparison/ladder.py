@@ -165,7 +165,7 @@ class Ladder(Result):
     rows : tuple of Rung
         First order, harmonic balance, exact orbit and simulation of every cycle, with time and error of each.
     search : CycleSearch or None
-        All exact cycles; None in discrete time where the run is on a cycle, and where the search is refused.
+        All exact cycles; None where the search is refused.
     search_seconds : float
         How long the search for them took.
     operating_point : OperatingPoint or None
@@ -308,7 +308,7 @@ def ladder(case: _ExpectingCase | LureSystem) -> Ladder:
     cycles = prediction.cycles if prediction else ()
     matched = _match(cycles, run.limit_cycle, signal)
     held = {n: Constant(at.inputs[n] - float(v)) for n, v in zip(system.input_names, system.v0, strict=True)}
-    probes = () if system.time_step else _probes(system, cycles, held, case.t_end, signal)
+    probes = _probes(system, cycles, held, case.t_end, signal)
     probe_seconds = clock.lap()
     oscillations = largest_harmonic(run.limit_cycle, signal) if run.limit_cycle else 1
     errors = _errors(cycles[matched], run.limit_cycle, oscillations) if matched is not None and run.limit_cycle else {}

@@ -144,14 +144,9 @@ def climb(
 ) -> Climb:
     """Balances and exact orbits between a prediction and a run (each with the seconds it took)."""
     clock = Clock()
-    if system.time_step and run[0].limit_cycle is not None:
-        search, why_not = None, "In discrete time the simulation is exact, and errors are against it."
-    else:
-        search, why_not = _search(system, at, prediction[0])
+    search, why_not = _search(system, at, prediction[0])
     search_seconds = prediction[1] + clock.lap()  # a search begins at the predicted cycles
     truth: Sequence[LimitCycle] = search.cycles if search else ()
-    if system.time_step and run[0].limit_cycle is not None:
-        truth = (run[0].limit_cycle,)
     first = _first_order(*prediction, signal)
     first = _belonging(first, truth, signal)
     balances = _belonging(_balances(system, at, first, signal), truth, signal)

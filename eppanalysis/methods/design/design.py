@@ -31,7 +31,7 @@ from eppanalysis.methods.design.search import Pick, Search
 from eppanalysis.methods.design.shrinking import shrinks
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
+from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case, require_continuous
 from eppanalysis.progress import Progress
 from eppanalysis.results.provenance import Provenance
 
@@ -175,6 +175,7 @@ def design(
     (0.8462572, 'fold', True)
     """
     case = require_case(case, "design")
+    require_continuous(case.to_system(), "design")
     check_verification(margin, starts)
     check_counts("design", {"starts": (starts, int(verify)), "seed": (seed, 0)})
     if not tune:

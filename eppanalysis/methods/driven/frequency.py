@@ -18,7 +18,7 @@ from eppanalysis.methods.driven.runs import by_runs
 from eppanalysis.methods.orbits.cycle import orbit_shape
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of
+from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, require_continuous, system_of
 from eppanalysis.readable import count, listed, number, quantity, words
 from eppanalysis.results import EXACT_ORBIT, Status
 from eppanalysis.results.provenance import Provenance
@@ -99,6 +99,7 @@ def frequency_response(
     [0.7722, 0.8325]
     """
     low, high = _range("frequency_response", "frequencies", frequencies)
+    require_continuous(system_of(system, "frequency_response"), "frequency_response")
     drive = _closed_exactly(drive_of(system, input, amplitude, low, operating_point, "frequency_response"))
     road = Road(
         lambda value: drive.changed(omega=2.0 * np.pi * float(np.exp(value))), (np.log(low), np.log(high)), -1.0
@@ -167,6 +168,7 @@ def amplitude_response(
     ['fold', 'fold']
     """
     low, high = _range("amplitude_response", "amplitudes", amplitudes)
+    require_continuous(system_of(system, "amplitude_response"), "amplitude_response")
     drive = _closed_exactly(drive_of(system, input, low, frequency, operating_point, "amplitude_response"))
     road = Road(lambda value: drive.changed(amplitude=float(np.exp(value))), (np.log(low), np.log(high)), 0.0)
     return _Response(Over.AMPLITUDE, drive, road, _output(drive, output), n_points, max_step).found(system)

@@ -22,7 +22,7 @@ from eppanalysis.methods.margins.stability import is_stable
 from eppanalysis.models.elements.base import RateLimit
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import refuse_samples
-from eppanalysis.models.systems.subject import CaseLike, facts_of, system_of
+from eppanalysis.models.systems.subject import CaseLike, facts_of, require_continuous, system_of
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.roots import between
@@ -85,6 +85,7 @@ def olop(
     """
     system = system_of(loop, "olop")
     refuse_samples(system.elements, "olop")
+    require_continuous(system, "olop")
     if not (np.isfinite(amplitude) and amplitude > 0):
         raise EppError(f"olop: amplitude is {amplitude:g}; expected a positive number.")
     name, limiter = _limiter(system, element)

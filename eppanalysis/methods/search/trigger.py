@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from eppanalysis.methods.orbits.samples.locked import starts_on
 from eppanalysis.methods.search.decay import decays
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.result import CycleSearch
+from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -26,7 +27,7 @@ from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe, is_sampled
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.readable import count, quantity, words
-from eppanalysis.results import Result, Status
+from eppanalysis.results import LimitCycle, Result, Status
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.shown import frame_of
 
@@ -121,7 +122,7 @@ def trigger(
     Parameters
     ----------
     system : LureSystem or Case
-        In continuous time; with sampled controllers it is disturbed just behind a sample.
+        In discrete time, and with sampled controllers, it is disturbed just behind a sample.
     operating_point : OperatingPoint or mapping of str to float, optional
         Where the external inputs are held while the loop rests, or some of them by name [SI]; by default that of
         `cycles`, else that of the case or loop.
@@ -156,13 +157,14 @@ def trigger(
     found = find_limit_cycles(system, at) if cycles is None else cycles
     if not found.stable:
         return ()
-    hybrid = steady_hybrid(system, at)
-    amplitude = np.max([range_of(hybrid, c) for c in found], axis=0)
-    size = np.concatenate([amplitude, np.zeros(hybrid.x0.size - amplitude.size)])
-    to = Judge(40.0 * max(c.period for c in found), size)
-    rest = _rest(hybrid, system, at, to)
+    form: InSamples | _AsItIs
+    form = InSamples.at(system, at) if system.time_step else _AsItIs(system, steady_hybrid(system, at))
+    hybrid = steady_hybrid(form.system, at)
+    amplitude = np.max([form.range_of(c) for c in found], axis=0)
+    to = Judge(40.0 * max(c.period for c in found), np.append(amplitude, np.zeros(len(system.v0))))
+    rest = _rest(hybrid, form, system, at, to)
     out: list[Trigger] = []
-    for name, unit, apply, scale in _directions(system, hybrid, rest, amplitude, states):
+    for name, unit, apply, scale in _directions(system, form, rest, amplitude, states):
         both = [replace(_threshold(name, apply, sign * scale, to), unit=unit) for sign in (1.0, -1.0)]
         out += sorted(both, key=lambda k: (not np.isfinite(k.size), abs(k.size)))
     made_by = Provenance("smallest disturbance by runs", {"system": system.name}, {"size": _DIGITS})
@@ -193,13 +195,30 @@ class Judge:
         return status, run
 
 
-def _rest(hybrid: HybridSystem, system: LureSystem, at: OperatingPoint, to: Judge) -> HybridSystem:
+@dataclass(frozen=True, eq=False)
+class _AsItIs:
+    """A loop that has motions between samples; offers what :class:`InSamples` does."""
+
+    system: LureSystem
+    hybrid: HybridSystem
+
+    def start(self, state: Array, memory: Sequence[Any]) -> tuple[Array, Sequence[Any]]:
+        return state, memory
+
+    def moved(self, start: HybridSystem, state: Array, inputs: Array) -> HybridSystem:
+        return replace(start, x0=start.x0 + np.append(state, inputs))
+
+    def range_of(self, cycle: LimitCycle) -> Array:
+        return range_of(self.hybrid, cycle)
+
+
+def _rest(
+    hybrid: HybridSystem, form: InSamples | _AsItIs, system: LureSystem, at: OperatingPoint, to: Judge
+) -> HybridSystem:
     """The system at rest, as a run from its start (or, if that oscillates, from its origin) leaves it."""
     carried = _carried(system, at)
     for scale in (1.0, 0.0, 0.01):
-        x0 = hybrid.x0.copy()
-        x0[: hybrid.n_plant] = scale * system.x0 + carried
-        start = replace(hybrid, x0=x0)
+        start = hybrid.begun(*form.start(scale * system.x0 + carried, system.memory))
         status, run = to.ends(start)
         strobe = Strobe.of(start)
         if status is Status.SETTLED and strobe is not None:
@@ -217,7 +236,8 @@ def _carried(system: LureSystem, at: OperatingPoint) -> Array:
     moved = at.vector(system) - system.v0
     if not np.any(moved):
         return np.zeros(system.x0.size)
-    rows = np.vstack([system.A, system.C])
+    still = np.eye(len(system.A)) if system.time_step else 0.0  # the next state is this one
+    rows = np.vstack([system.A - still, system.C])
     wanted = -np.concatenate([system.B_input, system.D_input]) @ moved
     change = np.linalg.lstsq(rows, wanted, rcond=None)[0]
     size = np.abs(rows) @ np.abs(change) + np.abs(wanted)
@@ -229,34 +249,30 @@ Direction = tuple[str, str, Callable[[float], HybridSystem], float]
 
 
 def _directions(
-    system: LureSystem, hybrid: HybridSystem, rest: HybridSystem, amplitude: Array, states: Sequence[str] | None
+    system: LureSystem, form: InSamples | _AsItIs, rest: HybridSystem, amplitude: Array, states: Sequence[str] | None
 ) -> Iterator[Direction]:
     """Name and unit, the system disturbed by a size, and the size that compares with the cycle."""
     z = np.abs(system.C) @ amplitude
+    at_states, at_inputs = np.split(np.eye(len(system.A) + len(system.v0)), [len(system.A)])
 
-    def moved(place: int) -> Callable[[float], HybridSystem]:
-        def apply(size: float) -> HybridSystem:
-            x0 = rest.x0.copy()
-            x0[place] += size
-            return replace(rest, x0=x0)
-
-        return apply
+    def moved(along: Array) -> Callable[[float], HybridSystem]:
+        return lambda size: form.moved(rest, *np.split(size * along, [len(system.A)]))
 
     for i, name in enumerate(system.input_names):
         on = np.abs(system.D_input[:, i])
         # A step of this input that moves an element's input as far as the cycle does.
         reach = float(np.max(np.where(on > 0, z / np.where(on > 0, on, 1.0), 0.0), initial=0.0))
         unit = _UNITS.get(name) or system.signals.unit_of(v=np.eye(len(system.v0))[i])
-        yield name, unit, moved(hybrid.n_plant + i), reach or max(abs(float(system.v0[i])), 1.0)
+        yield name, unit, moved(at_inputs[i]), reach or max(abs(float(system.v0[i])), 1.0)
     usual = [n for n in _FOREARM if n in system.state_names] or system.state_names
     for name in usual if states is None else states:
         if name not in system.state_names:
             known = ", ".join(system.state_names)
             raise EppError(f"{system.name}: there is no state {name!r}; expected one of: {known}.")
         place = system.state_names.index(name)
-        if hybrid.compared[place]:
+        if system.time_step or rest.compared[place]:  # not a clock
             unit = _UNITS.get(name) or system.signals.unit_of(x=np.eye(system.x0.size)[place])
-            yield name, unit, moved(place), float(amplitude[place]) or 1.0
+            yield name, unit, moved(at_states[place]), float(amplitude[place]) or 1.0
 
 
 def _threshold(name: str, apply: Callable[[float], HybridSystem], scale: float, to: Judge) -> Trigger:

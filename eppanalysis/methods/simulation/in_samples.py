@@ -63,11 +63,31 @@ class InSamples:
         """The user's state of the loop's states and memory values."""
         return y[1:][self._outputs]  # behind the clock
 
+    def moved(self, start: HybridSystem, state: Array, inputs: Array) -> HybridSystem:
+        """A start behind a sample with the user's states (n,) and the inputs (nv,) moved by so much since then."""
+        own, held = self._own, self._outputs
+        x0, H0 = start.x0.copy(), start.H0.copy()
+        x0[start.n_plant :] += inputs
+        H0[: len(state)] += state
+        H0[held] += state
+        H0[2 * own : 2 * own + len(inputs)] += inputs
+        return replace(start, x0=x0, H0=H0)
+
+    def range_of(self, cycle: LimitCycle) -> Array:
+        """How far each of the user's states moves on a cycle in them, shape (n,)."""
+        asked = self.asked(cycle)
+        start = HybridSystem.from_lure(self.system).held.begun(asked.state, asked.memory)
+        return np.ptp(self._samples(start, int(np.ceil(cycle.period / self.clocked.time_step)))[0], axis=0)
+
+    @property
+    def _own(self) -> int:
+        """How many states the controller has: the user's, and outputs on their way through dead times."""
+        return len(np.asarray(self.clocked.controller.x0))
+
     @property
     def _outputs(self) -> slice:
         """Where the states of the last sample stand among the memory values: behind the controller's own."""
-        own = len(np.asarray(self.clocked.controller.x0))
-        return slice(own, own + len(self.clocked.given.A))
+        return slice(self._own, self._own + len(self.clocked.given.A))
 
     def told(self, cycle: LimitCycle, start: HybridSystem | None = None) -> LimitCycle:
         """A cycle of the loop as its samples have it: states, signals at samples, and their discrete Fourier series.

@@ -10,7 +10,7 @@ from eppanalysis.models.systems.inputs import InputSignal
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.measured.loop import MeasuredLoop
 from eppanalysis.models.systems.operating import OperatingPoint
-from eppanalysis.models.systems.sampled.strobe import refuse_samples
+from eppanalysis.models.systems.sampled.strobe import instead_of, refuse_samples
 
 
 class CaseLike(Protocol):
@@ -135,7 +135,7 @@ def require_continuous(system: LureSystem, analysis: str) -> None:
         If it is one.
     """
     if system.time_step:
-        raise EppError(f"{analysis}: {system.name} is a loop in discrete time; expected one in continuous time.")
+        raise EppError(f"{analysis} does not cover loops in discrete time: {instead_of(analysis)}.")
 
 
 def require_case(case: C | LureSystem, analysis: str) -> C:

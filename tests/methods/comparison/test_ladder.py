@@ -248,6 +248,7 @@ def test_an_element_without_a_describing_function_has_only_its_simulation() -> N
     assert result.outcome == "oscillate" and "An element has no describing function" in result.verdict
 
 
+@pytest.mark.slow
 def test_a_cycle_of_seven_turns_is_compared_oscillation_by_oscillation() -> None:
     """211 samples with seven oscillations: the frequency beside first order's 0.0396 is 7/211, not 1/211."""
     result = epp.ladder(epp.case("backlash_discrete_pi_kp05_ki01"))
@@ -294,12 +295,16 @@ def test_a_predicted_cycle_without_counterpart_has_no_number() -> None:
     assert "Exact limit cycles: 1 stable." in result.verdict
 
 
-def test_a_sampled_loop_is_measured_against_its_simulation() -> None:
-    result = epp.ladder(epp.case("backlash_discrete_pi"))
-    assert result.search is None and "discrete time" in result.verdict
-    first, balance, simulated = result.rows
-    assert abs(first.errors["period"]) > 0.05 > 0.01 > abs(balance.errors["period"])
-    assert simulated.errors == {"period": 0.0, "peak-to-peak": 0.0}
+def test_a_loop_in_discrete_time_climbs_to_its_exact_cycles() -> None:
+    """The upper of the two cycles of 18 samples is the run's, and runs begun near the predicted one end on it."""
+    case = epp.case("backlash_discrete_pi_kp05_ki02")
+    result = epp.ladder(case)
+    assert [c.stable for c in result.search] == [False, True]
+    first, balance, *_, simulated = result.rows
+    assert abs(first.errors["period"]) > 0.1 > 0.02 > abs(balance.errors["period"])
+    assert simulated.exact == 1 and max(map(abs, simulated.errors.values())) < 1e-12
+    ends = [probe.peak_to_peak for probe in result.probes]
+    assert ends == pytest.approx(3 * [result.search[1].peak_to_peak["m"]], rel=1e-9)
 
 
 @pytest.mark.slow

@@ -36,7 +36,7 @@ from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
+from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case, require_continuous
 from eppanalysis.progress import Progress
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.deferred import Deferred
@@ -174,6 +174,7 @@ def tolerance_bound(
     'Free of limit cycles above a relay dead zone threshold of 1.829'
     """
     case = require_case(case, "tolerance_bound")
+    require_continuous(case.to_system(), "tolerance_bound")
     spreads = Distribution.called(distribution, "tolerance_bound")
     check_counts("tolerance_bound", {"samples": (samples, 0), "seed": (seed, 0), "threads": (threads, 1)})
     for share in probabilities:

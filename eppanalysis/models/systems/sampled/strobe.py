@@ -46,7 +46,7 @@ def is_sampled(elements: Iterable[Nonlinearity]) -> bool:
     return bool(sampled_among(elements))
 
 
-#: What answers for loops with sampled controllers in the place of an analysis that does not cover them.
+#: What answers for loops with samples in the place of an analysis that does not cover them.
 _INSTEAD = {
     "continue_folds": "locked cycles cease at borders and not in folds; design_bounds has the bound on one parameter "
     "at each value of the other",
@@ -58,6 +58,10 @@ _INSTEAD = {
     "certify_orbit": "exact_orbit closes a locked cycle to rounding, without a proof",
     "frozen_nyquist": "predict_limit_cycles and margins do",
     "olop": "predict_limit_cycles and forced_response do",
+    "frequency_response": "forced_response answers at one frequency and amplitude",
+    "amplitude_response": "forced_response answers at one frequency and amplitude",
+    "diagnose": "find_limit_cycles lists the cycles that the record may be compared with",
+    "dither": "simulate runs the loop with a sine at one of its inputs, and forced_response closes what it settles on",
     "A batch": "simulate runs them one by one",
 }
 _COVER = (
@@ -74,8 +78,12 @@ def refuse_samples(elements: Iterable[Nonlinearity], analysis: str) -> None:
         If there is one.
     """
     if is_sampled(elements):
-        instead = _INSTEAD.get(analysis, f"{_COVER} do")
-        raise EppError(f"{analysis} does not cover loops with sampled controllers: {instead}.")
+        raise EppError(f"{analysis} does not cover loops with sampled controllers: {instead_of(analysis)}.")
+
+
+def instead_of(analysis: str) -> str:
+    """What answers for loops with samples in the place of an analysis that does not cover them."""
+    return _INSTEAD.get(analysis, f"{_COVER} do")
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,7 +43,10 @@ def test_a_loop_is_begun_behind_any_of_its_samples() -> None:
     assert begun.x0[s.clock] == 0.0
 
 
-@pytest.mark.parametrize(("analysis", "instead"), [("design", "design_bounds"), ("diagnose", "simulate, predict")])
+@pytest.mark.parametrize(
+    ("analysis", "instead"),
+    [("design", "design_bounds"), ("diagnose", "find_limit_cycles"), ("another", "simulate, predict")],
+)
 def test_an_analysis_that_does_not_cover_samples_names_those_that_do(analysis, instead) -> None:
     refuse_samples([epp.Play(1.0)], analysis)
     with pytest.raises(epp.EppError, match=f"{analysis} does not cover loops with sampled controllers: {instead}"):
