@@ -205,6 +205,8 @@ def advances(hybrid: HybridSystem) -> Array:
     clock &= ~np.any(model.A, axis=1) & ~np.any(model.B, axis=1) & ~np.any(model.S, axis=1)
     out[:n] = np.where(clock, model.K[:, -1], 0.0)
     strobe, counts = strobe_of(hybrid), ticks(hybrid)
+    if strobe is None and not clock.any():
+        return out  # nothing tells the time
     # Each memory value that an event sets to what it reads of a clock.
     for e, first in enumerate(model.first[:-1]):
         own = model.guard_element == e
