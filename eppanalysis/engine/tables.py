@@ -35,7 +35,7 @@ def aligned(*shapes: tuple[int, ...]) -> list[Array]:
     """
     sizes = [math.prod(shape) for shape in shapes]
     wide = np.zeros(VECTOR_SIZE + sum(size + -size % VECTOR_SIZE for size in sizes))
-    first = -wide.ctypes.data % (wide.itemsize * VECTOR_SIZE) // wide.itemsize
+    first = -wide.__array_interface__["data"][0] % (wide.itemsize * VECTOR_SIZE) // wide.itemsize
     found = []
     for shape, size in zip(shapes, sizes, strict=True):
         found.append(wide[first : first + size].reshape(shape))

@@ -9,7 +9,7 @@ from the end of this time is where the exact orbit is closed from. A run of a fe
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -94,7 +94,7 @@ class _Line:
 
     def start(self, share: float) -> HybridSystem:
         """The system started there."""
-        return replace(self.hybrid, x0=self.centre + share * self.direction, H0=self.memory)
+        return self.hybrid.at(self.centre + share * self.direction, self.memory, self.hybrid.modes0)
 
     def at(self, share: float) -> _Side | None:
         """Run from a start: does it grow from its second turn to its last? None for a run with too many events."""

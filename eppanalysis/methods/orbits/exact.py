@@ -277,7 +277,7 @@ def range_of(hybrid: HybridSystem, cycle: LimitCycle) -> Array:
 def _once_round(hybrid: HybridSystem, cycle: LimitCycle) -> Run:
     x, memory = start_of(hybrid, cycle.require_state(hybrid.n_plant))
     step = cycle.period / _STEPS  # the range of a run is that of its steps
-    return run_hybrid(replace(hybrid, x0=x, H0=memory), cycle.period, np.zeros(0), step, 60_000, 1)
+    return run_hybrid(hybrid.at(x, memory, hybrid.modes0), cycle.period, np.zeros(0), step, 60_000, 1)
 
 
 def _seen(system: LureSystem, hybrid: HybridSystem, cycle: LimitCycle, at: OperatingPoint | None) -> HybridSystem:

@@ -9,7 +9,6 @@ nearly on it, the whole period's return map has a multiplier near 1, but the hal
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -83,7 +82,7 @@ def mirrored_orbits(hybrid: HybridSystem, image: Array, x: Array, memory: Array,
         Of the whole orbit, roughly [s].
     """
     known: list[Orbit] = []
-    run = _run(replace(hybrid, x0=x, H0=memory), 1.2 * period)
+    run = _run(hybrid.at(x, memory, hybrid.modes0), 1.2 * period)
     for first, last in _half_returns(hybrid, image, run, period):
         orbit = _closed(hybrid, image, run, first, last, known)
         if orbit is not None:

@@ -395,7 +395,7 @@ def run_from(orbit: Orbit, t_end: float, max_events: int, y: Array) -> Run:
 
 def restarted(hybrid: HybridSystem, arcs: Arcs, y: Array, modes: IntArray) -> HybridSystem:
     """The same system, started from y in given modes."""
-    return replace(hybrid, x0=y[: hybrid.x0.size].copy(), H0=y[arcs.memory].copy(), modes0=np.array(modes, np.int64))
+    return hybrid.at(y[: hybrid.x0.size].copy(), y[arcs.memory].copy(), np.array(modes, np.int64))
 
 
 @dataclass(eq=False)
@@ -469,7 +469,7 @@ def orbits_near(
     known : sequence of Orbit, optional
         As of :func:`close_orbit`.
     """
-    start = replace(hybrid, x0=x, H0=memory)
+    start = hybrid.at(x, memory, hybrid.modes0)
     seen: set[bytes] = set()
     # A short run first, before it has left an unstable cycle; a stable one is nearer after a long one.
     for turns in (2.6, 8.0):

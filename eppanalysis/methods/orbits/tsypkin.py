@@ -16,14 +16,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from eppanalysis.arrays import Array, ComplexArray, IntArray
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.methods.describing.curves import roots_at_once
 from eppanalysis.methods.orbits.guess import Guess, make_guess
 from eppanalysis.methods.orbits.mirrored import mirror
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import balanced, integrators_apart, poles as known_poles
 
+#: Numbers of the modes: real ones cost a fraction.
+Modes = NDArray[np.inexact]
 #: Half periods from this share of the fastest time constant to so many of the slowest; nodes of them on a logarithmic
 #: and, eight to half a turn of the fastest oscillation, an even grid; nodes of the pulse in a half period; and half
 #: periods that are computed together.
@@ -48,11 +51,11 @@ class Pulses:
     centre: Array  # (n,): the state about which the loop is odd
     rates: Array  # sizes of the poles of the linear part, but for that of an integrator [1/s]
     #: poles, given, seen, vectors: (k,), (k,), (k,), (n, k): modes of the linear part, one of each pair, what the
-    #: relay's output gives to each, and the relay's input of each.
-    poles: ComplexArray
-    given: ComplexArray
-    seen: ComplexArray
-    vectors: ComplexArray
+    #: relay's output gives to each, and the relay's input of each; real where no pole swings.
+    poles: Modes
+    given: Modes
+    seen: Modes
+    vectors: Modes
     level: float  # largest output of the relay
     #: modes, guards: (p,): of a whole turn, p is 2 without and 4 with a dead zone.
     modes: IntArray
@@ -78,7 +81,7 @@ class Pulses:
         if np.sum(rates == 0.0) > 1 or not np.any(rates):
             return None
         poles, vectors = _modes(A)
-        given = np.asarray(np.linalg.solve(vectors, model.B[:, 0] / units), complex)
+        given = np.linalg.solve(vectors, model.B[:, 0] / units)
         # The second of a pair, which follows the first, moves as the first one's conjugate does, but for what rounding
         # has given it: one mode takes what is given to both.
         one = poles.imag >= 0.0
@@ -106,13 +109,13 @@ class Pulses:
                 if guess is not None:
                     yield guess
 
-    def _states(self, w: Array, h: Array) -> tuple[ComplexArray, ComplexArray]:
+    def _states(self, w: Array, h: Array) -> tuple[Modes, Modes]:
         """Modes at the beginning of a pulse and at its end, shape (k, ...)."""
         (pulse, in_pulse), (_, behind), (half, in_half) = (self._driven(t) for t in (w, h - w, h))
         begin = (behind - in_half) / (2.0 + half)
         return begin, (1.0 + pulse) * begin + in_pulse
 
-    def _driven(self, t: Array) -> tuple[ComplexArray, ComplexArray]:
+    def _driven(self, t: Array) -> tuple[Modes, Modes]:
         """By how much modes grow in a time, ``exp(s t) - 1``, and what the relay at its level adds, shape (k, ...)."""
         poles, force = (a.reshape(-1, *[1] * t.ndim) for a in (self.poles, self.level * self.given))
         still, grown = poles == 0, _grown(poles, t)
@@ -125,8 +128,10 @@ class Pulses:
         at = [-begin] if len(self.ends) == 1 else [end, -begin]
         return np.stack([f * self._seen(x) + c for x, (f, c) in zip(at, self.ends, strict=True)])
 
-    def _seen(self, x: ComplexArray) -> Array:
+    def _seen(self, x: Modes) -> Array:
         """The relay's input, of modes (k, ...)."""
+        if np.isrealobj(x):
+            return np.asarray(np.tensordot(self.seen, x, 1))
         return np.asarray(np.tensordot(self.seen.real, x.real, 1) - np.tensordot(self.seen.imag, x.imag, 1))
 
     def _nodes(self) -> Array:
@@ -198,18 +203,18 @@ class Pulses:
         return make_guess(self.hybrid, self.modes[:, None], self.guards, starts, tau)
 
 
-def _grown(poles: ComplexArray, t: Array) -> ComplexArray:
+def _grown(poles: Modes, t: Array) -> Modes:
     """``exp(s t) - 1`` to rounding, also where it is small; numpy takes several times as long for complex numbers."""
     grown = np.expm1(poles.real * t)
-    if not np.any(poles.imag):
-        return np.asarray(grown, complex)
+    if np.isrealobj(poles):
+        return np.asarray(grown)
     half = 0.5 * poles.imag * t
     sine = np.sin(half)
     size = 2.0 * (1.0 + grown) * sine
     return np.asarray(grown - size * sine + 1j * (size * np.cos(half)))
 
 
-def _modes(A: Array) -> tuple[ComplexArray, ComplexArray]:
+def _modes(A: Array) -> tuple[Modes, Modes]:
     """Poles and modes of a matrix, or of one beside it where modes of a multiple pole are nearly one (Davies 2007).
 
     The motions of that one are the same but for as little, and its modes are well apart. The pole of an integrator is
@@ -220,7 +225,7 @@ def _modes(A: Array) -> tuple[ComplexArray, ComplexArray]:
     if np.linalg.cond(vectors) * np.finfo(float).eps > _BESIDE:
         apart[:k, :k] += _BESIDE * np.linalg.norm(A) * np.random.default_rng(0).normal(size=(k, k))
         values, vectors = np.linalg.eig(apart)
-    return np.asarray(values, complex), np.asarray(Q @ vectors, complex)
+    return values, Q @ vectors
 
 
 def _turn(hybrid: HybridSystem) -> tuple[IntArray, IntArray, float] | None:

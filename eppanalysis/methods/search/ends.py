@@ -188,7 +188,7 @@ class Ends:
 
     def _outcome(self, x: Array, H: Array, rests_by: float = 0.0) -> End | int:
         self._tell()
-        start = replace(self.hybrid, x0=x, H0=H)
+        start = self.hybrid.at(x, H, self.hybrid.modes0)
         try:
             with allotted(FOR_ONE * self.work.most):
                 if rests_by and judge(start, run := self._run(start, rests_by), rests_by)[0] is Status.SETTLED:
@@ -206,7 +206,7 @@ class Ends:
         if end is not End.REST or self.rest is None or not np.array_equal(self.rest[0], x):
             return end
         rest, moved = self.rest, self.hybrid.compared * _ASIDE * self._sizes()
-        beside = self._end_of(replace(self.hybrid, x0=x + moved, H0=H))
+        beside = self._end_of(self.hybrid.at(x + moved, H, self.hybrid.modes0))
         self.rest = rest if beside is End.REST else None
         return beside
 

@@ -452,7 +452,7 @@ class _Search(Told):
     def _close_on_boundary(self, x: Array, H: Array) -> bool:
         quiet = [steady_hybrid(self.system, self.at, observed=True)] if self.hybrid.may_be_quiet else []
         for hybrid in (self.hybrid, *quiet):
-            start = replace(hybrid, x0=x, H0=H)
+            start = hybrid.at(x, H, hybrid.modes0)
             run = run_hybrid(start, self.horizon, NO_SAMPLES, 2.0 * self.hybrid.time_scale, MOST_EVENTS, 400)
             for guess in recurrences(hybrid, run, None, 3, 400):
                 orbit = close_orbit(hybrid, guess, self.orbits)

@@ -378,11 +378,13 @@ class SampledSearch:
         if self.rounds:
             known = np.concatenate([orbit.at_samples for orbit in self.rounds])
             beside = np.asarray(KDTree((known / size)[:, moving]).query((rows / size)[:, moving], p=np.inf)[0])
-        tries = 0
+        tries, floor = 0, np.maximum(beside, np.finfo(float).tiny)
         for n in range(1, len(rows) // 2):
+            if tries == _STARTS:
+                break
             back = np.max(np.abs(rows[n:] - rows[:-n]) / size, axis=1)
-            place = int(np.argmin(back / np.maximum(beside[:-n], np.finfo(float).tiny)))
-            if back[place] < _RETURNS * beside[place] and tries < _STARTS:
+            place = int(np.argmin(back / floor[:-n]))
+            if back[place] < _RETURNS * beside[place]:
                 at = samples[place]
                 orbit = close_locked(
                     self.strobe, self.strobe.begun(run.state[at], run.memory_values[at], run.modes[at]), n

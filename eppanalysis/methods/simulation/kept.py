@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -61,9 +61,9 @@ class Run:
     def end(self, start: HybridSystem) -> HybridSystem:
         """The system at its end, in the modes and with the memory values that it has then."""
         if not self.count:
-            return replace(start, x0=self.x_end.copy())
+            return start.at(self.x_end.copy(), start.H0, start.modes0)
         last = self.order[-1]
-        return replace(start, x0=self.x_end.copy(), H0=self.memory_values[last].copy(), modes0=self.modes[last].copy())
+        return start.at(self.x_end.copy(), self.memory_values[last].copy(), self.modes[last].copy())
 
     def is_quiet_at(self, t: float) -> bool:
         """Whether it has met no event in the last half of the time t."""
@@ -125,4 +125,4 @@ def from_event(hybrid: HybridSystem, run: Run, place: int) -> tuple[HybridSystem
     if np.any(hybrid.model.breakpoint_time > begin) or np.any(hybrid.model.smooth_kind == DELAY_LINE):
         return hybrid, 0.0
     x, memory, modes = (a[place].copy() for a in (run.state, run.memory_values, run.modes))
-    return replace(hybrid.held, x0=x, H0=memory, modes0=modes), begin
+    return hybrid.held.at(x, memory, modes), begin

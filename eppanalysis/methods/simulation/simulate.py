@@ -284,7 +284,7 @@ def run_hybrid(
     code = PAUSED
     while code == PAUSED:  # between the calls an interrupt is heard
         code = run(hybrid.model, compiled, work, workspace, samples, buffer, now)
-    stats = np.array([now[name] for name in _COUNTED], float)
+    stats = np.array(now[list(_COUNTED)].item(), float)
     made = int(now["series_steps"]) + int(now["refused_series"]) + int(now["fast_steps"]) / _FAST_STEPS
     spend(cost * (most if code == STEP_LIMIT else made))
     if code == SINGULAR:

@@ -37,7 +37,6 @@ def base_step(times: Array, even: bool, hybrid: HybridSystem) -> float:
     if times.size > 1:
         # On the grid of even samples fast steps need no series between (docs/theory/engine.md, Two ways to advance).
         spacing = times[-1] / (times.size - 1)
-        off = np.abs(times - spacing * np.arange(times.size)).max()
-        if even or (times[0] == 0.0 and off <= 1e-9 * spacing):
+        if even or (times[0] == 0.0 and np.abs(times - spacing * np.arange(times.size)).max() <= 1e-9 * spacing):
             return float(spacing)
     return 2.0 * hybrid.time_scale

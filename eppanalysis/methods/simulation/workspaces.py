@@ -33,7 +33,7 @@ class _Own(threading.local):
     def __init__(self) -> None:
         self.kept: dict[tuple[Any, ...], _Kept] = {}
         self.last: _Kept | None = None  # of those kept, whose workspaces were given out last
-        self.events: EventBuffer | None = None
+        self.sizes, self.events = (0, 0, 0), make_event_buffer(0, 0, 0, 0)
 
     def workspaces(self, hybrid: HybridSystem, base: float) -> tuple[Any, Any, Any]:
         """Workspaces for a model, emptied where they hold mode combinations of another model or for another step."""
@@ -54,14 +54,9 @@ class _Own(threading.local):
     def buffer(self, hybrid: HybridSystem, keep: int) -> EventBuffer:
         """A buffer for so many events, the beginning of the longest one so far."""
         sizes = hybrid.x0.size, hybrid.H0.size, hybrid.modes0.size
-        memory = self.events
-        if (
-            memory is None
-            or len(memory.t) < keep
-            or (memory.x.shape[1], memory.H.shape[1], memory.modes.shape[1]) != sizes
-        ):
-            memory = self.events = make_event_buffer(keep, *sizes)
-        return EventBuffer(*(a[:keep] for a in memory))
+        if sizes != self.sizes or len(self.events.t) < keep:
+            self.sizes, self.events = sizes, make_event_buffer(keep, *sizes)
+        return EventBuffer(*[a[:keep] for a in self.events])
 
 
 def _structure(model: Model) -> tuple[Any, ...]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from eppanalysis.arrays import Array
-from eppanalysis.methods.steady.flow import Pass, advance, away_from_events
+from eppanalysis.methods.steady.flow import Pass, advance, later
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 #: Change over a pass, relative to the motion, of a motion that is closed, and one at which Newton's method ends.
@@ -42,7 +42,7 @@ def close(start: HybridSystem, duration: float, given: bool) -> Pass | None:
     Pass or None
         Begun where no event is near, closed, and ending in the modes in which it begins.
     """
-    best = now = placed(start, duration)
+    best = now = placed(advance(start, duration))
     idle = 0
     for _ in range(_MOST_STEPS):
         if best is None or now is None or idle >= _IDLE or (best.gap < EXACT and best.ends_in_its_modes):
@@ -67,13 +67,13 @@ def _nearer(now: Pass, given: bool) -> Pass | None:
             return new
         whole = new if share == 1.0 else whole
     # An event has passed the begin, or what holds memory is elsewhere: on from where no event is near.
-    return whole if whole is None or whole.ends_in_its_modes else placed(whole.start, whole.duration)
+    return whole if whole is None or whole.ends_in_its_modes else placed(whole)
 
 
-def placed(start: HybridSystem, duration: float) -> Pass | None:
+def placed(found: Pass | None) -> Pass | None:
     """A pass of the same motion, begun away from its events, which Newton's steps move."""
-    begin = away_from_events(start, duration)
-    return None if begin is None else advance(begin, duration)
+    begin = None if found is None else later(found.start, found.middle_of_longest_gap())
+    return None if begin is None or found is None else advance(begin, found.duration)
 
 
 def newton(now: Pass, given: bool) -> tuple[Array, float]:

@@ -8,7 +8,7 @@ end of a pass it is turned back by the time of the pass, so that a motion that r
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -49,10 +49,12 @@ class Pass:
     @cached_property
     def rows(self) -> Array:
         """What stands behind the start and behind each event, its clocks as they are there, shape (events + 1, N)."""
-        behind = np.hstack([self.run.state[self.events], self.run.memory_values[self.events]])
-        return np.vstack([self.y, behind])
+        rows = np.empty((self.events.size + 1, self.y.size))
+        n = self.start.x0.size
+        rows[0], rows[1:, :n], rows[1:, n:] = self.y, self.run.state[self.events], self.run.memory_values[self.events]
+        return rows
 
-    @property
+    @cached_property
     def y(self) -> Array:
         """The start, shape (N,)."""
         return np.concatenate([self.start.x0, self.start.H0])
@@ -62,12 +64,12 @@ class Pass:
         """The system at the end, its clocks turned back by the time of the pass."""
         return turned_back(self.run.end(self.start), self.start, self.duration)
 
-    @cached_property
+    @property
     def modes(self) -> IntArray:
         """Modes of the elements, an observer's left out, at the end."""
         return self.end.modes0[: len(self.start.elements)]
 
-    @property
+    @cached_property
     def change(self) -> Array:
         """The end less the start, shape (N,)."""
         return np.concatenate([self.end.x0, self.end.H0]) - self.y
@@ -110,10 +112,10 @@ class Pass:
         """Whether a jump only just brings an event about: beyond, the derivative is another one."""
         return self._derivative[2]
 
-    @cached_property
+    @property
     def sought(self) -> IntArray:
         """Places of y that repeat on a steady motion, in their order."""
-        return np.flatnonzero(repeating(self.start))
+        return repeating(self.start)
 
     @cached_property
     def extent(self) -> Array:
@@ -137,7 +139,7 @@ class Pass:
 
     def gap_in(self, scale: Array) -> float:
         """Largest change of what repeats, in sizes (m,)."""
-        return float(np.max(np.abs(self.change[self.sought]) / scale, initial=0.0))
+        return float((np.abs(self.change[self.sought]) / scale).max(initial=0.0))
 
     @property
     def ends_in_its_modes(self) -> bool:
@@ -147,7 +149,7 @@ class Pass:
     @cached_property
     def matrix(self) -> Array:
         """The derivative among what repeats, in the sizes of the motion, shape (m, m)."""
-        return self.derivative[np.ix_(self.sought, self.sought)] / self.scale[:, None] * self.scale
+        return self.derivative[self.sought[:, None], self.sought] / self.scale[:, None] * self.scale
 
     @cached_property
     def multipliers(self) -> ComplexArray | None:
@@ -158,17 +160,20 @@ class Pass:
         own = 0 if controllers is None else sum(len(np.asarray(c.x0)) for c in controllers.controllers)
         return multipliers(self.matrix, np.ones(self.sought.size), int(np.sum(self.start.compared)) + own)
 
+    @cached_property
+    def _given(self) -> IntArray:
+        """Places of what repeats that do not depend on the start at all."""
+        return self.sought[~self.matrix.any(axis=1)]
+
     def moved(self, step: Array) -> HybridSystem:
         """The start after a step in what repeats, in the modes of the end.
 
         What the end does not depend on at all (a speed that sticking holds at zero) takes the value of the end.
         """
-        y, end = self.y, np.concatenate([self.end.x0, self.end.H0])
+        y, n = self.y.copy(), self.start.x0.size
         y[self.sought] += step
-        given = self.sought[~np.any(self.matrix != 0.0, axis=1)]
-        y[given] = end[given]
-        n = self.start.x0.size
-        return replace(self.start, x0=y[:n], H0=y[n:], modes0=self.end.modes0)
+        y[self._given] = np.concatenate([self.end.x0, self.end.H0])[self._given]
+        return self.start.at(y[:n], y[n:], self.end.modes0)
 
     def middle_of_longest_gap(self) -> float:
         """When its longest stretch without events is half over [s]."""
@@ -200,6 +205,8 @@ def advances(hybrid: HybridSystem) -> Array:
     clock &= ~np.any(model.A, axis=1) & ~np.any(model.B, axis=1) & ~np.any(model.S, axis=1)
     out[:n] = np.where(clock, model.K[:, -1], 0.0)
     strobe, counts = strobe_of(hybrid), ticks(hybrid)
+    if strobe is None and not clock.any():
+        return out  # nothing tells the time
     # Each memory value that an event sets to what it reads of a clock.
     for e, first in enumerate(model.first[:-1]):
         own = model.guard_element == e
@@ -216,25 +223,26 @@ def advances(hybrid: HybridSystem) -> Array:
 
 
 @of_model
-def repeating(hybrid: HybridSystem) -> BoolArray:
-    """Which places of y repeat on a steady motion: states that are compared, and values of elements but for counts."""
+def repeating(hybrid: HybridSystem) -> IntArray:
+    """Places of y that repeat on a steady motion: states that are compared, and values of elements but for counts."""
     strobe = strobe_of(hybrid)
     held = np.arange(hybrid.H0.size) < hybrid.model.first[-1, 2] if strobe is None else strobe.held
-    return np.concatenate([hybrid.compared, held])
+    return np.flatnonzero(np.concatenate([hybrid.compared, held]))
+
+
+@of_model
+def _timed(hybrid: HybridSystem) -> BoolArray:
+    """States that the time alone moves, shape (n,): clocks and inputs."""
+    n = hybrid.x0.size
+    return (advances(hybrid)[:n] != 0.0) | (np.arange(n) >= hybrid.n_plant)
 
 
 def turned_back(there: HybridSystem, start: HybridSystem, duration: float) -> HybridSystem:
     """A system that a motion from a start has come to, with what only tells the time turned back by a duration."""
-    own, n = advances(there), there.x0.size
-    x, H = there.x0.copy(), there.H0.copy()
+    back, counts = advances(there)[there.x0.size :] * duration, ticks(there)
     # Whole ticks are counted: a count must not take up the rounding of the clock.
-    back = own[n:] * duration
-    H -= np.where(ticks(there), np.round(back, 9), back)
-    clocks = own[:n] != 0.0
-    x[clocks] = start.x0[clocks]
-    driven = np.arange(n) >= there.n_plant
-    x[driven] = start.x0[driven]
-    return replace(there, x0=x, H0=H)
+    back[counts] = back[counts].round(9)
+    return there.at(np.where(_timed(there), start.x0, there.x0), there.H0 - back, there.modes0)
 
 
 def run_over(start: HybridSystem, duration: float) -> Run | None:
@@ -245,7 +253,7 @@ def run_over(start: HybridSystem, duration: float) -> Run | None:
         run = run_hybrid(start, duration, np.zeros(0), 2.0 * start.time_scale, most, most)
     except EppError:
         return None
-    whole = run.code == 0 and run.count == run.n_kept and bool(np.all(np.isfinite(run.x_end)))
+    whole = run.code == 0 and run.count == run.n_kept and bool(np.isfinite(run.x_end).all())
     return run if whole else None
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, wraps
+from functools import wraps
 from operator import itemgetter
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
@@ -32,6 +32,8 @@ from eppanalysis.readable import listed, words
 
 T = TypeVar("T")
 DELAY_LINE = len(SMOOTH_KINDS)
+#: Models whose facts are kept.
+_MODELS = 8
 #: Dead time, relative to the fastest time constant of the linear part.
 _LEAST_DELAY = 1e-7
 
@@ -98,10 +100,17 @@ class HybridSystem:
         """The same system, its inputs going on as they stand at its start."""
         return replace(self, model=_without_breakpoints(self)) if self.model.breakpoint_time.size else self
 
+    def at(self, x0: Array, H0: Array, modes0: IntArray) -> HybridSystem:
+        """The same system, begun elsewhere; runs ask for it so often that `replace` would take as long as they do."""
+        return HybridSystem(
+            self.model, x0, H0, modes0, self.n_plant, self.compared, self.element_names, self.time_scale,
+            self.elements, self.automata,
+        )  # fmt: skip
+
     def begun(self, state: Array, memory: Sequence[Any]) -> HybridSystem:
         """The same system, begun at a state of its loop with what its elements remember; see `starting_values`."""
         x0, H0, modes0 = starting_values(self, state, memory)
-        return replace(self, x0=x0, H0=H0, modes0=modes0)
+        return self.at(x0, H0, modes0)
 
     @classmethod
     def from_lure(
@@ -144,23 +153,20 @@ class HybridSystem:
         return _Packer(system, automata, names, input_signals).pack()
 
 
-class _OfModel:
-    """A hybrid system that stands for all with the same model."""
-
-    def __init__(self, hybrid: HybridSystem) -> None:
-        self.hybrid = hybrid
-
-    def __hash__(self) -> int:
-        return id(self.hybrid.model)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _OfModel) and other.hybrid.model is self.hybrid.model
-
-
 def of_model(function: Callable[[HybridSystem], T]) -> Callable[[HybridSystem], T]:
     """What a function takes from a system's model alone, kept for the last few models: runs differ in their start."""
-    kept = lru_cache(maxsize=8)(lambda of: function(of.hybrid))
-    return wraps(function)(lambda hybrid: kept(_OfModel(hybrid)))
+    kept: dict[int, tuple[Model, T]] = {}  # a model that is kept is no other's number
+
+    @wraps(function)
+    def of(hybrid: HybridSystem) -> T:
+        known = kept.get(id(hybrid.model))
+        if known is None:
+            known = kept[id(hybrid.model)] = hybrid.model, function(hybrid)
+            for old in list(kept)[:-_MODELS]:
+                kept.pop(old, None)
+        return known[1]
+
+    return of
 
 
 @of_model

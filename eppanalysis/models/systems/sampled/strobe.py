@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -172,7 +172,7 @@ class Strobe:
             # Counts of whole ticks must not take up the rounding of the clock.
             H[own] -= round(passed) if self.every else passed
         x[self.clock] = 0.0
-        return replace(self.hybrid, x0=x, H0=H, modes0=np.array(modes, np.int64))
+        return self.hybrid.at(x, H, np.array(modes, np.int64))
 
     @cached_property
     def clock(self) -> int:
