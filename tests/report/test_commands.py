@@ -17,7 +17,8 @@ from eppanalysis.cases.command_line import Asking, called, commands_in
 from eppanalysis.cli.commands import app
 from eppanalysis.cli.common import load_case
 from eppanalysis.methods.bounds.numbers import why_no_bounds
-from eppanalysis.methods.bounds.searched import in_samples, why_by_search
+from eppanalysis.methods.bounds.searched import why_by_search
+from eppanalysis.models.systems.sampled.clocked import has_samples
 from eppanalysis.report.advice import Found
 from eppanalysis.report.notebook import make_notebook
 from eppanalysis.report.sections import SECTIONS
@@ -110,7 +111,7 @@ def resolve(text: str) -> None:
     if given.get("axes"):
         assert make_design(case, dict(axis.split("=", 1) for axis in given["axes"])).n_cells == 81
     if verb == "design":
-        assert not in_samples(case.to_system())
+        assert not has_samples(case.to_system())
     if verb in ("bounds", "guide") and not why_by_search(case.to_system()):
         assert not why_no_bounds(case.to_system())
     if verb == "bounds":
