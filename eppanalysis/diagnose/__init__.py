@@ -21,7 +21,7 @@ from eppanalysis.diagnose.result import LINEAR, OWN, UNTRIED, Diagnosis, Explana
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.orbit import CONVERGED
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, standing
+from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, require_continuous, standing
 from eppanalysis.progress import Progress
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
@@ -102,6 +102,7 @@ def diagnose(
     if not 1e-3 <= model_error <= 0.5:
         raise EppError(f"diagnose: model_error is {model_error}; expected 0.001 to 0.5.")
     system, at = standing(case, operating_point, "diagnose")
+    require_continuous(system, "diagnose")
     given = record_of(record, system.signals.units_by_name(), columns)
     found = oscillation_of(given)
     check_counts("diagnose", {"steps": (steps, 1)})

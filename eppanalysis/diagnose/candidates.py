@@ -24,7 +24,6 @@ from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.absorbed import with_gains
 from eppanalysis.models.systems.lure import LureSystem, with_own_states
 from eppanalysis.models.systems.operating import OperatingPoint
-from eppanalysis.models.systems.subject import require_continuous
 from eppanalysis.results import LimitCycle
 
 #: Constant terms of a loop, relative to its other numbers, that are rounding.
@@ -242,14 +241,7 @@ class Candidates:
 
 
 def candidates_of(system: LureSystem, at: OperatingPoint, steps: float = STEPS) -> Candidates:
-    """The candidates of a loop; each search for their cycles takes so many steps of the engine at most.
-
-    Raises
-    ------
-    EppError
-        If the loop is in discrete time.
-    """
-    require_continuous(system, "diagnose")
+    """The candidates of a loop; each search for their cycles takes so many steps of the engine at most."""
     linear = Linear.of(system, at)
     base = system.given or system
     families, left_out = [], {}

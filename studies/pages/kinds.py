@@ -15,6 +15,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import eppanalysis as epp
 from studies import DOCS
 
@@ -113,6 +115,12 @@ class Tried:
         """A run with the input in motion."""
         return epp.simulate(self.case, epp.inputs.Sine(2.0, 0.1), t_end=8.0)
 
+    def turns(self) -> dict[str, np.ndarray]:
+        """Twelve turns of a cycle, as a record has them."""
+        cycle = self.found[-1]
+        times = (cycle.time + turn * cycle.period for turn in range(12))
+        return {"time": np.concatenate([*times]), "x": np.tile(cycle.waveform["x"], 12)}
+
     def recorded(self) -> Path:
         """It, in a file."""
         path = self.folder / f"{len(list(self.folder.iterdir()))}.csv"
@@ -170,7 +178,7 @@ ANALYSES: dict[str, Callable[[Tried], Any]] = {
     "frozen_nyquist": lambda t: epp.frozen_nyquist(t.case, t.guess),
     "certify": lambda t: epp.certify(t.case),
     "certify_orbit": lambda t: epp.certify_orbit(t.case, t.found[-1]),
-    "diagnose": lambda t: epp.diagnose(t.case, {"time": t.record.t, "x": t.record.signals["x"]}, steps=100),
+    "diagnose": lambda t: epp.diagnose(t.case, t.turns(), steps=100),
     "identify": lambda t: epp.identify(t.case, step=t.recorded(), fit=(t.level,)),
     "report": lambda t: epp.report(t.case, t.folder / "report.html"),
     "first_page": lambda t: epp.first_page(t.case, epp.simulate(t.case)),

@@ -422,7 +422,7 @@ class Search:
                 direction = np.ones(orbit.y.size)
             direction[orbit.arcs.free] = P @ direction[orbit.arcs.free]
             size = float(np.linalg.norm(direction[: orbit.hybrid.n_plant]))
-            if not (np.isfinite(size) and size > 0.0):
+            if not np.finfo(float).tiny < size < np.inf:  # it has shrunk to nothing, or grown beyond numbers
                 return Motion.UNDECIDED, float("nan")
             total, direction = total + np.log(size), direction / size
             now = later(now, self.drive.period)
