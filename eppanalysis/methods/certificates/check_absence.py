@@ -12,8 +12,6 @@ if __name__ == "__main__" and not sys.flags.safe_path:
 import json
 from fractions import Fraction
 
-from flint import fmpq, fmpq_poly
-
 STATEMENT = "no periodic motion but rest"
 #: Most characters of a file, of a number in it, and of the numbers of a polynomial; most coefficients of the loop's.
 LENGTH, DIGITS, SIZE, ORDER = 100_000, 1000, 4000, 60
@@ -187,6 +185,8 @@ def positive(p):
         p = p[1:]
     if not p or p[-1] <= 0:
         return False
+    from flint import fmpq, fmpq_poly  # its finder is read where this is not installed
+
     first = fmpq_poly([fmpq(*c.as_integer_ratio()) for c in p])
     chain = [first, first.derivative()]
     while chain[-1]:
