@@ -22,8 +22,9 @@ from eppanalysis.results.events import Event, Events
 
 #: Samples of a run: some minutes, and a gigabyte of signals.
 MOST_SAMPLES = 2_000_000
-#: How near a period must be to a whole number of samples to be one, and turns over which another one is averaged.
-_WHOLE, _TURNS = 1e-9, 40
+#: How near a period must be to a whole number of samples to be one; turns over which another one is averaged, and its
+#: harmonics.
+_WHOLE, _TURNS, _HARMONICS = 1e-9, 40, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +104,8 @@ class InSamples:
         if start is None:
             start = HybridSystem.from_lure(self.system).held.begun(cycle.state, cycle.memory)
         x, Y = self._samples(start, count)
-        if not locked:
-            period = _turn(Y[:, 0], period)
-        shown = slice(round(period) if locked else int(period) + 1)
+        period = float(count) if locked else _turn(Y[:, 0], period)
+        shown = slice(count if locked else int(period) + 1)
         names = loop.signals.names
         return replace(
             cycle,
@@ -212,9 +212,11 @@ def _turn(y: Array, about: float) -> float:
 
 
 def _series(Y: Array, period: float) -> list[ComplexArray]:
-    """Fourier coefficients of signals (samples, s) over whole periods [samples], up to half the sample rate."""
-    k = np.arange(int(period / 2.0) + 1)
-    c = np.exp(-2j * np.pi / period * np.outer(k, np.arange(len(Y)))) @ Y / len(Y)
-    # An even number of samples has one at the highest frequency that is its own mirror image.
-    c[1 : int(np.ceil(period / 2.0))] *= 2.0
+    """Fourier coefficients of signals (samples, s) over one whole period [samples], or over many that are none."""
+    if period == len(Y):
+        c, last = np.fft.rfft(Y, axis=0) / len(Y), (len(Y) + 1) // 2
+    else:
+        k = np.arange(min(int(period / 2.0), _HARMONICS) + 1)
+        c, last = np.exp(-2j * np.pi / period * np.outer(k, np.arange(len(Y)))) @ Y / len(Y), k.size
+    c[1:last] *= 2.0  # an even number of samples has one at the highest frequency that is its own mirror image
     return [np.asarray(each, complex) for each in c.T]
