@@ -422,9 +422,10 @@ class Search:
                 direction = np.ones(orbit.y.size)
             direction[orbit.arcs.free] = P @ direction[orbit.arcs.free]
             size = float(np.linalg.norm(direction[: orbit.hybrid.n_plant]))
-            if not np.finfo(float).tiny < size < np.inf:  # it has shrunk to nothing, or grown beyond numbers
+            with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+                total, direction = total + np.log(size), direction / size
+            if not np.all(np.isfinite(direction)):  # it has shrunk to nothing, or grown beyond numbers
                 return Motion.UNDECIDED, float("nan")
-            total, direction = total + np.log(size), direction / size
             now = later(now, self.drive.period)
         # The direction began with length sqrt(n), not one.
         rate = (total - 0.5 * np.log(self.drive.hybrid.n_plant)) / _PARTING

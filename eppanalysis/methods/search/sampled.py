@@ -14,7 +14,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from eppanalysis.arrays import Array, IntArray
 from eppanalysis.methods.orbits.samples.locked import (
@@ -377,7 +376,7 @@ class SampledSearch:
         beside, moving = np.ones(len(rows)), np.isfinite(size)
         if self.rounds:
             known = np.concatenate([orbit.at_samples for orbit in self.rounds])
-            beside = np.asarray(KDTree((known / size)[:, moving]).query((rows / size)[:, moving], p=np.inf)[0])
+            beside = _nearest((known / size)[:, moving], (rows / size)[:, moving])[0]
         tries, floor = 0, np.maximum(beside, np.finfo(float).tiny)
         for n in range(1, len(rows) // 2):
             if tries == _STARTS:
@@ -445,7 +444,7 @@ class SampledSearch:
         for n, orbits in alike.items():
             rows = np.concatenate([orbit.at_samples[:-1] for orbit in orbits])
             size = np.max([orbit.scale for orbit in orbits], axis=0)
-            near = np.asarray(KDTree(rows / size).query(rows / size, k=min(3, len(rows)), p=np.inf)[1])
+            near = _nearest(rows / size, rows / size, min(3, len(rows)))[1]
             spread = np.unique(np.linspace(0, len(rows) - 1, min(_MIDWAY, len(rows))).astype(int))
             for one, other in ((k, other) for k in spread.tolist() for other in near[k, 1:]):
                 begun = orbits[one // n].begun_at(0.5 * (rows[one] + rows[other]))
@@ -490,14 +489,21 @@ class SampledSearch:
         return text + " It ended at the first cycle that was enough." * self.stopped
 
 
+def _nearest(points: Array, rows: Array, most: int = 1) -> tuple[Array, IntArray]:
+    """Distances from rows to their nearest points, in the largest of all places, and which points they are."""
+    from scipy.spatial import KDTree  # loads long, and few searches need it
+
+    away, which = KDTree(points).query(rows, k=most, p=np.inf)
+    return np.asarray(away), np.asarray(which)
+
+
 def _comes_to(rows: Array, orbit: LockedOrbit, differs: float) -> bool:
     """Whether samples (k, m) of a run come ever nearer to a stable orbit, and are as near as its turns differ."""
     n = orbit.n
     if not orbit.is_stable or len(rows) < 2 * n:
         return False
     turns = [rows[end - n : end] for end in np.linspace(max(len(rows) // 2, n), len(rows), 3).astype(int)]
-    tree = KDTree(orbit.at_samples / orbit.scale)
-    far = [float(np.max(tree.query(turn / orbit.scale, p=np.inf)[0])) for turn in turns]
+    far = [float(np.max(_nearest(orbit.at_samples / orbit.scale, turn / orbit.scale)[0])) for turn in turns]
     return far[2] < far[1] < far[0] and far[2] <= differs
 
 
