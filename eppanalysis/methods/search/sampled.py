@@ -116,7 +116,11 @@ class Starts:
         """States of which random ones are sums: the same in all coordinates."""
         at_reach = oscillations_at_reach(self.loop)[0]
         begun = [c.state - middle_of(c) for c in self.predicted]
-        return np.column_stack([self.loop.x0, *begun, reach_of_elements(self.loop), at_reach.real, at_reach.imag])
+        told = np.column_stack([self.loop.x0, *begun, reach_of_elements(self.loop), at_reach.real, at_reach.imag])
+        # Behind a controller nothing tells how far a state must go: as far as another one, or one of its units.
+        size = np.abs(told).max(axis=1, initial=0.0)
+        untold = np.where(size > 0.0, 0.0, size.max(initial=0.0) or 1.0)
+        return np.hstack([told, np.diag(untold)[:, untold > 0.0]])
 
     def random(self, number: int, seed: int) -> list[Array]:
         """Random states, from a twentieth of where elements begin to matter to three times as large."""

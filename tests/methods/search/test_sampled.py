@@ -126,3 +126,29 @@ def test_the_search_of_the_azimuth_servo_comes_to_all_three_cycles() -> None:
     found = epp.find_limit_cycles(epp.case("azimuth_servo"))
     assert sorted(c.period for c in found) == pytest.approx([12.63, 19.76, 26.89465], rel=1e-3)
     assert all(c.note.startswith("not locked to the samples") for c in found)
+
+
+@pytest.mark.slow
+def test_starts_reach_cycles_where_a_controller_stands_before_the_element() -> None:
+    """Nothing but the controller's own output tells where the relay switches: the states have no size of their own."""
+    T = 0.5
+    M = scipy.linalg.expm(T * np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 0.0]]))
+    gain = epp.SampledController([], [], [], [[1.0]], T)
+    loop = epp.LureSystem.build(
+        [[0.0, 1.0], [0.0, -1.0]], [[0.0, 0.0], [0.0, 1.0]], [[-1.0, 0.0], [0.0, 0.0]],
+        [gain, epp.RelayDeadZone(0.02, 1.0)], D=[[0.0, 0.0], [1.0, 0.0]],
+    )  # fmt: skip
+    found = epp.find_limit_cycles(loop, predicted=[])
+    assert found.stable
+    # By hand from many states: each cycle that runs end on has as many samples as one that is listed.
+    x = np.random.default_rng(3).normal(size=(200, 2))
+    path = []
+    for _ in range(900):
+        w = np.sign(-x[:, 0]) * (np.abs(x[:, 0]) >= 0.02)
+        path.append(x)
+        x = x @ M[:2, :2].T + w[:, None] * M[:2, 2]
+    last = np.array(path[-200:])
+    back = np.abs(last[:-1] - last[-1]).max(axis=2)[::-1] < 1e-9
+    moving = np.ptp(last, axis=0).max(axis=1) > 1e-6
+    turns = Counter((np.argmax(back, axis=0) + 1)[moving & back.any(axis=0)].tolist())
+    assert turns and {n for n, times in turns.items() if times >= 10} <= {round(c.period / T) for c in found}
