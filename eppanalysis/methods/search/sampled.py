@@ -118,8 +118,8 @@ class Starts:
         begun = [c.state - middle_of(c) for c in self.predicted]
         told = np.column_stack([self.loop.x0, *begun, reach_of_elements(self.loop), at_reach.real, at_reach.imag])
         # Behind a controller nothing tells how far a state must go: as far as another one, or one of its units.
-        size = np.abs(told).max(axis=1, initial=0.0)
-        untold = np.where(size > 0.0, 0.0, size.max(initial=0.0) or 1.0)
+        size, moves = np.abs(told).max(axis=1, initial=0.0), np.any(np.hstack([self.loop.A, self.loop.B]), axis=1)
+        untold = np.where((size > 0.0) | ~moves, 0.0, size.max(initial=0.0) or 1.0)
         return np.hstack([told, np.diag(untold)[:, untold > 0.0]])
 
     def random(self, number: int, seed: int) -> list[Array]:
