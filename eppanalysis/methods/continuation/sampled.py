@@ -482,10 +482,11 @@ def _seed(
 
 def _points_of(here: _Here, cycles: Iterable[LimitCycle]) -> Iterator[_Point]:
     """Cycles as points: closed to an orbit where they are locked, else as a run has them."""
-    closes = bool(here.strobe.every) and not here.strobe.forgets
     for cycle in cycles:
         # What a run has found a run finds again, locked or not.
-        known = rounds_near(here.hybrid, here.strobe, cycle) if closes and cycle.method != SIMULATION else ()
+        known = (
+            rounds_near(here.hybrid, here.strobe, cycle) if here.strobe.closes and cycle.method != SIMULATION else ()
+        )
         found = next((p for p in map(here.locked, known) if p and away(p.cycle, cycle) < _MOVES_IN_RUNS), None)
         found = found or here.by_run(cycle.state, cycle.memory, cycle.period)
         if found is not None:

@@ -19,12 +19,14 @@ from eppanalysis.arrays import Array, IntArray
 from eppanalysis.methods.orbits.samples.locked import (
     LockedOrbit,
     away,
+    begun_behind,
     close_locked,
     lengths_near,
     locked_cycle,
     not_among,
     of_one_continuum,
     same_round,
+    samples_of,
     starts_on,
 )
 from eppanalysis.methods.search.ends import End
@@ -285,10 +287,9 @@ class SampledSearch:
 
     def _on_its_way(self, run: Run, differs: float) -> int | None:
         """The stable locked orbit to which a run comes whose turns still differ so much; None for none."""
-        if self.strobe.forgets or not self.strobe.every:
+        if not self.strobe.closes:
             return None
-        samples = self._at_strobe(run)
-        rows = np.hstack([run.state[samples], run.memory_values[samples]])[:, self.strobe.free]
+        samples, rows = self._at_samples(run)
         for k, orbit in enumerate(self.rounds):
             if _comes_to(rows, orbit, differs):
                 return k
@@ -297,18 +298,17 @@ class SampledSearch:
         size = np.ptp(rows, axis=0)
         back = np.abs(rows[-3 : -len(rows) // 2 : -1] - rows[-1]) / np.where(size > 0.0, size, np.inf)
         n = 2 + int(np.argmin(back.max(axis=1)))
-        begin = self.strobe.begun(run.state[samples[-1]], run.memory_values[samples[-1]], run.modes[samples[-1]])
-        closed = close_locked(self.strobe, begin, n)
+        closed = close_locked(self.strobe, begun_behind(self.strobe, run, samples[-1]), n)
         if closed is None or not _comes_to(rows, closed, differs):
             self.refused += 1
             return None
         self.refused = 0
         return self._add(closed)
 
-    def _at_strobe(self, run: Run) -> IntArray:
-        """Places of the samples of a run at which all come round, oldest first."""
-        samples = run.order[run.guard[run.order] == self.strobe.guard]
-        return samples[::-1][:: max(self.strobe.every, 1)][::-1]
+    def _at_samples(self, run: Run) -> tuple[IntArray, Array]:
+        """Places of the samples of a run, and what repeats there, shape (samples, m)."""
+        samples = samples_of(self.strobe, run)
+        return samples, np.hstack([run.state[samples], run.memory_values[samples]])[:, self.strobe.free]
 
     def _is_met(self, run: Run, found: Array) -> bool:
         """Whether a run is on a cycle that is not locked and is listed."""
@@ -362,7 +362,7 @@ class SampledSearch:
             else:
                 b = middle
         self.boundaries += 1
-        if not self.strobe.forgets and self.strobe.every:
+        if self.strobe.closes:
             orbit = self._on_boundary(self.starts.begun(a, ()))
             if orbit is not None:
                 self._add(orbit)
@@ -373,8 +373,7 @@ class SampledSearch:
         """The orbit near which a run from a boundary stays for a while: where it returns, and not to a known one."""
         longest = max((orbit.n for orbit in self.rounds), default=1)
         run = self._run(start, max(self.horizon, _STAYS * longest * self.strobe.period))
-        samples = self._at_strobe(run)
-        rows = np.hstack([run.state[samples], run.memory_values[samples]])[:, self.strobe.free]
+        samples, rows = self._at_samples(run)
         size = np.ptp(rows, axis=0)
         size = np.where(size > 0.0, size, np.inf)
         beside, moving = np.ones(len(rows)), np.isfinite(size)
@@ -388,10 +387,7 @@ class SampledSearch:
             back = np.max(np.abs(rows[n:] - rows[:-n]) / size, axis=1)
             place = int(np.argmin(back / floor[:-n]))
             if back[place] < _RETURNS * beside[place]:
-                at = samples[place]
-                orbit = close_locked(
-                    self.strobe, self.strobe.begun(run.state[at], run.memory_values[at], run.modes[at]), n
-                )
+                orbit = close_locked(self.strobe, begun_behind(self.strobe, run, samples[place]), n)
                 if orbit is not None:
                     return orbit
                 tries += 1
@@ -412,7 +408,7 @@ class SampledSearch:
 
     def _seek(self) -> None:
         """Orbits between those known, and of all numbers of samples near those known and predicted."""
-        if self.strobe.forgets or not self.strobe.every:
+        if not self.strobe.closes:
             return
         self._seek_midway()
         of_each = {o.n: o for o in reversed(self.rounds)}  # of as many samples others are near, or mirror images

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from eppanalysis.arrays import Array
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.methods.orbits.samples.continua import joined
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.period import advance, advances, analyse_period
@@ -95,7 +95,7 @@ class LockedOrbit(SampledTurn):
         samples = steady.events[run.guard[steady.events] == strobe.guard]
         behind = np.hstack([run.state[samples], run.memory_values[samples]])[:, strobe.free] / steady.scale
         first = samples[np.lexsort(np.round(behind, _DIGITS).T[::-1])[-1]]
-        turn = SampledTurn.of(strobe, strobe.begun(run.state[first], run.memory_values[first], run.modes[first]), n)
+        turn = SampledTurn.of(strobe, begun_behind(strobe, run, first), n)
         return None if turn is None else cls(strobe, turn.start, n, turn.run, turn.last, steady)
 
     @property
@@ -176,11 +176,22 @@ def of_one_continuum(one: LockedOrbit, other: LockedOrbit) -> bool:
     return many and joined(one.at_samples[:-1], other.at_samples[:-1], once)
 
 
+def samples_of(strobe: Strobe, run: Run) -> IntArray:
+    """Places among the kept events of a run of the samples at which all come round, oldest first."""
+    samples = run.order[run.guard[run.order] == strobe.guard]
+    return samples[::-1][:: max(strobe.every, 1)][::-1]
+
+
+def begun_behind(strobe: Strobe, run: Run, place: int) -> HybridSystem:
+    """The system begun behind a sample of a run."""
+    return strobe.begun(run.state[place], run.memory_values[place], run.modes[place])
+
+
 def starts_on(strobe: Strobe, run: Run, n: int, most: int) -> Iterator[HybridSystem]:
     """Starts behind samples of the last n periods of a run, evenly spread, the last one first."""
-    order = run.order[run.guard[run.order] == strobe.guard][::-1][:: max(strobe.every, 1)][:n]
+    order = samples_of(strobe, run)[::-1][:n]
     for place in order[np.unique(np.linspace(0, order.size - 1, min(most, order.size)).astype(int))]:
-        yield strobe.begun(run.state[place], run.memory_values[place], run.modes[place])
+        yield begun_behind(strobe, run, place)
 
 
 def locked_cycle(system: LureSystem, found: LockedOrbit) -> LimitCycle:

@@ -127,6 +127,11 @@ class Strobe:
         return math.lcm(*map(int, counts)) // int(counts[0])
 
     @property
+    def closes(self) -> bool:
+        """Whether orbits can be closed: samples come round together, and states and memory values tell all."""
+        return bool(self.every) and not self.forgets
+
+    @property
     def forgets(self) -> bool:
         """Whether states and memory values do not tell all, as something is on its way through a dead time."""
         return bool(np.any(self.hybrid.model.smooth_kind == DELAY_LINE))
