@@ -17,6 +17,7 @@ from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, solve
 from eppanalysis.methods.orbits.shooting import restarted
 from eppanalysis.methods.steady.closing import close as closed_pass
 from eppanalysis.methods.steady.flow import Pass, advance
+from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 
@@ -74,8 +75,8 @@ def close(start: HybridSystem, duration: float) -> Orbit | None:
     Orbit or None
         Begun where no event is near; the engine meets just its events.
     """
-    found = closed_pass(start, duration, given=True)
-    orbit = None if found is None else _along(found)
+    found = closed_pass(SteadyMotion.begun(start, duration), given=True)
+    orbit = None if found is None else _along(found.passes[0])
     if orbit is None:
         return None
     # To rounding along the events that the engine has met.

@@ -20,7 +20,8 @@ from eppanalysis.methods.orbits.samples.locked import LockedOrbit, locked_cycle
 from eppanalysis.methods.simulation.period import analyse_period
 from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.methods.steady.closing import close
-from eppanalysis.methods.steady.flow import advance, later
+from eppanalysis.methods.steady.flow import later
+from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.inputs import Sine
 from eppanalysis.models.systems.sampled.strobe import Strobe, is_sampled, sampled_among
 from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
@@ -85,8 +86,8 @@ def _closed(drive: Drive, periods: int, multiple: int) -> PeriodicResponse | Non
     if not n or abs(n - round(n)) > _WHOLE * n:
         return None
     end = later(drive.hybrid, periods * drive.period)
-    last = None if end is None else advance(end, duration)
-    steady = None if last is None else close(last.start, duration, given=True)
+    last = None if end is None else SteadyMotion.begun(end, duration)
+    steady = close(last, given=True)
     if (
         last is None
         or steady is None

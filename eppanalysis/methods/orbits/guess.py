@@ -16,6 +16,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import LETS_GO, Arcs, EventSequence
 from eppanalysis.methods.simulation.effort import spend
 from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 #: An orbit with more arcs is not closed: the time that Newton's method takes goes with the cube of their number, and
@@ -60,35 +61,20 @@ class Guess:
         return float(self.tau.sum())
 
 
-def first_return(hybrid: HybridSystem, run: Run, y: Array, guess: Guess) -> Guess | None:
-    """From a run that began at y where a guess does: the stretch to that event's best return after about a period."""
-    order, modes, guard = run.order, guess.event_sequence.modes[0], int(guess.event_sequence.guards[-1])
-    if run.n_kept == 0 or run.count > run.n_kept:
+def guess_along(found: SteadyMotion) -> Guess | None:
+    """The events of a steady motion, an observer's among them; None where there are none, or too many."""
+    whole, hybrid = found.whole(), found.start
+    if whole is None:
         return None
-    time = run.time[order]
-    same = (run.guard[order] == guard) & np.all(run.modes[order] == modes, axis=1)
-    places = np.flatnonzero(same & (np.abs(time / guess.period - 1.0) < 0.5))
-    if places.size == 0:
+    met = [(one.run, one.run.order) for one in whole.passes]
+    times = np.concatenate([begin + run.time[order] for begin, (run, order) in zip(whole.begins, met, strict=True)])
+    if times.size == 0:
         return None
-    n = hybrid.x0.size
-    span = np.ptp(run.state[order][:, hybrid.compared], axis=0)
-    away = np.abs(run.state[order[places]] - y[:n])[:, hybrid.compared] / np.where(span > 0, span, np.inf)
-    last = int(places[np.argmin(np.max(away, axis=1))])
-    before = order[:last]
-    starts = np.vstack([y[: n + hybrid.H0.size], np.hstack([run.state[before], run.memory_values[before]])])
-    tau = np.diff(time[: last + 1], prepend=0.0)
-    return make_guess(hybrid, np.vstack([modes, run.modes[before]]), run.guard[order[: last + 1]], starts, tau, guess)
-
-
-def one_turn(hybrid: HybridSystem, run: Run, modes: IntArray, period: float) -> Guess | None:
-    """From a run that began half-way along an arc in `modes`: its events of one period, as if they repeated."""
-    order = run.order
-    within = order[run.time[order] <= period]
-    if within.size == 0 or run.count > run.n_kept or not np.array_equal(run.modes[within[-1]], modes):
-        return None
-    starts = np.roll(np.hstack([run.state[within], run.memory_values[within]]), 1, axis=0)
-    tau = np.diff(run.time[within], prepend=run.time[within[-1]] - period)
-    return make_guess(hybrid, np.roll(run.modes[within], 1, axis=0), run.guard[within], starts, tau)
+    guards = np.concatenate([run.guard[order] for run, order in met])
+    modes = np.vstack([run.modes[order] for run, order in met])
+    behind = np.vstack([np.hstack([run.state[order], run.memory_values[order]]) for run, order in met])
+    tau = np.diff(times, prepend=times[-1] - whole.duration)
+    return make_guess(hybrid, np.roll(modes, 1, axis=0), guards, np.roll(behind, 1, axis=0), tau)
 
 
 def make_guess(
@@ -133,33 +119,6 @@ def brought_about(model: Model, guards: IntArray, tau: Array) -> IntArray:
         else:
             jump = a
     return marks
-
-
-def make_half(hybrid: HybridSystem, image: Array, run: Run, first: int, last: int) -> tuple[Guess, Arcs] | None:
-    """Half an orbit from a stretch of a run whose end is the image of its begin, with the arcs that close it so.
-
-    Parameters
-    ----------
-    image : array, shape (N, N)
-        See :meth:`eppanalysis.methods.orbits.arcs.Arcs.halved`.
-    first, last : int
-        The stretch runs from behind one kept event to another (counted from the oldest).
-    """
-    order = run.order[first : last + 1]
-    p = order.size - 1
-    if p > MOST_ARCS:
-        return None
-    guards = np.append(run.guard[order[1:]], -1)
-    tau = np.diff(run.time[order])
-    marks = np.append(brought_about(hybrid.model, guards[:p], tau), 0)
-    it = EventSequence(run.modes[order], guards, np.full((p + 1, 3), -1), marks)
-    try:
-        arcs = Arcs.build(hybrid, it).halved(hybrid, image)
-    except ModelError:
-        return None
-    starts = np.hstack([run.state[order[:-1]], run.memory_values[order[:-1]]])
-    arcs = replace(arcs, event_sequence=marked(arcs, starts, tau))
-    return Guess(arcs.event_sequence, starts[0].copy(), tau), arcs
 
 
 def marked(arcs: Arcs, starts: Array, tau: Array) -> EventSequence:
@@ -244,40 +203,60 @@ def stretch(hybrid: HybridSystem, run: Run, first: int, last: int) -> Guess | No
 def recurrences(
     hybrid: HybridSystem, run: Run, period: tuple[float, float] | None = None, most: int = 6, n_events: int = 200
 ) -> Iterator[Guess]:
-    """Stretches of a run that nearly return to their begin, best first.
+    """Stretches of a run that nearly return to their begin, best first; as for :func:`returns`."""
+    for first, last in returns(hybrid, run, period, most, n_events):
+        guess = stretch(hybrid, run, first, last)
+        if guess is not None:
+            yield guess
+
+
+def returns(
+    hybrid: HybridSystem,
+    run: Run,
+    period: tuple[float, float] | None,
+    most: int,
+    n_events: int,
+    image: Array | None = None,
+) -> list[tuple[int, int]]:
+    """Pairs of kept events (counted from the oldest) of which the second nearly returns to the first, best first.
 
     Parameters
     ----------
     period : (float, float), optional
         Shortest and longest return wanted [s].
     most : int
-        How many guesses at most.
+        How many pairs at most.
     n_events : int
         Only so many of the last events are looked at.
+    image : array, shape (N, N), optional
+        Returns to the image of the first are wanted, where events are others than here.
     """
     skipped = max(run.n_kept - n_events, 0)
-    order = run.order[skipped:]
-    time, state = run.time[order], run.state[order][:, hybrid.compared]
+    order, compared, n = run.order[skipped:], hybrid.compared, hybrid.x0.size
+    time = run.time[order]
     if order.size < 2:
-        return
+        return []
     spend(_PAIR * order.size**2)
     # Of several events at one instant the last one counts.
     free = np.flatnonzero(np.diff(time, append=np.inf) > 0)
-    kind = np.column_stack([run.guard[order[free]], run.modes[order[free]]])
-    _, kinds = np.unique(kind.view(f"V{kind.itemsize * kind.shape[1]}").ravel(), return_inverse=True)
-    i, j = np.nonzero(np.triu(kinds[:, None] == kinds, 1))
+    begin = state = run.state[order][:, compared]
+    if image is None:
+        kind = np.column_stack([run.guard[order[free]], run.modes[order[free]]])
+        _, kinds = np.unique(kind.view(f"V{kind.itemsize * kind.shape[1]}").ravel(), return_inverse=True)
+        i, j = np.nonzero(np.triu(kinds[:, None] == kinds, 1))
+    else:
+        begin = (np.hstack([run.state[order], run.memory_values[order]]) @ image.T)[:, :n][:, compared]
+        i, j = np.triu_indices(free.size, 1)
     gap = time[free[j]] - time[free[i]]
     if period is not None:
         wanted = (gap >= period[0]) & (gap <= period[1])
         i, j, gap = i[wanted], j[wanted], gap[wanted]
     span = np.ptp(state, axis=0)
-    away = np.max(np.abs(state[free[i]] - state[free[j]]) / np.where(span > 0, span, np.inf), axis=1, initial=0.0)
+    away = np.abs(begin[free[i]] - state[free[j]]) / np.where(span > 0, span, np.inf)
     # The nearest return first; of those that are equal to rounding the shortest, or a cycle would be closed over two
     # turns.
-    away = np.round(away, 12)
-    worst = np.partition(away, most - 1)[most - 1] if away.size > most else np.inf
-    near = np.flatnonzero(~(away > worst))
-    for k in near[np.lexsort((gap[near], away[near]))[:most]]:
-        guess = stretch(hybrid, run, skipped + int(free[i[k]]), skipped + int(free[j[k]]))
-        if guess is not None:
-            yield guess
+    nearest = np.round(np.max(away, axis=1, initial=0.0), 12)
+    worst = np.partition(nearest, most - 1)[most - 1] if nearest.size > most else np.inf
+    near = np.flatnonzero(~(nearest > worst))
+    best = near[np.lexsort((gap[near], nearest[near]))[:most]]
+    return [(skipped + int(free[i[k]]), skipped + int(free[j[k]])) for k in best]

@@ -1,23 +1,23 @@
-"""Orbits of a symmetric loop that are their own mirror image: closed as half an orbit.
+"""Orbits of a symmetric loop that are their own mirror image: begun as half an orbit and its image.
 
 In a loop without constants whose elements are odd, and in one that a shift of the state makes so, the mirror image of
 every motion at the centre is a motion too. An orbit that is its own image passes through the image of its start half a
-period later. Closed as a half it cannot be mistaken for an asymmetric neighbour: where such a pair has branched off,
-nearly on it, the whole period's return map has a multiplier near 1, but the half's is near -1, far from singular.
+period later. Begun so, Newton's method keeps to symmetric motions and is not led to an asymmetric neighbour, of which a
+pair may have branched off nearly on it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from eppanalysis.arrays import Array
-from eppanalysis.methods.orbits.guess import make_half, one_turn
-from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle, solve
-from eppanalysis.methods.orbits.shooting import close_orbit, moves, restarted
-from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.orbits.guess import guess_along, returns
+from eppanalysis.methods.orbits.orbit import Orbit
+from eppanalysis.methods.orbits.shooting import close_orbit
 from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 #: What is left of constants at the centre, relative to what they are added up from.
@@ -82,58 +82,15 @@ def mirrored_orbits(hybrid: HybridSystem, image: Array, x: Array, memory: Array,
         Of the whole orbit, roughly [s].
     """
     known: list[Orbit] = []
-    run = _run(hybrid.at(x, memory, hybrid.modes0), 1.2 * period)
-    for first, last in _half_returns(hybrid, image, run, period):
-        orbit = _closed(hybrid, image, run, first, last, known)
-        if orbit is not None:
+    start = hybrid.at(x, memory, hybrid.modes0)
+    run = run_hybrid(start, 1.2 * period, np.zeros(0), 2.0 * hybrid.time_scale, _MOST_EVENTS, _MOST_EVENTS)
+    # The period that was handed in is rough.
+    for pair in returns(hybrid, run, (0.3 * period, 0.8 * period), _MOST_HALVES, _MOST_EVENTS, image):
+        begin, end = run.order[list(pair)]
+        start = hybrid.at(run.state[begin], run.memory_values[begin], run.modes[begin])
+        half = SteadyMotion.through([start], [float(run.time[end] - run.time[begin])], image)
+        guess = None if half is None else guess_along(half)
+        orbit = None if guess is None else close_orbit(hybrid, guess, known, image)
+        if orbit is not None and is_mirrored(orbit, image):
             known.append(orbit)
             yield orbit
-
-
-def _run(start: HybridSystem, t_end: float) -> Run:
-    return run_hybrid(start, t_end, np.zeros(0), 2.0 * start.time_scale, _MOST_EVENTS, _MOST_EVENTS)
-
-
-def _half_returns(hybrid: HybridSystem, image: Array, run: Run, period: float) -> list[tuple[int, int]]:
-    """Pairs of events about half a period apart, of which the second is nearest to the image of the first."""
-    order, compared = run.order, hybrid.compared
-    n, time = hybrid.x0.size, run.time[run.order]
-    if order.size < 2:
-        return []
-    # Of several events at one instant the last one counts.
-    free = np.flatnonzero(np.diff(time, append=np.inf) > 0)
-    state = np.hstack([run.state[order[free]], run.memory_values[order[free]]])
-    imaged = (state @ image.T)[:, :n][:, compared]
-    state, gap = state[:, :n][:, compared], time[free] - time[free][:, None]
-    # Events at which a run may be half a turn on: the period that was handed in is rough.
-    i, j = np.nonzero((gap > 0.3 * period) & (gap < 0.8 * period))
-    span = np.ptp(state, axis=0)
-    away = np.max(np.abs(state[j] - imaged[i]) / np.where(span > 0, span, np.inf), axis=1, initial=0.0)
-    return [(int(free[i[k]]), int(free[j[k]])) for k in np.argsort(away, kind="stable")[:_MOST_HALVES]]
-
-
-def _closed(
-    hybrid: HybridSystem, image: Array, run: Run, first: int, last: int, known: Sequence[Orbit]
-) -> Orbit | None:
-    """The whole orbit from half a turn of a run; the engine's own turn says which events it has."""
-    for _ in range(_MOST_HALVES):
-        made = make_half(hybrid, image, run, first, last)
-        if made is None:
-            return None
-        half = solve(hybrid, *made)
-        if not (half.residual < CONVERGED and np.all(half.tau > -1e-9 * half.period) and moves(half)):
-            return None
-        # From the middle of the longest arc no guard is near, so rounding makes no event of its own.
-        k, period = int(np.argmax(half.tau)), 2.0 * half.period
-        start = restarted(hybrid, half.arcs, middle(half, k), half.arcs.event_sequence.modes[k])
-        run = _run(start, 1.1 * period)
-        turn = one_turn(hybrid, run, start.modes0, period)
-        orbit = None if turn is None else close_orbit(hybrid, turn, known)
-        if orbit is not None and is_mirrored(orbit, image):
-            return orbit
-        # The half has other events than the engine meets on it.
-        again = _half_returns(hybrid, image, run, period)
-        if not again:
-            return None
-        first, last = again[0]
-    return None

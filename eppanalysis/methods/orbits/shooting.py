@@ -1,14 +1,13 @@
 """Exact periodic orbits: the cyclic sequence of events that an orbit truly has, beside its start and dwell times.
 
-The sequence comes from a run of the engine; after convergence of the equations in `orbit` the engine runs once more
-from the orbit, and where it meets other events these are taken and the iteration goes on.
+The sequence comes from a run of the engine. Where the equations of `orbit` do not close along it, or the engine meets
+other events on what they close, the motion is closed on the flow, which assumes none, and solved along what it meets.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import islice
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,23 +16,22 @@ from eppanalysis.engine.orbits import sizes_of_residuals
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.delayed.motion import delayed_motion, is_delayed
-from eppanalysis.methods.orbits.guess import Guess, first_return, make_guess, one_turn, recurrences
+from eppanalysis.methods.orbits.guess import Guess, guess_along, make_guess, recurrences
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, middle, sample_arcs, solve
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.rounding import SAMPLES, is_lost, left_by_rounding, watched
 from eppanalysis.methods.simulation.simulate import loses_elements, run_hybrid
+from eppanalysis.methods.steady.closing import close
+from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
+#: Passes in which an orbit is closed on the flow.
+_PIECES = 4
 #: Residual with which an orbit that is only begun elsewhere needs no further step.
 _ROUNDING = 1e-14
-_MOST_SEQUENCES = 10
 #: Step that Newton's method would still make from an orbit, in sizes of its motion, that leaves it the same orbit, and
 #: what of its residual may be left by it.
 _NEAR, _LEFT = 1e-2, 1e-13
-#: Steps of Newton's method on the engine's return map.
-_MOST_STEPS = 15
-#: An orbit may have this many arcs more than twice those of its guess.
-_MORE_ARCS = 40
 #: Span of a state, relative to its size, that is rounding.
 _NO_MOTION = 1e-9
 #: Distance between a guess and an orbit, relative to its size, from which Newton's method leads to no other one.
@@ -47,7 +45,9 @@ _SAME_TURN = 1e-7
 _NO_SAMPLES = np.zeros(0)
 
 
-def close_orbit(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ()) -> Orbit | None:
+def close_orbit(
+    hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = (), image: Array | None = None
+) -> Orbit | None:
     """The exact orbit near a guess, with its true sequence of events; None when there is none to be found.
 
     Parameters
@@ -56,6 +56,8 @@ def close_orbit(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ())
         Without external inputs that change.
     known : sequence of Orbit, optional
         Orbits of this system that have been closed: one of them, where the guess is a turn along it or leads to one.
+    image : array, shape (N, N), optional
+        Where the orbit should be its own mirror image, as the guess is: see :func:`mirror`.
 
     Returns
     -------
@@ -63,39 +65,52 @@ def close_orbit(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ())
         Begun where its longest arc begins (with dead time: of those on which nothing is on its way); its residual is
         near rounding.
     """
+    orbit = orbit_along(hybrid, guess, known)
+    found = _on_the_flow(hybrid, guess, image) if orbit is None else None
+    return orbit if found is None else orbit_along(hybrid, found, known)
+
+
+def orbit_along(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ()) -> Orbit | None:
+    """The exact orbit near a guess that has its sequence of events; else as :func:`close_orbit`."""
     if (passed := _passed(guess, known)) is not None:
         return passed
-    seen: set[bytes] = set()
-    approach = _Approach(iter(()))
-    most = 2 * guess.tau.size + _MORE_ARCS
-    for _ in range(_MOST_SEQUENCES):
-        if guess.tau.size > most:
-            return None  # ever more switches: they pile up
-        try:
-            orbit = solve(hybrid, guess)
-        except ModelError:
-            return _close_delayed(hybrid, guess) if is_delayed(hybrid) else None
-        if _is_closed(orbit) and np.all(orbit.tau > -1e-9 * orbit.period):
-            passed = _passed(orbit.guess, known)
-            if passed is not None or not moves(orbit) or _only_touches(orbit):
-                return passed
-            # The equations close for sequences, too, that the loop does not have: the engine has the last word
-            # (docs/theory/exact_orbits.md, Closing an orbit).
-            if is_met(orbit):
-                orbit = _finished(orbit)
-                return orbit if _is_closed(orbit) and crosses(orbit) else None
-            found = next_guess(orbit)
-            if found is None or found.event_sequence.key in seen:
-                return None
-        else:
-            approach = approach.begun_at(hybrid, guess)
-            found = approach.best()
-            # From a guess that the engine's own return map does not better, Newton's method fails as it has just done.
-            if found is None or found is guess or found.event_sequence.key in seen:
-                return None
-        seen.add(found.event_sequence.key)
-        guess = found
-    return None
+    try:
+        orbit = solve(hybrid, guess)
+    except ModelError:
+        return _close_delayed(hybrid, guess) if is_delayed(hybrid) else None
+    if not _is_closed(orbit) or np.any(orbit.tau <= -1e-9 * orbit.period):
+        return None
+    passed = _passed(orbit.guess, known)
+    # The equations close for sequences, too, that the loop does not have: the engine has the last word
+    # (docs/theory/exact_orbits.md, Closing an orbit).
+    if passed is not None or not moves(orbit) or _only_touches(orbit) or not is_met(orbit):
+        return passed
+    orbit = _finished(orbit)
+    return orbit if _is_closed(orbit) and crosses(orbit) else None
+
+
+def _on_the_flow(hybrid: HybridSystem, guess: Guess, image: Array | None) -> Guess | None:
+    """What Newton's method on the flow closes near a guess, with the events that it truly has; None for nothing."""
+    try:
+        arcs = guess.arcs(hybrid)
+    except ModelError:
+        return None
+    orbit = evaluate(hybrid, arcs, guess.y, guess.tau)
+    if arcs.n_timers or not np.isfinite(orbit.residual):
+        return None
+    # Begun in the middle of arcs, as a run from a single start may leave the orbit within a turn.
+    duration, pieces = (orbit.period, _PIECES) if image is None else (0.5 * orbit.period, _PIECES // 2)
+    halves = np.cumsum(orbit.tau) - 0.5 * orbit.tau
+    part = np.floor(pieces * halves / duration).astype(int)
+    parts = [np.flatnonzero(part == k).tolist() for k in range(pieces)]
+    longest = [max(arcs, key=lambda a: float(orbit.tau[a])) for arcs in parts if arcs]
+    modes = orbit.arcs.event_sequence.modes
+    starts = [restarted(orbit.hybrid, orbit.arcs, middle(orbit, a), modes[a]) for a in longest]
+    durations = np.diff(halves[longest], append=halves[longest[0]] + duration)
+    if np.any(durations <= 0.0):
+        return None
+    found = close(SteadyMotion.through(starts, durations.tolist(), image), given=False, pieces=pieces)
+    return None if found is None else guess_along(found)
 
 
 def _is_closed(orbit: Orbit) -> bool:
@@ -375,7 +390,9 @@ def _from_middle(orbit: Orbit, arc: int, t_end: float, turns: int) -> Run:
 def next_guess(orbit: Orbit) -> Guess | None:
     """What the engine meets that is started on the orbit, where that has other events; None where it is nothing."""
     T, k = orbit.period, int(np.argmax(orbit.tau))
-    once = one_turn(orbit.hybrid, _from_middle(orbit, k, 1.1 * T, 3), orbit.arcs.event_sequence.modes[k], T)
+    start = restarted(orbit.hybrid, orbit.arcs, middle(orbit, k), orbit.arcs.event_sequence.modes[k])
+    turn = SteadyMotion.begun(start, T)
+    once = guess_along(turn) if turn is not None and turn.ends_in_its_modes else None
     if once is not None and once.event_sequence.cyclic_key != orbit.arcs.event_sequence.cyclic_key:
         return once
     best = None
@@ -396,54 +413,6 @@ def run_from(orbit: Orbit, t_end: float, max_events: int, y: Array) -> Run:
 def restarted(hybrid: HybridSystem, arcs: Arcs, y: Array, modes: IntArray) -> HybridSystem:
     """The same system, started from y in given modes."""
     return hybrid.at(y[: hybrid.x0.size].copy(), y[arcs.memory].copy(), np.array(modes, np.int64))
-
-
-@dataclass(eq=False)
-class _Approach:
-    """Newton's method on the engine's own return map, and the guesses that it has come to from the best one on."""
-
-    steps: Iterator[tuple[Guess, float]]  # see :func:`_approaching`
-    made: list[tuple[Guess, float]] = field(default_factory=list)  # those that have been taken
-
-    def best(self) -> Guess | None:
-        """The guess nearest to an orbit on so many steps; asked for again, on so many from there."""
-        self.made += islice(self.steps, _MOST_STEPS - len(self.made))
-        if not self.made:
-            return None
-        self.made = self.made[int(np.argmin([size for _, size in self.made])) :]
-        return self.made[0][0]
-
-    def begun_at(self, hybrid: HybridSystem, guess: Guess) -> _Approach:
-        """Itself, where a guess is its best so far, or a new one."""
-        return self if self.made and self.made[0][0] is guess else _Approach(_approaching(hybrid, guess))
-
-
-def _approaching(hybrid: HybridSystem, guess: Guess) -> Iterator[tuple[Guess, float]]:
-    """Guesses, each with the events that the engine meets on its way, and by how much they do not return."""
-    if np.any(hybrid.model.smooth_kind == DELAY_LINE):
-        return
-    found: Guess | None = guess
-    while found is not None:
-        guess = found
-        try:
-            arcs = guess.arcs(hybrid)
-        except ModelError:
-            return
-        orbit = evaluate(hybrid, arcs, guess.y, guess.tau)
-        size = float(np.max(np.abs(orbit.r[: arcs.free.size]) / orbit.row_scale[: arcs.free.size]))
-        if not size < 1e6:
-            return
-        yield guess, size
-        if size < 1e-6:
-            return
-        step = -orbit.correction(orbit.r)
-        change = float(np.max(np.abs(step[: arcs.free.size]) / orbit.column_scale[: arcs.free.size]))
-        if not np.isfinite(change):
-            return
-        # At most a fifth of the motion's size: farther off the engine meets other events than the derivative is of.
-        y, _ = orbit.moved(step * min(1.0, 0.2 / max(change, 1e-300)))
-        run = run_from(orbit, 1.6 * guess.period, 4 * guess.tau.size + 40, y)
-        found = first_return(hybrid, run, y, guess)
 
 
 def orbit_of(hybrid: HybridSystem, run: Run, period: float | None = None) -> Orbit | None:
@@ -477,8 +446,10 @@ def orbits_near(
         for guess in recurrences(hybrid, run, (0.5 * period, 1.6 * period), 4):
             if guess.event_sequence.key in seen:
                 continue
+            # On the flow all of them are one: it asks for no sequence of events.
+            close_one = orbit_along if seen else close_orbit
             seen.add(guess.event_sequence.key)
-            orbit = close_orbit(hybrid, guess, known)
+            orbit = close_one(hybrid, guess, known)
             if orbit is not None:
                 yield orbit
 

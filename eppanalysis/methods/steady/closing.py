@@ -1,4 +1,4 @@
-"""Steady motions by Newton's method on the flow: the end of a pass is its start.
+"""Steady motions by Newton's method on the flow: the end of a chain of passes is its start.
 
 The duration is given where something outside of the loop's own motion beats the time (samples of a controller, a sine),
 and an unknown with a condition on the phase where nothing does. Events are what each pass meets: no order of them is
@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from eppanalysis.arrays import Array
-from eppanalysis.methods.steady.flow import Pass, advance, later
-from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.methods.steady.flow import advances
+from eppanalysis.methods.steady.motion import SteadyMotion
 
 #: Change over a pass, relative to the motion, of a motion that is closed, and one at which Newton's method ends.
 CLOSED, EXACT = 1e-10, 1e-14
@@ -25,66 +25,67 @@ _FREE = 1e-13
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of a motion that shrinks to nothing
-def close(start: HybridSystem, duration: float, given: bool) -> Pass | None:
-    """The steady motion near a start; None where Newton's method finds none.
+def close(begin: SteadyMotion | None, given: bool, pieces: int = 1) -> SteadyMotion | None:
+    """The steady motion near one that is none yet; None where Newton's method finds none.
 
     Parameters
     ----------
-    start : HybridSystem
-        Near the motion.
-    duration : float
-        Time after which the motion repeats itself, or where it is not `given` a guess of that [s].
+    begin : SteadyMotion, optional
+        Its duration is a guess where it is not `given`.
     given : bool
         Whether samples or an input tell the duration.
+    pieces : int, optional
+        In how many passes it is closed.
 
     Returns
     -------
-    Pass or None
+    SteadyMotion or None
         Begun where no event is near, closed, and ending in the modes in which it begins.
     """
-    best = now = placed(advance(start, duration))
+    best = now = None if begin is None else begin.placed(pieces)
     idle = 0
     for _ in range(_MOST_STEPS):
         if best is None or now is None or idle >= _IDLE or (best.gap < EXACT and best.ends_in_its_modes):
             break
         now = _nearer(now, given)
         # Where a step leads to another piece of the map it may worsen first: several have to better nothing.
-        away = np.inf if now is None else now.gap_in(best.scale)
-        idle = 0 if away < 0.5 * best.gap else idle + 1
-        best = now if now is not None and away < best.gap else best
+        idle = 0 if now is not None and now.is_nearer(best, 0.5) else idle + 1
+        best = now if now is not None and now.is_nearer(best, 1.0) else best
     return best if best is not None and best.gap <= CLOSED and best.ends_in_its_modes else None
 
 
-def _nearer(now: Pass, given: bool) -> Pass | None:
-    """The pass after the longest share of Newton's step that betters it, or after all of it where none does."""
+def _nearer(now: SteadyMotion, given: bool) -> SteadyMotion | None:
+    """What comes of the longest share of Newton's step that betters it, or of all of it where none does."""
     step, longer = newton(now, given)
     if not np.all(np.isfinite(step)):
         return None
     whole = None
     for share in _SHARES:
-        new = advance(now.moved(share * step), now.duration * float(np.exp(share * longer)))
-        if new is not None and new.gap_in(now.scale) < (1.0 - 0.1 * share) * now.gap:
+        new = now.moved(share * step, share * longer)
+        if new is not None and new.is_nearer(now, 1.0 - 0.1 * share):
             return new
         whole = new if share == 1.0 else whole
     # An event has passed the begin, or what holds memory is elsewhere: on from where no event is near.
-    return whole if whole is None or whole.ends_in_its_modes else placed(whole)
+    return whole if whole is None or whole.ends_in_its_modes else whole.placed(len(whole.passes))
 
 
-def placed(found: Pass | None) -> Pass | None:
-    """A pass of the same motion, begun away from its events, which Newton's steps move."""
-    begin = None if found is None else later(found.start, found.middle_of_longest_gap())
-    return None if begin is None or found is None else advance(begin, found.duration)
-
-
-def newton(now: Pass, given: bool) -> tuple[Array, float]:
-    """Newton's step in what repeats, and relative to it in the duration; nan where there is none."""
-    m = now.sought.size
-    A, b = now.matrix - np.eye(m), -now.change[now.sought] / now.scale
+def newton(now: SteadyMotion, given: bool) -> tuple[Array, float]:
+    """Newton's step in what repeats (k, m), and in the logarithm of the duration; nan where there is none."""
+    k, m = len(now.passes), now.sought.size
+    A, b = np.zeros((k * m, k * m)), -(now.misses[:, now.sought] / now.scale).ravel()
+    # Each pass has to end where the next one begins.
+    for i, block in enumerate(now.blocks):
+        rows, following = slice(i * m, (i + 1) * m), (i + 1) % k * m + np.arange(m)
+        A[rows, rows] = block
+        A[i * m + np.arange(m), following] -= 1.0
     if not given:
-        first, last = (rate[now.sought] / now.scale * now.duration for rate in now.rates)
-        A, b = np.block([[A, last[:, None]], [first[None], np.zeros((1, 1))]]), np.append(b, 0.0)
+        along = now.passes[0].rate_at_start - advances(now.start)
+        row = np.zeros(k * m)
+        row[:m] = along[now.sought] / now.scale * now.duration
+        last = (now.slope[:, now.sought] / now.scale).ravel()
+        A, b = np.block([[A, last[:, None]], [row[None], np.zeros((1, 1))]]), np.append(b, 0.0)
     if not np.all(np.isfinite(A)):
-        return np.full(m, np.nan), np.nan
+        return np.full((k, m), np.nan), np.nan
     step = np.linalg.lstsq(A, b, rcond=_FREE)[0]
     step *= min(1.0, _LONGEST / max(float(np.abs(step).max(initial=0.0)), 1e-300))
-    return step[:m] * now.scale, 0.0 if given else float(step[m])
+    return step[: k * m].reshape(k, m) * now.scale, 0.0 if given else float(step[k * m])

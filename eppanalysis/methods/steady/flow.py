@@ -13,20 +13,17 @@ from functools import cached_property
 
 import numpy as np
 
-from eppanalysis.arrays import Array, BoolArray, ComplexArray, IntArray
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.engine.orbits import READY, TOUCHES, derivative_of_run
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import run_hybrid
-from eppanalysis.methods.simulation.stability import multipliers
 from eppanalysis.methods.simulation.workspaces import of_thread
 from eppanalysis.models.systems.hybrid import HybridSystem, of_model
 from eppanalysis.models.systems.sampled.strobe import Strobe
 
 #: Events of a pass beside the samples of controllers; a run with more is no part of a motion that could be closed.
 MOST_EVENTS = 5_000
-#: Motion of a place, relative to its size, that is rounding: what is measured against it is measured against the size.
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +44,16 @@ class Pass:
         return order[self.start.model.guard_element[self.run.guard[order]] < len(self.start.elements)]
 
     @cached_property
+    def range(self) -> Array:
+        """Least and largest value of each place of y, what tells the time in memory turned back, shape (2, N)."""
+        n, range_ = self.start.x0.size, np.empty((2, self.y.size))
+        told = np.outer(self.times, advances(self.start)[n:])
+        memory = np.vstack([self.start.H0, self.run.memory_values[self.events]]) - told
+        range_[0, :n], range_[1, :n] = self.run.low, self.run.high
+        range_[0, n:], range_[1, n:] = memory.min(axis=0), memory.max(axis=0)
+        return range_
+
+    @property
     def rows(self) -> Array:
         """What stands behind the start and behind each event, its clocks as they are there, shape (events + 1, N)."""
         rows = np.empty((self.events.size + 1, self.y.size))
@@ -54,35 +61,22 @@ class Pass:
         rows[0], rows[1:, :n], rows[1:, n:] = self.y, self.run.state[self.events], self.run.memory_values[self.events]
         return rows
 
+    @property
+    def times(self) -> Array:
+        """When the start and each event is [s], shape (events + 1,)."""
+        return np.append(0.0, self.run.time[self.events])
+
     @cached_property
     def y(self) -> Array:
         """The start, shape (N,)."""
-        return np.concatenate([self.start.x0, self.start.H0])
+        return stacked(self.start)
 
     @cached_property
-    def end(self) -> HybridSystem:
-        """The system at the end, its clocks turned back by the time of the pass."""
-        return turned_back(self.run.end(self.start), self.start, self.duration)
-
-    @property
-    def modes(self) -> IntArray:
-        """Modes of the elements, an observer's left out, at the end."""
-        return self.end.modes0[: len(self.start.elements)]
-
-    @cached_property
-    def change(self) -> Array:
-        """The end less the start, shape (N,)."""
-        return np.concatenate([self.end.x0, self.end.H0]) - self.y
-
-    @cached_property
-    def rates(self) -> tuple[Array, Array]:
-        """Rates of y at the start and at the end, beyond what only tells the time, shapes (N,)."""
-        own = advances(self.start)
+    def rate_at_start(self) -> Array:
+        """Rate of y at the start, shape (N,)."""
         n = self.start.x0.size
-        first, last = np.zeros(own.size), np.zeros(own.size)
         instant = run_over(self.start, 1e-12 * self.duration)
-        first[:n], last[:n] = (self.run if instant is None else instant).rate_end, self.run.rate_end
-        return first - own, last - own
+        return np.append((self.run if instant is None else instant).rate_end, np.zeros(self.y.size - n))
 
     @cached_property
     def _derivative(self) -> tuple[Array, Array, bool]:
@@ -112,74 +106,10 @@ class Pass:
         """Whether a jump only just brings an event about: beyond, the derivative is another one."""
         return self._derivative[2]
 
-    @property
-    def sought(self) -> IntArray:
-        """Places of y that repeat on a steady motion, in their order."""
-        return repeating(self.start)
 
-    @cached_property
-    def extent(self) -> Array:
-        """How far each place of y moves, shape (N,)."""
-        n, rows = self.start.x0.size, self.rows
-        times = np.append(0.0, self.run.time[self.events])
-        memory = np.ptp(rows[:, n:] - np.outer(times, advances(self.start)[n:]), axis=0)
-        return np.append(self.run.high - self.run.low, memory)
-
-    @cached_property
-    def scale(self) -> Array:
-        """Size of the motion in the places that repeat, never zero, shape (m,)."""
-        moves = self.extent[self.sought]
-        size = np.abs(self.rows[:, self.sought]).max(axis=0)
-        return np.where(moves > _ROUNDING * size, moves, np.where(size > 0.0, size, 1.0))
-
-    @cached_property
-    def gap(self) -> float:
-        """Largest change of what repeats, relative to the motion."""
-        return self.gap_in(self.scale)
-
-    def gap_in(self, scale: Array) -> float:
-        """Largest change of what repeats, in sizes (m,)."""
-        return float((np.abs(self.change[self.sought]) / scale).max(initial=0.0))
-
-    @property
-    def ends_in_its_modes(self) -> bool:
-        """Whether every element ends in the mode in which it began."""
-        return bool(np.array_equal(self.modes, self.start.modes0[: self.modes.size]))
-
-    @cached_property
-    def matrix(self) -> Array:
-        """The derivative among what repeats, in the sizes of the motion, shape (m, m)."""
-        return self.derivative[self.sought[:, None], self.sought] / self.scale[:, None] * self.scale
-
-    @cached_property
-    def multipliers(self) -> ComplexArray | None:
-        """Floquet multipliers, one for each state of plant and controllers; None where a guard is only touched."""
-        if not np.all(np.isfinite(self.matrix)):
-            return None
-        controllers = strobe_of(self.start)
-        own = 0 if controllers is None else sum(len(np.asarray(c.x0)) for c in controllers.controllers)
-        return multipliers(self.matrix, np.ones(self.sought.size), int(np.sum(self.start.compared)) + own)
-
-    @cached_property
-    def _given(self) -> IntArray:
-        """Places of what repeats that do not depend on the start at all."""
-        return self.sought[~self.matrix.any(axis=1)]
-
-    def moved(self, step: Array) -> HybridSystem:
-        """The start after a step in what repeats, in the modes of the end.
-
-        What the end does not depend on at all (a speed that sticking holds at zero) takes the value of the end.
-        """
-        y, n = self.y.copy(), self.start.x0.size
-        y[self.sought] += step
-        y[self._given] = np.concatenate([self.end.x0, self.end.H0])[self._given]
-        return self.start.at(y[:n], y[n:], self.end.modes0)
-
-    def middle_of_longest_gap(self) -> float:
-        """When its longest stretch without events is half over [s]."""
-        times = np.concatenate([[0.0], self.run.time[self.events], [self.duration]])
-        longest = int(np.argmax(np.diff(times)))
-        return float(0.5 * (times[longest] + times[longest + 1]))
+def stacked(there: HybridSystem) -> Array:
+    """States and memory values in one vector y, shape (N,)."""
+    return np.concatenate([there.x0, there.H0])
 
 
 @of_model
@@ -277,4 +207,14 @@ def away_from_events(start: HybridSystem, duration: float) -> HybridSystem | Non
     Begun there a motion keeps its events within a pass when it is moved a little.
     """
     found = advance(start, duration)
-    return None if found is None else later(start, found.middle_of_longest_gap())
+    return None if found is None else later(start, float(between_events(found.times[1:], duration, 1)[0]))
+
+
+def between_events(times: Array, duration: float, parts: int) -> Array:
+    """In each of so many equal parts of a duration, when the longest stretch without events is half over (parts,)."""
+    marks, middles = np.concatenate([[0.0], times, [duration]]), np.empty(parts)
+    for k in range(parts):
+        within = np.clip(marks, duration * k / parts, duration * (k + 1) / parts)
+        longest = int(np.argmax(np.diff(within)))
+        middles[k] = 0.5 * (within[longest] + within[longest + 1])
+    return middles

@@ -14,6 +14,7 @@ from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.steady import flow
 from eppanalysis.methods.steady.closing import CLOSED, close
 from eppanalysis.methods.steady.flow import advance, later
+from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.elements import ControllerMemory
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import Sine
@@ -120,7 +121,7 @@ def test_an_autonomous_motion_is_closed_from_afar() -> None:
     hybrid = relay_loop()
     run = flow.run_over(hybrid, 13.0)
     assert run is not None
-    found = close(run.end(hybrid), 4.0, given=False)
+    found = close(SteadyMotion.begun(run.end(hybrid), 4.0), given=False)
     assert found is not None and found.gap < CLOSED
     assert found.duration == pytest.approx(period, rel=1e-12)
     values = found.multipliers
@@ -132,7 +133,7 @@ def test_a_driven_motion_is_the_closed_form_of_its_linear_part(turned: bool) -> 
     """Within its limits a saturation is a gain: the response is that of a transfer function, in any states."""
     turn = np.array([[1.0e3, 2.0], [-3.0, 4.0e-3]]) if turned else None
     loop, sine = driven_loop(epp.Saturation(-50.0, 50.0), turn), Sine(0.8, 1.3)
-    found = close(HybridSystem.from_lure(loop, {"force": sine}), 1.0 / 1.3, given=True)
+    found = close(SteadyMotion.begun(HybridSystem.from_lure(loop, {"force": sine}), 1.0 / 1.3), given=True)
     assert found is not None and found.gap < CLOSED
     # x'' + 0.2 x' + x = force - (x + 0.3 x')
     exact = np.array([[0.0, 1.0], [-2.0, -0.5]])
@@ -145,3 +146,60 @@ def test_a_driven_motion_is_the_closed_form_of_its_linear_part(turned: bool) -> 
     x = loop.C @ found.start.x0[:2]
     both = phasor * (1.0 + 0.3j * omega)
     assert x[0] == pytest.approx(both.real * sine_now + both.imag * cosine_now, rel=1e-9)
+
+
+def begun_near(hybrid: HybridSystem, duration: float) -> SteadyMotion:
+    run = flow.run_over(hybrid, 13.0)
+    assert run is not None
+    begin = SteadyMotion.begun(run.end(hybrid), duration)
+    assert begin is not None
+    return begin
+
+
+@pytest.mark.parametrize("pieces", [2, 3, 7])
+def test_a_motion_closed_in_pieces_is_that_closed_in_one(pieces: int) -> None:
+    begin = begun_near(relay_loop(), 4.0)
+    once, several = close(begin, given=False), close(begin, given=False, pieces=pieces)
+    assert once is not None and several is not None and len(several.passes) == pieces
+    assert several.duration == pytest.approx(once.duration, rel=1e-12)
+    one, other = (np.sort(np.vstack([p.rows[1:, :3] for p in motion.passes]), axis=0) for motion in (once, several))
+    np.testing.assert_allclose(one, other, atol=1e-9)
+    assert once.multipliers is not None and several.multipliers is not None
+    np.testing.assert_allclose(several.multipliers, once.multipliers, atol=1e-9)
+
+
+@pytest.mark.parametrize("pieces", [1, 3])
+def test_a_motion_up_to_its_image_is_half_of_the_whole_one(pieces: int) -> None:
+    hybrid = relay_loop()
+    begin, image = begun_near(hybrid, 2.0), np.diag([-1.0] * hybrid.x0.size + [1.0] * hybrid.H0.size)
+    half = close(replace(begin, image=image), given=False, pieces=pieces)
+    once = close(begun_near(hybrid, 4.0), given=False)
+    assert half is not None and once is not None
+    assert 2.0 * half.duration == pytest.approx(once.duration, rel=1e-12)
+    whole = half.whole()
+    assert whole is not None and whole.gap < CLOSED and whole.ends_in_its_modes
+    assert whole.multipliers is not None and once.multipliers is not None and half.multipliers is not None
+    np.testing.assert_allclose(whole.multipliers, once.multipliers, atol=1e-9)
+    # Of half a turn the multipliers are roots of those of the whole: along the motion it is turned round.
+    np.testing.assert_allclose(np.sort(np.abs(half.multipliers) ** 2), np.sort(np.abs(once.multipliers)), atol=1e-9)
+
+
+def test_a_motion_that_leaves_itself_at_once_is_closed_in_pieces_only() -> None:
+    """A mode that grows a million millionfold in a period: what one pass ends at says nothing of its start any more."""
+    rate = 7.0
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    A = np.block([[loop.A, np.zeros((3, 1))], [np.zeros((1, 3)), np.full((1, 1), rate)]])
+    # The relay reads a little of it, and drives it.
+    grown = epp.LureSystem.build(A, np.vstack([loop.B, [[1.0]]]), np.hstack([loop.C, [[1e-3]]]), [epp.Relay()])
+    plain = close(begun_near(steady_hybrid(loop), 4.0), given=False)
+    assert plain is not None
+    hybrid, parts = steady_hybrid(grown), plain.placed(8)
+    assert parts is not None
+    starts = [hybrid.at(np.append(p.start.x0, 0.0), p.start.H0, p.start.modes0) for p in parts.passes]
+    begin = SteadyMotion.through(starts, [p.duration for p in parts.passes])
+    found = close(begin, given=False, pieces=8)
+    assert found is not None and found.duration == pytest.approx(plain.duration, rel=2e-2)
+    values = found.multipliers
+    assert values is not None and abs(values[0]) == pytest.approx(np.exp(rate * found.duration), rel=0.2)
+    alone = SteadyMotion.begun(found.start, found.duration)
+    assert alone is not None and alone.gap > CLOSED

@@ -21,7 +21,8 @@ from eppanalysis.methods.simulation.rounding import left_by_rounding
 from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
 from eppanalysis.methods.simulation.stability import describe, drifts, verdict
 from eppanalysis.methods.steady.closing import CLOSED, close
-from eppanalysis.methods.steady.flow import MOST_EVENTS, Pass, run_over
+from eppanalysis.methods.steady.flow import MOST_EVENTS, run_over
+from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import Strobe
@@ -86,13 +87,14 @@ class SampledTurn:
 class LockedOrbit(SampledTurn):
     """A turn that ends where it began."""
 
-    steady: Pass  # the same motion, begun where no event is near
+    steady: SteadyMotion  # the same motion, begun where no event is near
 
     @classmethod
-    def closed(cls, strobe: Strobe, steady: Pass, n: int) -> LockedOrbit | None:
+    def closed(cls, strobe: Strobe, steady: SteadyMotion, n: int) -> LockedOrbit | None:
         """A steady motion of n periods, begun at the sample where what repeats is greatest, its first place first."""
-        run = steady.run
-        samples = steady.events[run.guard[steady.events] == strobe.guard]
+        (once,) = steady.passes
+        run = once.run
+        samples = once.events[run.guard[once.events] == strobe.guard]
         behind = np.hstack([run.state[samples], run.memory_values[samples]])[:, strobe.free] / steady.scale
         first = samples[np.lexsort(np.round(behind, _DIGITS).T[::-1])[-1]]
         turn = SampledTurn.of(strobe, begun_behind(strobe, run, first), n)
@@ -139,7 +141,7 @@ def close_locked(strobe: Strobe, start: HybridSystem, n: int, size: Array | None
     size : array, shape (m,), optional
         Of the motion that is looked for: far smaller ones are rest.
     """
-    steady = close(start, n * strobe.period, given=True) if n else None
+    steady = close(SteadyMotion.begun(start, n * strobe.period), given=True) if n else None
     found = None if steady is None else LockedOrbit.closed(strobe, steady, n)
     if found is None or found.rests or (size is not None and not np.any(found.motion > _REST * size)):
         return None

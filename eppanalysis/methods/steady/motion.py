@@ -1,0 +1,220 @@
+"""A steady motion, and what comes near to it: a chain of passes whose end is its start, or the mirror image of that.
+
+One pass tells little of its begin where a motion leaves itself a thousandfold; each of several tells enough (multiple
+shooting: Stoer and Bulirsch, Introduction to Numerical Analysis, 2002, section 7.3.5; docs/theory/flow.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from eppanalysis.arrays import Array, BoolArray, ComplexArray, IntArray
+from eppanalysis.methods.simulation.stability import multipliers
+from eppanalysis.methods.steady.flow import (
+    Pass,
+    advance,
+    advances,
+    between_events,
+    later,
+    repeating,
+    stacked,
+    strobe_of,
+    turned_back,
+)
+from eppanalysis.models.systems.hybrid import HybridSystem
+
+#: Motion of a place, relative to its size, that is rounding: what is measured against it is measured against the size.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyMotion:
+    """Passes that begin each where the one before has ended, the first where the last has, as far as it is steady.
+
+    With an `image`, the map (N, N) of y to its mirror image, the last ends at the image of where the first begins.
+    """
+
+    passes: tuple[Pass, ...]
+    image: Array | None = None
+
+    @classmethod
+    def begun(cls, start: HybridSystem, duration: float) -> SteadyMotion | None:
+        """One pass from a start over a duration [s]; None where the run stops early or has too many events."""
+        return cls.through([start], [duration])
+
+    @classmethod
+    def through(
+        cls, starts: Sequence[HybridSystem], durations: Sequence[float], image: Array | None = None
+    ) -> SteadyMotion | None:
+        """Passes from starts over durations [s]; None where a run stops early or has too many events."""
+        passes = []
+        for start, duration in zip(starts, durations, strict=True):
+            if (one := advance(start, duration)) is None:
+                return None
+            passes.append(one)
+        return cls(tuple(passes), image)
+
+    @property
+    def start(self) -> HybridSystem:
+        """Where it begins."""
+        return self.passes[0].start
+
+    @cached_property
+    def duration(self) -> float:
+        """Of all passes [s]: the period, or half of it for an image."""
+        return float(sum(one.duration for one in self.passes))
+
+    @cached_property
+    def begins(self) -> Array:
+        """When each pass begins [s], shape (k,)."""
+        return np.cumsum([0.0, *(one.duration for one in self.passes[:-1])])
+
+    @cached_property
+    def ends(self) -> tuple[HybridSystem, ...]:
+        """The system at the end of each pass; at the last, its clocks turned back by the time of them all."""
+        *inner, last = (one.run.end(one.start) for one in self.passes)
+        return (*inner, turned_back(last, self.start, self.duration))
+
+    @cached_property
+    def misses(self) -> Array:
+        """By how much each pass misses the begin of the next one, the last that of the first, shape (k, N)."""
+        ends = np.array([stacked(end) for end in self.ends])
+        if self.image is not None:
+            ends[-1] = self.image @ ends[-1]
+        return ends - np.array([one.y for one in (*self.passes[1:], self.passes[0])])
+
+    @cached_property
+    def sought(self) -> IntArray:
+        """Places of y that repeat on a steady motion, in their order."""
+        return repeating(self.start)
+
+    @cached_property
+    def _ranges(self) -> Array:
+        """Least and largest values of each place of y over all passes, shape (2, N)."""
+        told = np.append(np.zeros(self.start.x0.size), advances(self.start)[self.start.x0.size :])
+        ranges = np.array([one.range - begin * told for begin, one in zip(self.begins, self.passes, strict=True)])
+        return np.array([ranges[:, 0].min(axis=0), ranges[:, 1].max(axis=0)])
+
+    @property
+    def extent(self) -> Array:
+        """How far each place of y moves, shape (N,)."""
+        return np.asarray(self._ranges[1] - self._ranges[0])
+
+    @cached_property
+    def scale(self) -> Array:
+        """Size of the motion in the places that repeat, never zero, shape (m,)."""
+        moves = self.extent[self.sought]
+        size = np.abs(self._ranges[:, self.sought]).max(axis=0)
+        return np.where(moves > _ROUNDING * size, moves, np.where(size > 0.0, size, 1.0))
+
+    @cached_property
+    def gap(self) -> float:
+        """By how much it is not steady, relative to the motion."""
+        return self._gap_in(self.scale)
+
+    def is_nearer(self, other: SteadyMotion, share: float) -> bool:
+        """Whether it is nearer to be steady, by a share, relative to either motion: none is as it grows or shrinks."""
+        return self._gap_in(other.scale) < share * other.gap and self.gap < share * other.gap
+
+    def _gap_in(self, scale: Array) -> float:
+        return float((np.abs(self.misses[:, self.sought]) / scale).max(initial=0.0))
+
+    @cached_property
+    def ends_in_its_modes(self) -> bool:
+        """Whether elements begin each pass in the modes in which the one before ends (at an image they have others)."""
+        own = len(self.start.elements)
+        ends = [end.modes0[:own] for end in self.ends]
+        begins = [one.start.modes0[:own] for one in (*self.passes[1:], self.passes[0])]
+        pairs = list(zip(ends, begins, strict=True))
+        return all(np.array_equal(end, begin) for end, begin in pairs[: None if self.image is None else -1])
+
+    @cached_property
+    def blocks(self) -> Array:
+        """Derivative of each pass among what repeats, in sizes of the motion, shape (k, m, m)."""
+        D = np.array([one.derivative for one in self.passes])
+        if self.image is not None:
+            D[-1] = self.image @ D[-1]
+        return np.asarray(D[:, self.sought[:, None], self.sought] / self.scale[:, None] * self.scale)
+
+    @cached_property
+    def matrix(self) -> Array:
+        """Derivative of the end by the start among what repeats, in sizes of the motion, shape (m, m)."""
+        product = self.blocks[0]
+        for block in self.blocks[1:]:
+            product = block @ product
+        return product
+
+    @cached_property
+    def multipliers(self) -> ComplexArray | None:
+        """Floquet multipliers, one for each state of plant and controllers; None where a guard is only touched."""
+        if not np.all(np.isfinite(self.matrix)):
+            return None
+        controllers = strobe_of(self.start)
+        own = 0 if controllers is None else sum(len(np.asarray(c.x0)) for c in controllers.controllers)
+        return multipliers(self.matrix, np.ones(self.sought.size), int(np.sum(self.start.compared)) + own)
+
+    @property
+    def on_a_border(self) -> bool:
+        """Whether a jump only just brings an event about: beyond, the derivative is another one."""
+        return any(one.on_a_border for one in self.passes)
+
+    @cached_property
+    def slope(self) -> Array:
+        """Derivative of `misses` by the logarithm of the duration, shape (k, N)."""
+        n, slope = self.start.x0.size, np.zeros_like(self.misses)
+        slope[:, :n] = [one.duration * one.run.rate_end for one in self.passes]
+        slope[-1] -= self.duration * advances(self.start)
+        if self.image is not None:
+            slope[-1] = self.image @ slope[-1]
+        return slope
+
+    def moved(self, step: Array, longer: float) -> SteadyMotion | None:
+        """Passes from starts after a step (k, m) in what repeats, their durations `longer` by a logarithm.
+
+        What does not repeat, and what a pass does not depend on (a speed that sticking holds at zero), is as the pass
+        before ends. Of a motion up to its image the image is taken, in which modes are known: those of the end.
+        """
+        n, before, passes = self.start.x0.size, self.ends[-1], list[Pass]()
+        for k, one in enumerate(self.passes):
+            if passes:
+                before = passes[-1].run.end(passes[-1].start)
+            y = one.y.copy()
+            y[self.sought] += step[k]
+            y = y if self.image is None else self.image @ y
+            y[self._ended[k]] = stacked(before)[self._ended[k]]
+            new = advance(before.at(y[:n], y[n:], before.modes0), one.duration * float(np.exp(longer)))
+            if new is None:
+                return None
+            passes.append(new)
+        return SteadyMotion(tuple(passes), self.image)
+
+    @cached_property
+    def _ended(self) -> BoolArray:
+        """Which places of y at the begin of each pass are as the one before ends, shape (k, N)."""
+        ended = np.ones((len(self.passes), self.start.x0.size + self.start.H0.size), bool)
+        ended[0] = False
+        ended[:, self.sought] = ~np.roll(self.blocks, 1, axis=0).any(axis=2)
+        return ended
+
+    def placed(self, pieces: int) -> SteadyMotion | None:
+        """The same motion in so many passes, each begun where no event is near; None where a run stops early."""
+        times = np.concatenate([begin + one.times[1:] for begin, one in zip(self.begins, self.passes, strict=True)])
+        begins = between_events(times, self.duration, pieces)
+        starts = []
+        for begin in begins:
+            k = int(np.searchsorted(self.begins, begin, side="right")) - 1
+            if (start := later(self.passes[k].start, begin - self.begins[k])) is None:
+                return None
+            starts.append(start)
+        return SteadyMotion.through(starts, np.diff(begins, append=begins[0] + self.duration).tolist(), self.image)
+
+    def whole(self) -> SteadyMotion | None:
+        """Of a motion up to its image both halves, the second begun at the images of the first."""
+        if self.image is None:
+            return self
+        second = self.moved(np.zeros((len(self.passes), self.sought.size)), 0.0)
+        return None if second is None else SteadyMotion(self.passes + second.passes)
