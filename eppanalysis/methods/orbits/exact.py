@@ -1,4 +1,4 @@
-"""One exact orbit from an approximate cycle: from a run, from the basin boundary, or by harmonic balance."""
+"""One exact orbit from an approximate cycle: from a run, by Newton's method on the flow, or by harmonic balance."""
 
 from __future__ import annotations
 
@@ -17,13 +17,12 @@ from eppanalysis.methods.harmonic.path import balance_on_curve
 from eppanalysis.methods.orbits.apart import in_states_of_its_own
 from eppanalysis.methods.orbits.asked import Asked
 from eppanalysis.methods.orbits.balanced import orbit_of_balance
-from eppanalysis.methods.orbits.boundary import orbits_on_boundary
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.delayed.smooth import closed_behind_delay, is_smooth_delayed
 from eppanalysis.methods.orbits.mirrored import mirrored_orbits
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.samples.locked import locked_orbit, unclosed
-from eppanalysis.methods.orbits.shooting import orbits_near, same_orbit
+from eppanalysis.methods.orbits.shooting import orbit_from, orbits_near, same_orbit
 from eppanalysis.methods.simulation.effort import Spent, allotted
 from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.simulation.kept import Run
@@ -68,8 +67,8 @@ def exact_orbit(
     """The exact orbit near an approximate one (a prediction, a balance, or the limit cycle of a run).
 
     A run from the start gives the sequence of events. A run leaves an unstable cycle, and may be on another one before
-    it has come round: a cycle that is its own mirror image is closed as half an orbit, and for a cycle predicted
-    unstable the basin boundary between growth and decay is bisected. Where what is found is not what is asked for
+    it has come round: a cycle that is its own mirror image is begun as half an orbit and its image, and one predicted
+    unstable is closed without a run, from all sizes that it may have. Where what is found is not what is asked for
     (frequency, size, mean and symmetry within twice the start's own estimate of its error), or not of the predicted
     stability, harmonic balance of rising order is put in between.
 
@@ -178,11 +177,14 @@ def orbits_of(
     asked = Asked.of(system, hybrid, start)
     met: list[Orbit] = []
     done = False
-    for orbit in _new(_directly(hybrid, asked, met), met):
-        found = _compared(asked, orbit, start.stable)
-        yield found
-        done |= not found.difference and found.as_stable
-        if done and not neighbours:
+    for ways in (_directly, _about):
+        for orbit in _new(ways(hybrid, asked, met), met):
+            found = _compared(asked, orbit, start.stable)
+            yield found
+            done |= not found.difference and found.as_stable
+            if done and not neighbours:
+                return
+        if done:
             return
     if by_balance and start.harmonics and not done:
         yield from _by_balance(asked, hybrid, met, at)
@@ -202,17 +204,29 @@ def _compared(asked: Asked, orbit: Orbit, stable: bool | None) -> Found:
 
 def _directly(hybrid: HybridSystem, asked: Asked, met: Sequence[Orbit]) -> Iterator[Orbit]:
     """Orbits from runs that begin on an approximate cycle."""
-    cycle = asked.cycle
-    # From an unstable cycle a run departs at once: the half of a symmetric one, and the basin boundary, come before it
-    # (docs/theory/exact_orbits.md, Closing an orbit).
-    x, memory = start_of(hybrid, cycle)
+    # From an unstable cycle a run departs at once: the half of a symmetric one comes before it (docs/theory/
+    # exact_orbits.md, Closing an orbit).
+    x, memory = start_of(hybrid, asked.cycle)
     if asked.image is not None:
-        yield from mirrored_orbits(hybrid, asked.image, x, memory, cycle.period)
-    if cycle.stable is False and cycle.mean_state.size:
-        centre = x.copy()
-        centre[: hybrid.n_plant] = cycle.mean_state
-        yield from islice(orbits_on_boundary(hybrid, x, centre, memory, cycle.period), 1)
-    yield from islice(orbits_near(hybrid, x, memory, cycle.period, met), 2)
+        yield from mirrored_orbits(hybrid, asked.image, x, memory, asked.cycle.period)
+    yield from islice(orbits_near(hybrid, x, memory, asked.cycle.period, met), 2)
+
+
+def _about(hybrid: HybridSystem, asked: Asked, met: Sequence[Orbit]) -> Iterator[Orbit]:
+    """An unstable orbit that Newton's method finds from an approximate one, of the size that it has or may have."""
+    cycle = asked.cycle
+    if cycle.stable is not False or not cycle.mean_state.size:
+        return
+    x, memory = start_of(hybrid, cycle)
+    centre = x.copy()
+    centre[: hybrid.n_plant] = cycle.mean_state
+    # Between a prediction and its neighbours there may be less than its error.
+    for size in (1.0, 1.0 / (1.0 + asked.tolerance), 1.0 + asked.tolerance):
+        orbit = orbit_from(hybrid, centre + size * (x - centre), memory, cycle.period, met)
+        if orbit is not None:
+            yield orbit
+            if not is_stable(orbit.multipliers):
+                return
 
 
 def _by_balance(asked: Asked, hybrid: HybridSystem, met: list[Orbit], at: OperatingPoint) -> Iterator[Found]:
@@ -256,6 +270,7 @@ def _of_balance(hybrid: HybridSystem, wanted: Asked, at: OperatingPoint, met: Se
         own = orbit_of_balance(hybrid, Loop.of(wanted.system, at.vector(wanted.system)), wanted.cycle)
         if own is not None:
             yield own
+    yield from _about(hybrid, wanted, met)
 
 
 def centre_of(hybrid: HybridSystem, cycle: LimitCycle) -> Array:

@@ -424,6 +424,16 @@ def orbit_of(hybrid: HybridSystem, run: Run, period: float | None = None) -> Orb
     return None
 
 
+def orbit_from(
+    hybrid: HybridSystem, x: Array, memory: Array, period: float, known: Sequence[Orbit] = ()
+) -> Orbit | None:
+    """The exact orbit that Newton's method on the flow finds from a state that should lie on one; see `orbits_near`."""
+    begin = SteadyMotion.begun(hybrid.at(x, memory, hybrid.modes0), period)
+    found = close(begin, given=False, pieces=_PIECES)
+    guess = None if found is None else guess_along(found)
+    return None if guess is None else orbit_along(hybrid, guess, known)
+
+
 def orbits_near(
     hybrid: HybridSystem, x: Array, memory: Array, period: float, known: Sequence[Orbit] = ()
 ) -> Iterator[Orbit]:

@@ -43,9 +43,10 @@ def close(begin: SteadyMotion | None, given: bool, pieces: int = 1) -> SteadyMot
         Begun where no event is near, closed, and ending in the modes in which it begins.
     """
     best = now = None if begin is None else begin.placed(pieces)
-    idle = 0
+    # An orbit whose duration is free is solved to rounding along the events that it has met.
+    idle, enough = 0, EXACT if given else CLOSED
     for _ in range(_MOST_STEPS):
-        if best is None or now is None or idle >= _IDLE or (best.gap < EXACT and best.ends_in_its_modes):
+        if best is None or now is None or idle >= _IDLE or (best.gap < enough and best.ends_in_its_modes):
             break
         now = _nearer(now, given)
         # Where a step leads to another piece of the map it may worsen first: several have to better nothing.
