@@ -6,7 +6,7 @@ poles, zeros and dead time; nothing is measured in absolute units.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 
@@ -169,19 +169,26 @@ def _gain_limit(system: LureSystem, omega: Array, lowest_gain: float) -> float:
     return float(omega[min(above[-1] + 1, len(omega) - 1)]) if above.size else float(omega[0])
 
 
-def amplitude_scales(balance: Balance, gains: Array, sizes: Array, single: SingleBias | None = None) -> Array:
-    """Positive amplitudes that matter: `sizes`, and where the element's gain meets 1/`gains` of the linear part."""
+def amplitude_scales(
+    balance: Balance, gains: Array, sizes: Array, single: SingleBias | None = None, stands: Sequence[float] = (0.0,)
+) -> Array:
+    """Positive amplitudes that matter: `sizes`, and where the element's gain meets 1/`gains` of the linear part.
+
+    The gain is that about the bias of each amplitude where there is a `single` one, else about each bias in `stands`.
+    """
     reference = sizes[(sizes > 0) & np.isfinite(sizes)]
     middle = float(np.exp(np.log(reference).mean())) if reference.size else 1.0
-    a = middle * _FAR
-    bias = np.zeros(a.size) if single is None else single.at(a)
-    # Next to a bias, smaller amplitudes are lost in its rounding.
-    a, bias = (v[a > 1e-9 * np.abs(bias)] for v in (a, bias))
-    N = np.abs(balance.evaluate(a[:, None], bias[:, None], np.ones(a.size))[1][:, 0])
-    above = N[:, None] * gains[(gains > 0) & (gains < np.inf)] - 1 > 0
-    met = np.unique(np.concatenate([reference, a[:-1][np.any(above[:-1] != above[1:], axis=1)]]))
-    # A gain that no frequency asks for changes all the same: that of a sine, behind a small gain of the loop.
-    return met if met.size or not a.size else a[np.flatnonzero(N / N[0] < 0.5)[:1]]
+    far, asked = middle * _FAR, gains[(gains > 0) & (gains < np.inf)]
+    found = [reference]
+    for bias in [single.at(far)] if single is not None else [np.full(far.size, stand) for stand in stands]:
+        # Next to a bias, smaller amplitudes are lost in its rounding.
+        a, b = (v[far > 1e-9 * np.abs(bias)] for v in (far, bias))
+        N = np.abs(balance.evaluate(a[:, None], b[:, None], np.ones(a.size))[1][:, 0])
+        above = N[:, None] * asked - 1 > 0
+        found.append(a[:-1][np.any(above[:-1] != above[1:], axis=1)])
+        # A gain that no frequency asks for changes all the same: that of a sine, behind a small gain of the loop.
+        found.append(a[np.flatnonzero(N / N[0] < 0.5)[:1]] if a.size and not any(v.size for v in found) else a[:0])
+    return np.unique(np.concatenate(found))
 
 
 def amplitude_nodes(scales: Array, thresholds: Array, per_decade: int) -> Array:
@@ -207,7 +214,9 @@ def search_one(balance: Balance) -> Found:
     thresholds = thresholds_of(balance) if single is None else single.thresholds()
     pieces = system.elements[0].breakpoints.size
     sizes = thresholds if pieces else np.append(thresholds, np.abs(balance.operating_bias))
-    scales = amplitude_scales(balance, crossing_gains(system), sizes, single)
+    # About a jump on which the mean may stand the gain of small amplitudes is that of a relay.
+    stands = (0.0, *system.elements[0].breakpoints[:_MOST_CENTRES])
+    scales = amplitude_scales(balance, crossing_gains(system), sizes, single, stands)
     if not scales.size:
         never = single is not None and not np.any(np.isfinite(single.at(np.ones(1))))
         return Found(np.zeros((0, 4)), (), _UNBALANCED if never else "The element has one gain: the loop is linear.")

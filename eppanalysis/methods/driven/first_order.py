@@ -22,6 +22,8 @@ from eppanalysis.models.systems.means import mean_state
 
 #: Sizes of the largest input, relative to thresholds and linear answers, from which Newton's method starts.
 _STARTS = 28
+#: Sizes among which a balance that is missed is looked for: a resonance is as narrow as its damping.
+_SCANNED = 200
 _MOST_ITERATIONS, _CONVERGED, _DIFFERENCE = 40, 1e-11, 1e-7
 #: Solutions nearer to each other than this, relative to their size, are one.
 _SAME = 1e-6
@@ -107,29 +109,75 @@ class _Equations:
         return np.asarray((self.residual(q + size * np.eye(q.size)) - r).T / size, float)
 
     def starts(self) -> list[Array]:
-        """Unknowns of many sizes, each with the phases that the balance has for elements of that size."""
-        share = np.abs(self.driven) / max(float(np.max(np.abs(self.driven))), 1e-300)
+        """Unknowns of many sizes, each with the means and phases that the balance has for elements of that size."""
+        return [tried.unknowns for tried in self._tried(_STARTS)]
+
+    def near_misses(self) -> list[Array]:
+        """Unknowns of the sizes at which the balance comes nearest to one without reaching it, beside its folds."""
+        tried = self._tried(_SCANNED)
+        missed = np.array([one.missed for one in tried])
+        # Between neighbours of one sign the balance has no solution.
+        size, sign = np.abs(missed), np.sign(missed)
+        least = (size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:])
+        least &= (sign[:-2] == sign[1:-1]) & (sign[1:-1] == sign[2:])
+        return [tried[i + 1].unknowns for i in np.flatnonzero(least)]
+
+    def _tried(self, count: int) -> list[_Tried]:
+        """The balance for elements of so many sizes, about thresholds and linear answers, largest first."""
         levels = [t for e in self.drive.system.elements for t in e.thresholds() if np.isfinite(t)]
         sizes = [*levels, float(np.max(np.abs(self.driven)))]
-        grid = np.geomspace(0.02 * min(sizes), 50.0 * max(sizes), _STARTS)
-        b = np.nan_to_num(self.balance.operating_bias)
-        found = []
-        for size in grid:
-            _, gain = self.gains(size * np.maximum(share, 1e-3), b)
+        share = np.maximum(np.abs(self.driven) / max(float(np.max(np.abs(self.driven))), 1e-300), 1e-3)
+        # Means of a large motion are determined where an element that is at its limit leaves those of a small one open:
+        # each size has those of the one above it to begin with.
+        found, b = [], np.nan_to_num(self.balance.operating_bias)
+        for size in np.geomspace(50.0 * max(sizes), 0.02 * min(sizes), count):
+            b = self._means(size * share, b)
+            _, gain = self.gains(size * share, b)
             loop = np.zeros((self.m, self.m), complex)
             np.add.at(loop.T, self.owner, (self.L * gain).T)
             if not (np.all(np.isfinite(loop)) and np.all(np.isfinite(self.driven))):
                 continue  # beyond all range; LAPACK would complain on the terminal
-            # With given gains the balance is linear. Only its phases are kept, for
-            # the size is the one that is tried (docs/theory/driven.md, First order).
+            # With given gains the balance is linear (docs/theory/driven.md, First order).
             Z = np.linalg.lstsq(np.eye(self.m) - loop, self.driven, rcond=None)[0]
-            Z *= size / max(float(np.max(np.abs(Z))), 1e-300)
-            found.append(np.concatenate([Z.real, Z.imag, b]))
+            found.append(_Tried(float(size), Z, b))
         return found
 
+    def _means(self, a: Array, b: Array) -> Array:
+        """Means at which the elements are in static balance while they swing by a; those given where none are found."""
+        s = self.balance.static
 
-def _newton(equations: Callable[[Array], tuple[Array, Array]], q: Array) -> Array | None:
-    """Damped Newton to rounding; None where it does not converge."""
+        def both(b: Array) -> tuple[Array, Array]:
+            tried = np.vstack([b, b + _DIFFERENCE * max(float(np.max(a)), 1e-12) * np.eye(b.size)])
+            mean, _ = self.gains(np.broadcast_to(a, tried.shape), tried)
+            r = tried @ s.on_bias.T + mean @ s.on_mean.T - s.prescribed
+            return r[0], np.asarray((r[1:] - r[0]).T / (tried[1, 0] - tried[0, 0]))
+
+        found = _newton(both, b, float(np.max(a)))
+        return b if found is None else found
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """The balance for elements that swing by a size."""
+
+    size: float
+    inputs: ComplexArray  # (m,): that the balance then has
+    means: Array  # (m,)
+
+    @property
+    def missed(self) -> float:
+        """Logarithm of how many times as large as tried the inputs are."""
+        return float(np.log(np.max(np.abs(self.inputs), initial=1e-300) / self.size))
+
+    @property
+    def unknowns(self) -> Array:
+        """Of this size, with the phases of the inputs."""
+        Z = self.inputs * (self.size / max(float(np.max(np.abs(self.inputs))), 1e-300))
+        return np.concatenate([Z.real, Z.imag, self.means])
+
+
+def _newton(equations: Callable[[Array], tuple[Array, Array]], q: Array, least: float = 1e-300) -> Array | None:
+    """Damped Newton to rounding of q, or of what counts at least as its size; None where it does not converge."""
     r, J = equations(q)
     for _ in range(_MOST_ITERATIONS):
         if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
@@ -138,7 +186,7 @@ def _newton(equations: Callable[[Array], tuple[Array, Array]], q: Array) -> Arra
             step = np.linalg.solve(J, -r)
         except np.linalg.LinAlgError:
             return None
-        size = float(np.max(np.abs(q), initial=1e-300))
+        size = float(np.max(np.abs(q), initial=least))
         share = min(1.0, 0.7 * size / max(float(np.max(np.abs(step))), 1e-300))
         q = q + share * step
         if np.max(np.abs(step)) < _CONVERGED * size:
@@ -174,6 +222,17 @@ def sinusoids(drive: Drive) -> tuple[Sinusoid, ...]:
             if not any(np.max(np.abs(q - k)) < _SAME * np.max(np.abs(k)) for k in found):
                 found.append(q)
     return tuple(Sinusoid(drive, q) for q in sorted(found, key=lambda q: float(np.linalg.norm(q))))
+
+
+def near_misses(drive: Drive) -> tuple[Sinusoid, ...]:
+    """Where first order comes nearest to a response that it does not have, beside its folds.
+
+    The exact folds are not quite its own: between the two an exact response may lie near.
+    """
+    if drive.balance is None:
+        return ()
+    with np.errstate(all="ignore"):
+        return tuple(Sinusoid(drive, q) for q in _Equations(drive).near_misses())
 
 
 def sinusoid_branches(

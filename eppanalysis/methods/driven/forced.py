@@ -13,7 +13,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.methods.driven.closing import begun, close, ends_as_it_begins, passed
 from eppanalysis.methods.driven.drive import Drive, drive_of
 from eppanalysis.methods.driven.entrained import Entrainment, entrainments, undriven
-from eppanalysis.methods.driven.first_order import Sinusoid, sinusoids
+from eppanalysis.methods.driven.first_order import Sinusoid, near_misses, sinusoids
 from eppanalysis.methods.driven.result import ForcedResponse, Motion, PeriodicResponse
 from eppanalysis.methods.driven.runs import METHOD as RUN, REPEATS, by_runs, steady_of_run
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
@@ -41,6 +41,8 @@ _PARTING, _NO_RATE = 300, 0.02
 _SLOW = 0.9
 #: Two responses whose states at phase zero are nearer than this, relative to the motion, are one.
 _SAME = 1e-6
+#: How far beside an unstable response runs begin that leave it, relative to its size.
+_ASIDE = 1e-3
 #: Responses that a range begins with at most.
 _SOME = 8
 #: How often the way between two responses is halved, and after how many of these the run between them is looked at;
@@ -141,7 +143,8 @@ def forced_response(
     search = Search(drive, most_periods)
     first = sinusoids(drive)
     motion, exponent = search.run(drive.hybrid, to_the_end=True)
-    search.from_first_order(first)
+    search.from_first_order((*first, *near_misses(drive)))
+    search.from_beside()
     search.from_between()
     own = search.from_own_cycles() if motion is not Motion.IRREGULAR else None
     motion = search.by_adlers_law(motion, own)
@@ -240,6 +243,22 @@ class Search:
         for one, other in combinations(stable, 2):
             if self.one_is_missing:
                 self._between(one, other)
+
+    def from_beside(self) -> None:
+        """The stable responses on both sides of an unstable one, where one is missing."""
+        for n, orbit in list(self.found):
+            if n == 1 and self.one_is_missing and not is_stable(orbit.multipliers, orbit.one_of_many):
+                for side in _ASIDE, -_ASIDE:
+                    self.run(self._beside(orbit, side))
+
+    def _beside(self, orbit: Orbit, share: float) -> HybridSystem:
+        """The begin of a response, moved by a share of its size along the direction in which runs leave it most."""
+        free, start = orbit.arcs.free, begun(orbit)
+        values, vectors = np.linalg.eig(return_map(orbit.A, free.size))
+        leaving = vectors[:, np.argmax(np.abs(values))].real
+        moved = np.zeros(orbit.y.size)
+        moved[free] = share * leaving / np.max(np.abs(leaving) / orbit.scale[free])
+        return replace(start, x0=start.x0 + moved[: start.x0.size])
 
     def _between(self, one: Orbit, other: Orbit) -> None:
         """Halve the way between two stable responses until runs from both sides lead on together to a third."""
@@ -504,5 +523,5 @@ def some_responses(drive: Drive) -> list[Orbit]:
     search = Search(drive, 1)
     first = sinusoids(drive)
     search.run(drive.hybrid)
-    search.from_first_order(first)
+    search.from_first_order((*first, *near_misses(drive)))
     return list(islice((orbit for n, orbit in search.found if n == 1), _SOME))

@@ -157,9 +157,15 @@ def _trends(turns: Array) -> bool:
     """Whether a column goes one way from turn to turn.
 
     What wanders goes to and fro; of a trend the way from the first turn to the last is nearly all its steps together.
+    Of one that samples roughen, each turn beginning at another phase of theirs, a straight line is nearly all there is.
     """
     steps = np.abs(np.diff(turns, axis=0)).sum(axis=0)
-    return bool(np.any(np.abs(turns[-1] - turns[0]) > _TREND * steps + _CLOSED))
+    if np.any(np.abs(turns[-1] - turns[0]) > _TREND * steps + _CLOSED):
+        return True
+    count = np.arange(len(turns)) - 0.5 * (len(turns) - 1)
+    away = turns - turns.mean(axis=0)
+    along = (count @ away) ** 2 / (count @ count)
+    return bool(np.any(along > _TREND * np.sum(away**2, axis=0) + _CLOSED**2))
 
 
 def _reach(values: Array, of: np.ufunc) -> Array:

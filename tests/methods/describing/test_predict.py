@@ -667,3 +667,25 @@ def test_numbers_on_the_axes_of_a_loop_gain_stand_apart(name) -> None:
     figure = epp.predict_limit_cycles(epp.case(name)).plot().figure
     figure.draw_without_rendering()
     assert not list(touching(figure))
+
+
+def test_cycles_about_a_jump_are_predicted_however_small_they_are_beside_the_threshold() -> None:
+    # Positive feedback of 3/(s+1)^5 through three levels rests at 0 and at 3 and -3; between, the mean stands on a
+    # jump. There five lags turn the phase by 360 degrees, and the loop swings by less than 1 % of the threshold.
+    loop = epp.LureSystem.from_tf(([3.0], np.poly([-1.0] * 5)), epp.RelayDeadZone(threshold=1.0, level=1.0), feedback=1)
+    omega, gain = np.tan(np.radians(72.0)), 3.0 * np.cos(np.radians(72.0)) ** 5
+
+    def amplitude(share: float) -> float:
+        """At which the describing function, with the threshold at this share of it above the mean, closes the loop."""
+        return 2.0 * gain / np.pi * np.sqrt(1.0 - share**2)
+
+    def mean_missed(share: float) -> float:
+        return 1.0 - share * amplitude(share) - 3.0 * (0.5 - np.arcsin(share) / np.pi)
+
+    share = scipy.optimize.brentq(mean_missed, 0.0, 1.0)
+    cycles = epp.predict_limit_cycles(loop)
+    assert [c.omega for c in cycles] == pytest.approx([omega, omega], rel=1e-9)
+    assert [c.amplitude("x") for c in cycles] == pytest.approx([amplitude(share)] * 2, rel=1e-9)
+    assert sorted(c.mean["x"] for c in cycles) == pytest.approx(
+        [share * amplitude(share) - 1.0, 1.0 - share * amplitude(share)], rel=1e-9
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,8 +16,8 @@ from tests.driven_loops import TURN, duffing, saturated
 DAMPING, FORCE = 0.1, 0.3
 
 
-def _saturated_spring(omega: float) -> Callable[[float, np.ndarray], list[float]]:
-    return lambda t, y: [y[1], np.clip(0.35 * np.sin(omega * t) - y[0], -1.0, 1.0) - 0.2 * y[1]]
+def _saturated_spring(omega: float, force: float = 0.35) -> Callable[[float, np.ndarray], list[float]]:
+    return lambda t, y: [y[1], np.clip(force * np.sin(omega * t) - y[0], -1.0, 1.0) - 0.2 * y[1]]
 
 
 def _cubic_spring(omega: float) -> Callable[[float, np.ndarray], list[float]]:
@@ -52,6 +53,38 @@ def test_between_two_folds_there_are_three_responses(system, amplitude, rates, o
         for response in found:
             start = _position_and_speed(loop, response)
             assert _over(rates(omega), omega, start) == pytest.approx(start, abs=1e-6)
+
+
+def test_responses_are_found_between_the_folds_of_first_order_and_their_own():
+    # First order folds at 0.6098 and has one response here; the exact fold is at 0.61206 (amplitude_response).
+    loop, omega, force = saturated(), 0.8, 0.6114
+    found = epp.forced_response(loop, amplitude=force, frequency=omega / TURN, most_periods=1)
+    assert found.first_order["mass"].size == 1
+    assert [r.stable for r in found] == [True, False, True]
+    for response in found:
+        start = _position_and_speed(loop, response)
+        end = _over(
+            lambda t, y: [y[1], np.clip(force * np.sin(omega * t) - y[0], -1.0, 1.0) - 0.2 * y[1]], omega, start
+        )
+        assert end == pytest.approx(start, abs=1e-6)
+
+
+@pytest.mark.parametrize("begin", [1.0, 2.0, 5.0])
+def test_where_the_loop_begins_hides_no_response(begin):
+    # The mass alone is an integrator: nothing but the spring, which swings, says where it is in the mean.
+    parts = {
+        "spring": epp.PiecewiseLinear(breakpoints=[-1.0, 1.0], slopes=[4.0, 1.0, 4.0], intercepts=[3.0, 0.0, -3.0]),
+        "mass": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 0.14, 0.0]),
+    }
+    loop = epp.Diagram(parts, ["force - mass -> spring", "spring -> mass"], inputs=["force"]).to_system()
+    row = loop.signals.C[loop.signals.names.index("mass")]
+    loop = replace(loop, x0=begin * row / (row @ row))
+    found = epp.forced_response(loop, amplitude=0.36, frequency=1.32 / TURN, most_periods=1)
+    assert [r.stable for r in found] == [True, False, True]
+    # The smallest stays within the middle slope, where all is linear: s^2 + 0.14 s + 1 with s = j omega.
+    s = 1.32j
+    linear = 2.0 * 0.36 / abs(s * s + 0.14 * s + 1.0)
+    assert found[0].cycle.peak_to_peak["mass"] == pytest.approx(linear, rel=1e-9)
 
 
 def test_where_one_between_is_not_found_it_is_said(monkeypatch):

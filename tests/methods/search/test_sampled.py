@@ -152,3 +152,35 @@ def test_starts_reach_cycles_where_a_controller_stands_before_the_element() -> N
     moving = np.ptp(last, axis=0).max(axis=1) > 1e-6
     turns = Counter((np.argmax(back, axis=0) + 1)[moving & back.any(axis=0)].tolist())
     assert turns and {n for n, times in turns.items() if times >= 10} <= {round(c.period / T) for c in found}
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="the size of a motion that is not locked is that of its last turn alone")
+def test_a_motion_that_beats_with_the_samples_is_as_large_as_it_becomes() -> None:
+    """A double integrator with a resonance under a sampled relay: two of its motions never close, and beat."""
+    T, level = 0.3, 0.05
+    A = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0, 0.0, -1.0, -0.2]])
+    B, read = np.array([[0.0], [0.0], [0.0], [1.0]]), np.array([-1.0, -2.0, 0.0, 0.0])
+    reader = epp.SampledController([], [], [], [[1.0]], T)
+    loop = epp.LureSystem.build(
+        A, np.hstack([0.0 * B, B]), np.vstack([read, 0.0 * read]), [reader, epp.HysteresisRelay(-level, level)],
+        D=[[0.0, 0.0], [1.0, 0.0]], x0=[1.0, 0.0, 0.0, 0.0], element_names=["reader", "relay"],
+    )  # fmt: skip
+    parts = 10
+    held = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 5))]]) * T / parts)
+
+    def size_later(cycle: epp.LimitCycle) -> float:
+        """Of the motion from the cycle's state on, after 6000 s."""
+        x, u, seen = cycle.state[:4].copy(), 0.0, []
+        put_out = cycle.memory[0].output[0]  # the relay acts on this until the next sample
+        for _ in range(20_000):
+            u = 1.0 if put_out > level else -1.0 if put_out < -level else u or cycle.memory[1]
+            for _ in range(parts):
+                x = held[:4, :4] @ x + held[:4, 4] * u
+                seen.append(read @ x)
+            put_out = seen[-1]
+        return float(np.ptp(seen[-20_000:]))
+
+    for cycle in epp.find_limit_cycles(loop):
+        if cycle.stable is not False:
+            assert cycle.peak_to_peak["reader_input"] == pytest.approx(size_later(cycle), rel=0.03)

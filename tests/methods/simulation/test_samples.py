@@ -127,6 +127,50 @@ def test_a_cycle_that_is_not_locked_is_called_so() -> None:
     assert 0.0 < cycle.error_estimate < 0.02
 
 
+def resonance(damping: float) -> np.ndarray:
+    """A lag of 1 s before a resonance at 1 rad/s, whose second state is the output."""
+    return np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, -1.0, -damping]])
+
+
+def read_resonance(sample_time: float, damping: float) -> epp.LureSystem:
+    """A relay on that resonance, which reads samples."""
+    reader = epp.SampledController([], [], [], [[1.0]], sample_time)
+    return epp.LureSystem.build(
+        resonance(damping), [[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]], [[0.0, -1.0, 0.0], [0.0, 0.0, 0.0]],
+        [reader, epp.HysteresisRelay(-0.1, 0.1)], D=[[0.0, 0.0], [1.0, 0.0]], x0=[1.0, 0.0, 0.0],
+        element_names=["reader", "relay"],
+    )  # fmt: skip
+
+
+def iterated_resonance(sample_time: float, damping: float, t_end: float) -> np.ndarray:
+    """Input of the reader, ten times a sample, by the exponential of a tenth of it."""
+    A, parts = resonance(damping), 10
+    held = scipy.linalg.expm(np.block([[A, np.eye(3)[:, :1]], [np.zeros((1, 4))]]) * sample_time / parts)
+    x, u, seen = np.array([1.0, 0.0, 0.0]), -1.0, []
+    for _ in range(int(t_end / sample_time)):
+        u = 1.0 if -x[1] > 0.1 else -1.0 if -x[1] < -0.1 else u
+        for _ in range(parts):
+            x = held[:3, :3] @ x + held[:3, 3] * u
+            seen.append(-x[1])
+    return np.array(seen)
+
+
+def test_growth_that_samples_roughen_is_no_cycle() -> None:
+    # Each turn begins at another phase of the samples, so that its size goes to and fro by 2 % while it grows by 11 %.
+    run = epp.simulate(read_resonance(0.4, 0.005), t_end=600.0)
+    seen = iterated_resonance(0.4, 0.005, 3000.0)
+    assert np.ptp(seen[-2000:]) > 1.25 * np.ptp(seen[13000:15000])  # of 80 s before 3000 s, and before 600 s
+    assert run.status is epp.Status.UNDECIDED
+
+
+@pytest.mark.xfail(strict=True, reason="the size of a cycle that is not locked is that of its last turn alone")
+def test_the_size_of_a_cycle_that_is_not_locked_is_that_of_all_its_turns() -> None:
+    cycle = epp.simulate(read_resonance(0.45, 0.05), t_end=600.0).limit_cycle
+    assert cycle.note.startswith("not locked to the samples")
+    seen = iterated_resonance(0.45, 0.05, 600.0)
+    assert cycle.peak_to_peak["reader_input"] == pytest.approx(np.ptp(seen[seen.size // 2 :]), rel=5e-3)
+
+
 def independent_crossings(t_end: float) -> np.ndarray:
     """Times at which the relay switches up, sample by sample with the exact map and bisection."""
     T, x, relay, law, out, t = 0.0371, np.array([1.0, 0.0, 0.0]), -1.0, 0.0, [], 0.0
