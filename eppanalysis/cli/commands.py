@@ -10,8 +10,8 @@ import errno
 import json
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -63,16 +63,18 @@ if TYPE_CHECKING:
 class _Commands(TyperGroup):
     """Turns an error that the user can act on into one sentence and exit code 2, an interrupt into one and 130."""
 
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        with _interrupt_told():  # the library that reads arguments takes its time to import, and says nothing
+            return super().make_context(*args, **kwargs)
+
     def invoke(self, ctx: Any) -> Any:
         try:
-            result = super().invoke(ctx)
-            sys.stdout.flush()  # here, where a full disk is a sentence
+            with _interrupt_told():
+                result = super().invoke(ctx)
+                sys.stdout.flush()  # here, where a full disk is a sentence
         except EppError as error:
             typer.echo(str(error), err=True)
             raise typer.Exit(2) from error
-        except KeyboardInterrupt:
-            typer.echo("Interrupted: nothing is kept.", err=True)
-            raise typer.Exit(130) from None
         except MemoryError as error:
             typer.echo(f"Not enough memory ({error or 'nothing is kept'}); expected a smaller case.", err=True)
             raise typer.Exit(2) from error
@@ -85,6 +87,16 @@ class _Commands(TyperGroup):
             typer.echo(f"{where}: {error.strerror or error}; expected {expected}.", err=True)
             raise typer.Exit(2) from error
         return result
+
+
+@contextmanager
+def _interrupt_told() -> Iterator[None]:
+    """Say in one sentence that a command was interrupted, and end with its code."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo("Interrupted: nothing is kept.", err=True)
+        raise typer.Exit(130) from None
 
 
 #: What a full or broken place to write to answers.
