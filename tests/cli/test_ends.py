@@ -88,15 +88,33 @@ sys.meta_path.insert(0, asked)
 main()
 """
 
+#: The same in a callback of a weak reference, whose exceptions Python prints and forgets.
+IN_A_CALLBACK = AT_IMPORT.replace(
+    "            os.kill(os.getpid(), number)\n",
+    "            import weakref\n"
+    "            gone = asked_once = Asked()\n"
+    "            told = weakref.ref(gone, lambda _: [os.kill(os.getpid(), number), list(range(9))])\n"
+    "            del gone, asked_once\n",
+)
+
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="signals of this system")
 @pytest.mark.parametrize("signalled", [signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize("module", ["typer", "pydantic", "eppanalysis.tables.console"])
+@pytest.mark.parametrize(
+    ("module", "script"),
+    [
+        ("typer", AT_IMPORT),
+        ("pydantic", AT_IMPORT),
+        ("eppanalysis.tables.console", AT_IMPORT),
+        ("pydantic", IN_A_CALLBACK),
+    ],
+    ids=["commands", "arguments", "in a command", "in a callback"],
+)
 def test_a_command_that_still_imports_or_reads_its_arguments_says_that_it_was_interrupted(
-    module: str, signalled: signal.Signals
+    module: str, script: str, signalled: signal.Signals
 ) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    command = [sys.executable, "-c", AT_IMPORT, signalled.name, module, "check", "backlash_servo"]
-    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    command = [sys.executable, "-c", script, signalled.name, module, "check", "backlash_servo"]
+    ended = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=60)
     assert ended.returncode == 128 + signalled
     assert ended.stderr == "Interrupted: nothing is kept.\n" and not ended.stdout
