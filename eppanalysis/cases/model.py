@@ -6,7 +6,7 @@ import difflib
 import hashlib
 import json
 from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from eppanalysis.cases.loops import LoopKind
 from eppanalysis.cases.schema import INPUTS, find_quantity, validate
 from eppanalysis.cases.values.dimensions import remarks
 from eppanalysis.cases.values.expressions import is_expression_of, same_unit
+from eppanalysis.cases.values.parameters import Named
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.values.shown import ShownCase
 from eppanalysis.cases.values.toml import plain_value, write_toml
@@ -83,6 +84,8 @@ class Case(ShownCase):
     _raw: RawCase
     _system: LureSystem
     _elbow: ElbowParameters | None = None
+    #: What expressions in fields of parts come to.
+    _computed: Mapping[str, Named] = field(default_factory=dict)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_validated"}
@@ -213,7 +216,9 @@ class Case(ShownCase):
 
     @checked
     def parameter_of(self, field: str) -> str:
-        """The parameter that a field of a part is: itself, or the one whose name stands in it; empty where it is none.
+        """The parameter that makes a field of a part larger: itself, or one that the expression in it is made of.
+
+        Of several the one that it grows with most, per cent by per cent; empty where there is none.
 
         Examples
         --------
@@ -223,7 +228,11 @@ class Case(ShownCase):
         ('gap', 'gear.stiffness')
         """
         held = field if field in self.parameters else self.held(field)
-        return held if isinstance(held, str) and held in self.parameters else ""
+        if field not in self._computed or held in self.parameters:
+            return held if isinstance(held, str) and held in self.parameters else ""
+        slopes = self._computed[field].value.gradient
+        growth = {name: slope * self.value(name) * self._computed[field].value.number for name, slope in slopes.items()}
+        return max((name for name in growth if growth[name] > 0.0), key=lambda name: growth[name], default="")
 
     @property
     def folder(self) -> Path:
@@ -290,13 +299,15 @@ class Case(ShownCase):
 
     @checked
     def unit(self, name: str) -> tuple[str, str]:
-        """SI unit of a parameter, and the unit that people use.
+        """SI unit of a parameter, or of a field that is computed of some, and the unit that people use.
 
         Raises
         ------
         CaseError
             If there is no such parameter.
         """
+        if name in self._computed:
+            return self._computed[name].parameter.unit, self._computed[name].parameter.friendly
         self._check_known(name, self.source)
         if name in self.parameters:
             return self.parameters[name].unit, self.parameters[name].friendly
@@ -505,7 +516,7 @@ def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> C
         signals = signals.led_by(expected.signal)
     system = replace(parts.system, signals=signals)
     told = raw.name, file.title, file.kind, raw.source, parts.parameters, parts.input, float(file.run.t_end.value)
-    return Case(*told, expected, raw, system, parts.elbow)
+    return Case(*told, expected, raw, system, parts.elbow, parts.computed)
 
 
 def json_schema(kind: str) -> dict[str, Any]:
