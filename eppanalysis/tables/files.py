@@ -223,7 +223,10 @@ def write_text(text: str, path: Path) -> None:
 
 
 def write_dataset(dataset: xarray.Dataset, path: Path) -> None:
-    """Write a dataset as NetCDF (version 4 where h5netcdf and h5py, or netCDF4, are installed, else version 3)."""
+    """Write a dataset as NetCDF (version 4 where h5netcdf and h5py, or netCDF4, are installed, else version 3).
+
+    A slash stands between groups there: in names, dots take its place.
+    """
     from importlib.util import find_spec
 
     # Named, because xarray takes h5netcdf as soon as it is there, with or without the h5py that it needs.
@@ -233,7 +236,9 @@ def write_dataset(dataset: xarray.Dataset, path: Path) -> None:
     )
     engines = [name for name, needed in complete if all(find_spec(module) for module in needed)]
     with atomic(path) as part:
-        dataset.to_netcdf(part, engine=engines[0] if engines else "scipy")
+        dataset.rename({name: str(name).replace("/", ".") for name in [*dataset.variables, *dataset.dims]}).to_netcdf(
+            part, engine=engines[0] if engines else "scipy"
+        )
 
 
 @contextmanager
