@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -382,6 +382,7 @@ class Case(ShownCase):
             data = without_answers(data)
         origins = dict(self._raw.origins)
         given: dict[str, set[str]] = {}
+        called: dict[str, str] = {}
         for name in values:
             section, _, last = str(name).partition(".")
             given.setdefault(section, set()).add(last)
@@ -398,9 +399,10 @@ class Case(ShownCase):
             self._check_settable(name, plain, source)
             path = self._path(name)
             put(data, path, plain, source, name)
+            called[".".join(map(str, path))] = name
             # Its sections too, for what the change makes missing; fields that stay keep their own entries.
             origins.update({".".join(map(str, path[:i])): source for i in range(1, len(path) + 1)})
-        made = self._made_of(replace(self._raw, data=data, origins=origins), values if source.startswith("--") else ())
+        made = self._made_of(replace(self._raw, data=data, origins=origins), called, source)
         for name, value in values.items():
             old, new = (case.parameters.get(name) for case in (self, made))
             # A plain number is in SI units; what a field with a unit of its own refuses has been refused before.
@@ -440,6 +442,8 @@ class Case(ShownCase):
         known = self._known()
         if name in known:
             return
+        if not name:
+            raise CaseError(source, "", name, "the dotted name of a field")
         held = self.held(name)
         if not name.endswith(".kind") and is_expression_of(held, self.parameters):
             expected = "a quantity, which can be varied; vary what it is made of, or set it to a quantity first"
@@ -468,12 +472,19 @@ class Case(ShownCase):
             return plain
         return plain if typed_unit(plain) else write_si(number, old.unit, old.friendly)
 
-    def _made_of(self, raw: RawCase, typed: Collection[str]) -> Case:
-        """The case with other data; what was not `typed` as it is, is refused in the units that people type."""
+    def _made_of(self, raw: RawCase, called: Mapping[str, str], source: str) -> Case:
+        """The case with other data; what of it a source gave is refused by the name that it was `called` there.
+
+        "play.gap" is no "loop.elements.0.gap" to who sets it. What was not typed on the command line is refused in the
+        units that people type.
+        """
         try:
             return load(raw, (self._raw.data, self._validated))
         except CaseError as error:
-            raise (error if error.field in typed else self._as_typed(error)) from None
+            given = error.source == source and error.field in called
+            field = called[error.field] if given else error.field
+            named = CaseError(error.source, field, error.value, error.expected, error.fault, error.also)
+            raise (named if given and source.startswith("--") else self._as_typed(named)) from None
 
     def _as_typed(self, error: CaseError) -> CaseError:
         """A refusal of a number that was handed on in SI units, with the number in the unit that people type."""

@@ -46,7 +46,7 @@ from eppanalysis.cli.margins import margins
 from eppanalysis.cli.report import report
 from eppanalysis.cli.response import response
 from eppanalysis.cli.sweep import sweep
-from eppanalysis.errors import EppError
+from eppanalysis.errors import ArgumentError, EppError
 from eppanalysis.readable import count
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ def _place(error: OSError) -> str:
 
 class _Command(TyperCommand):
     """Refuses in one sentence a word that is no choice of its option, and an option that is given twice but holds one
-    value: the first would be dropped without a word.
+    value: the first would be dropped without a word. What Python calls an argument it calls by its option.
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -131,6 +131,13 @@ class _Command(TyperCommand):
         if twice is not None:
             raise EppError(f"{'/'.join(twice.opts)}: is given {given.count(twice)} times; expected it once.")
         return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except ArgumentError as error:
+            called = next((option.opts[0] for option in self.params if option.name == error.name), None)
+            raise (EppError(error.of(called)) if called else error) from error
 
 
 def _check_choice(option: Any, hint: Any, given: Any) -> None:
@@ -283,7 +290,9 @@ def simulate(
 
         return run_simulation(case)
 
-    analysis = _Analysis(run, trajectory_table, _show_trajectory, drawn=lambda case: signals_drawn(case, signal))
+    analysis = _Analysis(
+        run, trajectory_table, _show_trajectory, drawn=lambda case: signals_drawn(case, signal), asked=signal
+    )
     _carry_out("simulate", cases, settings, as_json, output, analysis)
 
 
@@ -356,6 +365,7 @@ class _Analysis:
     show_all: Callable[[Sequence[Case], Sequence[Any]], None] | None = None
     beside: Callable[[Case, Any], Mapping[str, Any]] | None = None
     drawn: Callable[[Case], list[str]] = lambda case: []  # the signals in its picture, where it has some of many
+    asked: Sequence[str] = ()  # those that are asked for
 
 
 def _carry_out(
@@ -368,8 +378,8 @@ def _carry_out(
     cases = [load_case(text, settings) for text in texts]
     if output is not None:
         _check_names(output, cases)
-        for case in cases:
-            analysis.drawn(case)  # refuses a signal that is not there
+    for case in cases if output is not None or analysis.asked else ():
+        analysis.drawn(case)  # refuses a signal that is not there
     together = analysis.show_all if len(cases) > 1 else None
     results = []
     for case in cases:

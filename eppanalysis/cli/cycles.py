@@ -87,6 +87,7 @@ def branch(
     if points < 1:
         raise EppError(f"--points {points}: is no number of orbits; expected 1 or more.")
     found = load_case(case, settings)
+    found.unit(over)  # refuses what is no field, before its values are blamed
     for option, value in (("--from", start), ("--to", stop)):
         found.with_values({over: value}, option)
     with progress(f"branch {found.name}") as advance:

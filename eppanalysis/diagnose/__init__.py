@@ -19,7 +19,7 @@ from eppanalysis.diagnose.fit import Fit, Yardstick, all_fits, of_family
 from eppanalysis.diagnose.questions import question
 from eppanalysis.diagnose.record import Oscillation, Record, oscillation_of, record_of
 from eppanalysis.diagnose.result import LINEAR, OWN, UNTRIED, Diagnosis, Explanation, Verdict
-from eppanalysis.errors import CaseError, EppError
+from eppanalysis.errors import ArgumentError, CaseError, EppError
 from eppanalysis.methods.orbits.orbit import CONVERGED
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, require_continuous, standing
@@ -101,7 +101,7 @@ def diagnose(
     (('play',), 0.6)
     """
     if not 1e-3 <= model_error <= 0.5:
-        raise EppError(f"diagnose: model_error is {model_error}; expected 0.001 to 0.5.")
+        raise ArgumentError("model_error", f" is {model_error}; expected 0.001 to 0.5.", "diagnose")
     system, at = standing(case, operating_point, "diagnose")
     require_continuous(system, "diagnose")
     given = record_of(record, system.signals.units_by_name(), columns)

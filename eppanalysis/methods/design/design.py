@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eppanalysis.arguments import check_counts
-from eppanalysis.errors import EppError, shown
+from eppanalysis.errors import ArgumentError, EppError, shown
 from eppanalysis.methods.bounds.elasticity import parameters_of, size_elasticities
 from eppanalysis.methods.bounds.harmonic import Question, idle, spread
 from eppanalysis.methods.bounds.result import Turn
@@ -248,12 +248,12 @@ def _front(
     if front is None:
         return "", []
     if len(front) != 1:
-        raise EppError(f"design: front has {len(front)} parameters; expected one with its values.")
+        raise ArgumentError("front", f" has {len(front)} parameters; expected one with its values.", "design")
     ((over, values),) = front.items()
     if over in tuned:
-        raise EppError(f"design: front runs over {over}, which is tuned; expected another parameter.")
+        raise ArgumentError("front", f" runs over {over}, which is tuned; expected another parameter.", "design")
     if isinstance(values, str) or not len(values):
-        raise EppError(f"design: front has no values of {over}; expected one or more.")
+        raise ArgumentError("front", f" has no values of {over}; expected one or more.", "design")
     return over, [case.si(over, v) for v in values]
 
 
