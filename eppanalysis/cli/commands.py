@@ -126,6 +126,7 @@ class _Command(TyperCommand):
         hints = get_type_hints(self.callback)
         for option in options:
             _check_choice(option, hints.get(option.name), values.get(option.name))
+            _check_number(option, hints.get(option.name), values.get(option.name))
         given = [option for option in options if _holds_one(option)]
         twice = next((option for option in given if given.count(option) > 1), None)
         if twice is not None:
@@ -135,9 +136,24 @@ class _Command(TyperCommand):
     def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
-        except ArgumentError as error:
+        except EppError as error:
+            raise EppError(self._as_called_here(error)) from error
+
+    def _as_called_here(self, error: EppError) -> str:
+        """The sentence with the options, and the command, in place of what Python calls them."""
+        if isinstance(error, ArgumentError):
             called = next((option.opts[0] for option in self.params if option.name == error.name), None)
-            raise (EppError(error.of(called)) if called else error) from error
+            if called:
+                return error.of(called)
+        who, colon, said = str(error).partition(": ")
+        return f"{self.name}: {said}" if colon and who in _public_functions() else str(error)
+
+
+def _public_functions() -> list[str]:
+    """What Python calls the analyses."""
+    import eppanalysis
+
+    return [name for name in dir(eppanalysis) if name.islower()]
 
 
 def _check_choice(option: Any, hint: Any, given: Any) -> None:
@@ -149,6 +165,19 @@ def _check_choice(option: Any, hint: Any, given: Any) -> None:
         if word not in list(words):
             how_many = "one or several of" if option.multiple else "one of"
             raise EppError(f"{option.opts[0]} {word}: is not known; expected {how_many} {', '.join(words)}.")
+
+
+def _check_number(option: Any, hint: Any, given: Any) -> None:
+    """Refuse what is no number, where an option takes one."""
+    kind = next((t for t in (int, float) if t in (hint, *get_args(hint))), None)
+    if kind is None or not isinstance(given, str):
+        return
+    try:
+        kind(given)
+    except ValueError:
+        raise EppError(
+            f"{option.opts[0]} {given}: is no number; expected a {'whole number' if kind is int else 'number'}."
+        ) from None
 
 
 def _holds_one(option: Any) -> bool:
