@@ -363,7 +363,7 @@ def schema(
     if output is None:
         typer.echo(text)
         return
-    from eppanalysis.tables.files import write_text
+    from eppanalysis.writing import write_text
 
     write_text(f"{text}\n", output)
 

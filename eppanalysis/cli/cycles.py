@@ -97,7 +97,7 @@ def branch(
         write_figure(result.plot(signal=found.expected.signal), output)
 
 
-def _show_cycles(case: Case, search: CycleSearch, triggers: Sequence[Trigger], why: str) -> None:
+def _show_cycles(case: Case, search: CycleSearch, triggers: Sequence[Trigger], why: str = "") -> None:
     typer.echo(f"{search}\nSought with {search.search}")
     for cycle in search:
         name = case.expected.signal or next(iter(cycle.peak_to_peak))

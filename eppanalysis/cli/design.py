@@ -157,7 +157,8 @@ def write_design(case: Case, result: Design, path: Path) -> None:
     EppError
         If no design is feasible, so that there is no case to write.
     """
-    from eppanalysis.tables.files import write_result, write_text
+    from eppanalysis.tables.files import write_result
+    from eppanalysis.writing import write_text
 
     if path.suffix.lower() != ".toml":
         write_result(result, design_columns, path)

@@ -171,7 +171,8 @@ def _show(fit: BenchFit) -> None:
 
 
 def _write(found: Identification, output: Path, benches: Sequence[str]) -> None:
-    from eppanalysis.tables.files import Table, write_figure, write_table, write_text
+    from eppanalysis.tables.files import Table, write_figure, write_table
+    from eppanalysis.writing import write_text
 
     if output.suffix.lower() == ".toml":
         write_text(found.to_toml(), output)

@@ -15,8 +15,9 @@ from eppanalysis.guides.result import Side, in_words
 from eppanalysis.plotting import figure_of
 from eppanalysis.readable import one_line
 from eppanalysis.shown import png
-from eppanalysis.tables.files import PICTURES, atomic, check_target, csv_cell, write_figure
+from eppanalysis.tables.files import PICTURES, check_target, csv_cell, write_figure
 from eppanalysis.tables.manual import keep_texts, size_rows
+from eppanalysis.writing import atomic
 
 if TYPE_CHECKING:
     import pandas

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -204,3 +206,37 @@ def test_names_with_spaces_dashes_and_slashes_are_taken(
 
         with xarray.open_dataset("run.nc") as written:
             assert "Motor.Speed ref" in written and "Motor-Speed" in written
+
+
+#: The command in a process whose files may not grow beyond some bytes, as on a disk that is full.
+ON_A_FULL_DISK = """
+import resource, signal
+from eppanalysis.cli import main
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))
+main()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of this system")
+@pytest.mark.parametrize(
+    "command",
+    [
+        *(("simulate", "backlash_servo", "-o", f"run.{suffix}") for suffix in ("csv", "nc", "png", "pdf", "svg")),
+        ("certify", "relay_ideal_khalil79", "--statement", "roots", "-o", "proof.json"),
+        ("schema", "-o", "schema.json"),
+    ],
+    ids=lambda command: command[-1],
+)
+def test_a_full_disk_is_a_sentence_and_leaves_no_part_of_a_file(tmp_path: Path, command: tuple[str, ...]) -> None:
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(p for p in sys.path if p),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    call = [sys.executable, "-c", ON_A_FULL_DISK, *command]
+    ended = subprocess.run(call, check=False, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60)
+    said = f"{command[-1]}: cannot be written (File too large); expected a place to write to.\n"
+    assert (ended.returncode, ended.stderr) == (2, said)
+    assert not list(tmp_path.iterdir())

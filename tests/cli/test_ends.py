@@ -98,6 +98,7 @@ IN_A_CALLBACK = AT_IMPORT.replace(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="signals of this system")
 @pytest.mark.parametrize("signalled", [signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize(
