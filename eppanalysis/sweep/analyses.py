@@ -125,7 +125,7 @@ class Variable:
         """Attributes of the variable in a dataset (CF conventions: units, long_name, flags)."""
         found: dict[str, Any] = {"long_name": self.long_name}
         if self.dtype == "f8":
-            found["units"] = self.unit
+            found["units"] = str(self.unit)  # plain text, which a file takes
         if self.flags:
             found |= {"flag_values": list(range(len(self.flags))), "flag_meanings": " ".join(self.flags)}
         if self.flags == STATUS_NAMES:

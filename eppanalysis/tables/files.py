@@ -65,7 +65,7 @@ class Table:
         dataset = xarray.Dataset(data)
         for name, unit in self.units.items():
             if name in dataset:
-                dataset[name].attrs["units"] = unit
+                dataset[name].attrs["units"] = str(unit)  # plain text, which a file takes
         return dataset
 
 
