@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.errors import EppError, ModelError, did_you_mean, shown
+from eppanalysis.errors import ArgumentError, EppError, ModelError, did_you_mean, shown
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -234,10 +234,10 @@ def check_counts(who: str, least: Mapping[str, tuple[int, int]]) -> None:
     """
     for name, (given, at_least) in least.items():
         if given < at_least:
-            raise EppError(f"{who}: {name} is {given}; expected {at_least} or more.")
+            raise ArgumentError(name, f" is {given}; expected {at_least} or more.", who)
         most = _MOST.get(name, _MOST_COUNT)
         if given > most:
-            raise EppError(f"{who}: {name} is {shown(given)}; expected {most} or less.")
+            raise ArgumentError(name, f" is {shown(given)}; expected {most} or less.", who)
 
 
 def _name_of(function: Callable[..., Any]) -> str:

@@ -265,5 +265,38 @@ class ModelError(EppError):
         return partial(type(self), **named), (self.what, *value)
 
 
+class ArgumentError(EppError):
+    """An argument that is not as expected, which the command line calls by its option.
+
+    Parameters
+    ----------
+    name : str
+        What Python calls it.
+    said : str
+        The sentence from behind the name on.
+    who : str, optional
+        The function.
+
+    Examples
+    --------
+    >>> from eppanalysis.errors import ArgumentError
+    >>> error = ArgumentError("starts", " is 0; expected 1 or more.", "design")
+    >>> print(error, error.of("--starts"))
+    design: starts is 0; expected 1 or more. --starts is 0; expected 1 or more.
+    """
+
+    def __init__(self, name: str, said: str, who: str = "") -> None:
+        self.name, self.said, self.who = name, said, who
+        super().__init__(f"{who}: {self.of(name)}" if who else self.of(name))
+
+    def of(self, called: str) -> str:
+        """The sentence with another name."""
+        return f"{called}{self.said}"
+
+    def __reduce__(self) -> tuple[type[ArgumentError], tuple[str, ...]]:
+        """Made again from its parts, so that another process can send it back."""
+        return type(self), (self.name, self.said, self.who)
+
+
 class NotConverged(EppError):
     """Raised by ``require_converged()`` on a result whose status is not a success."""

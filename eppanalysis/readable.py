@@ -256,3 +256,18 @@ def count(n: int, noun: str) -> str:
     """
     plural = f"{noun[:-1]}ies" if noun.endswith("ry") else f"{noun}es" if noun.endswith(("ch", "s")) else f"{noun}s"
     return f"{n or 'no'} {noun if n == 1 else plural}"
+
+
+def leading_name(text: str, known: Iterable[str] = ()) -> tuple[str, str]:
+    """The name that a text begins with, and the rest: the longest known one, which may hold spaces, or its first word.
+
+    Examples
+    --------
+    >>> leading_name("Motor/Speed ref 0.3 deg", ["Motor/Speed ref", "Motor/Speed"])
+    ('Motor/Speed ref', '0.3 deg')
+    >>> leading_name("x 0.3 deg", ["y"])
+    ('x', '0.3 deg')
+    """
+    text = text.strip()
+    name = max((name for name in known if text.startswith(f"{name} ")), key=len, default=text.partition(" ")[0])
+    return name, text[len(name) :].strip()

@@ -25,7 +25,7 @@ from eppanalysis.cases.values.automata import AUTOMATON, WORDS
 from eppanalysis.cases.values.dimensions import check_each, check_fields
 from eppanalysis.cases.values.expressions import is_expression
 from eppanalysis.cases.values.parameters import Named, read, resolve
-from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity
+from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity, plain_value
 from eppanalysis.cases.values.wires import units_along_wires
 from eppanalysis.errors import CaseError, IdleInput, ModelError, did_you_mean
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
@@ -62,7 +62,8 @@ class DiagramKind(Kind):
         system = replace(system, signals=system.signals.in_units(known))
         parameters = {**{name: named.parameter for name, named in reader.named.items()}, **reader.given}
         units = {name: level.unit for name, level in levels.items()}
-        return Parts(parameters, input_signals_of(file.run, system.input_names, units, raw), system)
+        inputs = input_signals_of(file.run, system.input_names, units, raw)
+        return Parts(parameters, inputs, system, computed=reader.computed)
 
     def fields(self, parameters: Iterable[str]) -> list[str]:
         """The given ones."""
@@ -155,11 +156,12 @@ class _Reader:
     #: Of each part ("blocks.controller") the numbers that have a unit, filled while they are read.
     with_units: dict[str, dict[str, Parameter]]
     tables: dict[str, ElementTable]  # the elements' own by their places, filled while they are read
+    computed: dict[str, Named]  # what expressions in fields of parts come to, filled while they are read
 
     @classmethod
     def of(cls, parameters: Mapping[str, Any], raw: RawCase) -> _Reader:
         """With the named parameters of a file."""
-        return cls(resolve(parameters, "parameters", raw), raw, {}, {}, {})
+        return cls(resolve(parameters, "parameters", raw), raw, {}, {}, {}, {})
 
     def level(self, name: str, value: Any) -> Parameter:
         """Where an external input is before the start."""
@@ -292,4 +294,7 @@ class _Reader:
         kind: Quantity | AnyQuantity = AnyQuantity()
         if declared is not None and declared.unit:
             kind = Quantity(declared.unit, declared.friendly, *declared.limits)
-        return read(value, field, self.raw, self.named, kind).parameter
+        found = read(value, field, self.raw, self.named, kind)
+        if is_expression(plain_value(value)):
+            self.computed.setdefault(field.partition(".")[2], found)
+        return found.parameter

@@ -21,10 +21,10 @@ DEEPEST = 12
 LONGEST_CHAIN = 16
 #: Names of cases: nothing that leads out of a folder.
 PLAIN_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
-#: Names of signals, inputs and elements of a loop, as python-control gives them too ("sys[0]$copy_u[0]"), and what is
-#: said of others.
-LABEL = r"^[^\W\d][\w$]*(\[[0-9]+\][\w$]*)*$"
-LABEL_IS = "a plain name of letters, digits, underscores and $, and of indices such as [0]"
+#: Names of signals, inputs and elements of a loop, as python-control and block diagrams elsewhere give them too
+#: ("sys[0]$copy_u[0]", "Motor/Speed ref"), and what is said of others.
+LABEL = r"^[^\W\d][\w$]*(\[[0-9]+\][\w$]*)*([ /-][\w$]+(\[[0-9]+\][\w$]*)*)*$"
+LABEL_IS = "a name of letters, digits, underscores and $, of indices such as [0], with single spaces, - or / between"
 
 #: Fields of a section that stand in for one another: giving one of a group drops the inherited other group.
 ALTERNATIVES: tuple[tuple[str, frozenset[str], frozenset[str]], ...] = (

@@ -149,7 +149,12 @@ def read_recording(path: Path, unit: str, label: str, raw: RawCase) -> Recorded:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise CaseError(str(path), "", f"not readable ({error})", "a CSV file in UTF-8") from None
     if len(rows) < 3:
-        raise CaseError(str(path), "", f"{len(rows)} rows long", "a header and two or more rows of time and position")
+        raise CaseError(
+            str(path),
+            "",
+            f"{len(rows)} row{'s' * (len(rows) != 1)} long",
+            "a header and two or more rows of time and position",
+        )
     factors = _factors(rows[0][1], unit, str(path))
     times: list[float] = []
     values: list[float] = []

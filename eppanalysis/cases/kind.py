@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from eppanalysis.cases.files import RawCase
 from eppanalysis.cases.schema import CaseFile
+from eppanalysis.cases.values.parameters import Named
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.variation import LoopVariation, Variation
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
@@ -25,6 +26,8 @@ class Parts:
     input: InputSignal | Mapping[str, InputSignal] | None
     system: LureSystem
     elbow: ElbowParameters | None = None  # of a case of the elbow
+    #: Numbers that expressions come to, by the dotted names of the fields in which these stand.
+    computed: dict[str, Named] = field(default_factory=dict)
 
 
 class Kind(ABC):

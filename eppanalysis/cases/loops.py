@@ -156,7 +156,8 @@ def _form(loop: LoopSection, raw: RawCase) -> Form:
     }
     for name in needed[form]:
         if getattr(loop, name) in ((None,) if name in _MAY_BE_EMPTY else (None, [])):
-            raise CaseError(raw.origin("loop"), f"loop.{name}", Missing(), f"a value: a {form} needs it")
+            place = f"loop.{name}"
+            raise CaseError(raw.origin("loop"), place, raw.typed(place), f"a value: a {form} needs it")
     if form is Form.TRANSFER_FUNCTION and len(loop.elements or []) != 1:
         expected = "one element; put several into blocks or a state space"
         raise CaseError(raw.origin("loop.elements"), "loop.elements", f"{len(loop.elements or [])} elements", expected)

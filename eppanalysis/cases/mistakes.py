@@ -226,6 +226,8 @@ class _Reading:
             holder = holder[key]
         own: Any = int(name) if isinstance(holder, list) else name
         table, called = holder[own], f"{' '.join(places)} {name}" if isinstance(holder, list) else name
+        if not (isinstance(holder, list) or NAME.fullmatch(name)):
+            return False  # no other part could have that name either
         kind = str(table.get("kind", table.get("element"))) if isinstance(table, dict) else ""
         found = None if called in self.stood_in else example(kind)
         if found is None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
-from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from eppanalysis.cases.loops import LoopKind
 from eppanalysis.cases.schema import INPUTS, find_quantity, validate
 from eppanalysis.cases.values.dimensions import remarks
 from eppanalysis.cases.values.expressions import is_expression_of, same_unit
+from eppanalysis.cases.values.parameters import Named
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.values.shown import ShownCase
 from eppanalysis.cases.values.toml import plain_value, write_toml
@@ -83,6 +84,8 @@ class Case(ShownCase):
     _raw: RawCase
     _system: LureSystem
     _elbow: ElbowParameters | None = None
+    #: What expressions in fields of parts come to.
+    _computed: Mapping[str, Named] = field(default_factory=dict)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_validated"}
@@ -213,7 +216,9 @@ class Case(ShownCase):
 
     @checked
     def parameter_of(self, field: str) -> str:
-        """The parameter that a field of a part is: itself, or the one whose name stands in it; empty where it is none.
+        """The parameter that makes a field of a part larger: itself, or one that the expression in it is made of.
+
+        Of several the one that it grows with most, per cent by per cent; empty where there is none.
 
         Examples
         --------
@@ -223,7 +228,11 @@ class Case(ShownCase):
         ('gap', 'gear.stiffness')
         """
         held = field if field in self.parameters else self.held(field)
-        return held if isinstance(held, str) and held in self.parameters else ""
+        if field not in self._computed or held in self.parameters:
+            return held if isinstance(held, str) and held in self.parameters else ""
+        slopes = self._computed[field].value.gradient
+        growth = {name: slope * self.value(name) * self._computed[field].value.number for name, slope in slopes.items()}
+        return max((name for name in growth if growth[name] > 0.0), key=lambda name: growth[name], default="")
 
     @property
     def folder(self) -> Path:
@@ -290,13 +299,15 @@ class Case(ShownCase):
 
     @checked
     def unit(self, name: str) -> tuple[str, str]:
-        """SI unit of a parameter, and the unit that people use.
+        """SI unit of a parameter, or of a field that is computed of some, and the unit that people use.
 
         Raises
         ------
         CaseError
             If there is no such parameter.
         """
+        if name in self._computed:
+            return self._computed[name].parameter.unit, self._computed[name].parameter.friendly
         self._check_known(name, self.source)
         if name in self.parameters:
             return self.parameters[name].unit, self.parameters[name].friendly
@@ -371,6 +382,7 @@ class Case(ShownCase):
             data = without_answers(data)
         origins = dict(self._raw.origins)
         given: dict[str, set[str]] = {}
+        called: dict[str, str] = {}
         for name in values:
             section, _, last = str(name).partition(".")
             given.setdefault(section, set()).add(last)
@@ -387,9 +399,10 @@ class Case(ShownCase):
             self._check_settable(name, plain, source)
             path = self._path(name)
             put(data, path, plain, source, name)
+            called[".".join(map(str, path))] = name
             # Its sections too, for what the change makes missing; fields that stay keep their own entries.
             origins.update({".".join(map(str, path[:i])): source for i in range(1, len(path) + 1)})
-        made = self._made_of(replace(self._raw, data=data, origins=origins), values if source.startswith("--") else ())
+        made = self._made_of(replace(self._raw, data=data, origins=origins), called, source)
         for name, value in values.items():
             old, new = (case.parameters.get(name) for case in (self, made))
             # A plain number is in SI units; what a field with a unit of its own refuses has been refused before.
@@ -429,6 +442,8 @@ class Case(ShownCase):
         known = self._known()
         if name in known:
             return
+        if not name:
+            raise CaseError(source, "", name, "the dotted name of a field")
         held = self.held(name)
         if not name.endswith(".kind") and is_expression_of(held, self.parameters):
             expected = "a quantity, which can be varied; vary what it is made of, or set it to a quantity first"
@@ -457,12 +472,19 @@ class Case(ShownCase):
             return plain
         return plain if typed_unit(plain) else write_si(number, old.unit, old.friendly)
 
-    def _made_of(self, raw: RawCase, typed: Collection[str]) -> Case:
-        """The case with other data; what was not `typed` as it is, is refused in the units that people type."""
+    def _made_of(self, raw: RawCase, called: Mapping[str, str], source: str) -> Case:
+        """The case with other data; what of it a source gave is refused by the name that it was `called` there.
+
+        "play.gap" is no "loop.elements.0.gap" to who sets it. What was not typed on the command line is refused in the
+        units that people type.
+        """
         try:
             return load(raw, (self._raw.data, self._validated))
         except CaseError as error:
-            raise (error if error.field in typed else self._as_typed(error)) from None
+            given = error.source == source and error.field in called
+            field = called[error.field] if given else error.field
+            named = CaseError(error.source, field, error.value, error.expected, error.fault, error.also)
+            raise (named if given and source.startswith("--") else self._as_typed(named)) from None
 
     def _as_typed(self, error: CaseError) -> CaseError:
         """A refusal of a number that was handed on in SI units, with the number in the unit that people type."""
@@ -505,7 +527,7 @@ def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> C
         signals = signals.led_by(expected.signal)
     system = replace(parts.system, signals=signals)
     told = raw.name, file.title, file.kind, raw.source, parts.parameters, parts.input, float(file.run.t_end.value)
-    return Case(*told, expected, raw, system, parts.elbow)
+    return Case(*told, expected, raw, system, parts.elbow, parts.computed)
 
 
 def json_schema(kind: str) -> dict[str, Any]:

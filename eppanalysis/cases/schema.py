@@ -22,6 +22,7 @@ from eppanalysis.cases.values.quantities import (
 from eppanalysis.errors import CaseError, did_you_mean
 from eppanalysis.models.devices.declared import Section, declared_fields
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
+from eppanalysis.models.diagrams.wiring import plain_name
 from eppanalysis.units import KINDS
 
 Text = Annotated[str, Field(max_length=LONGEST_TEXT), AfterValidator(plain_text)]
@@ -284,7 +285,7 @@ class DiagramFile(CaseFile):
     parameters: Annotated[dict[Name, Any], Field(max_length=500)] = {}
     blocks: Annotated[dict[Name, Table], Field(max_length=200)] = {}
     elements: Annotated[dict[Name, Table], Field(max_length=100)] = {}
-    signals: dict[Name, Annotated[SignalSum, BeforeValidator(_sum, Text | SignalSum)]] = {}
+    signals: dict[Label, Annotated[SignalSum, BeforeValidator(_sum, Text | SignalSum)]] = {}
     run: RunSection
     expected: ExpectedSection = ExpectedSection()
 
@@ -364,7 +365,8 @@ def _case_error(error: dict[str, Any], raw: RawCase, model: type[BaseModel]) -> 
     elif error["type"] in _LENGTHS:
         expected = f"{_LENGTHS[error['type']][0]} of at most {context['max_length']} {_LENGTHS[error['type']][1]}"
     elif error["type"] == "string_pattern_mismatch":
-        expected = LABEL_IS if context.get("pattern") == LABEL else _NAME_IS
+        rename = f", such as {plain_name(str(shown))!r} here and wherever it is named"
+        expected = LABEL_IS if context.get("pattern") == LABEL else f"{_NAME_IS}{rename}"
     elif error["type"] in _SENTENCES:
         expected = _SENTENCES[error["type"]]
     else:

@@ -21,6 +21,7 @@ from eppanalysis.cli.common import (
     Workers,
     answer,
     check_output,
+    check_value,
     load_case,
     print_table,
     progress,
@@ -75,6 +76,10 @@ def bounds(
 
     check_output(output)
     found = load_case(case, settings)
+    for option, name, value in (("--from", over, start), ("--to", over, stop)):
+        check_value(found, option, name, value)
+    for value in within_of(within) or ():
+        check_value(found, "--within", limit, value)
     rounding = step_for_manual(found, limit, manuals, step)
     with progress(f"bounds {found.name}") as advance:
         result = design_bounds(

@@ -10,8 +10,8 @@ import errno
 import json
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -46,7 +46,7 @@ from eppanalysis.cli.margins import margins
 from eppanalysis.cli.report import report
 from eppanalysis.cli.response import response
 from eppanalysis.cli.sweep import sweep
-from eppanalysis.errors import EppError
+from eppanalysis.errors import ArgumentError, EppError
 from eppanalysis.readable import count
 
 if TYPE_CHECKING:
@@ -63,16 +63,18 @@ if TYPE_CHECKING:
 class _Commands(TyperGroup):
     """Turns an error that the user can act on into one sentence and exit code 2, an interrupt into one and 130."""
 
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        with _interrupt_told():  # the library that reads arguments takes its time to import, and says nothing
+            return super().make_context(*args, **kwargs)
+
     def invoke(self, ctx: Any) -> Any:
         try:
-            result = super().invoke(ctx)
-            sys.stdout.flush()  # here, where a full disk is a sentence
+            with _interrupt_told():
+                result = super().invoke(ctx)
+                sys.stdout.flush()  # here, where a full disk is a sentence
         except EppError as error:
             typer.echo(str(error), err=True)
             raise typer.Exit(2) from error
-        except KeyboardInterrupt:
-            typer.echo("Interrupted: nothing is kept.", err=True)
-            raise typer.Exit(130) from None
         except MemoryError as error:
             typer.echo(f"Not enough memory ({error or 'nothing is kept'}); expected a smaller case.", err=True)
             raise typer.Exit(2) from error
@@ -85,6 +87,16 @@ class _Commands(TyperGroup):
             typer.echo(f"{where}: {error.strerror or error}; expected {expected}.", err=True)
             raise typer.Exit(2) from error
         return result
+
+
+@contextmanager
+def _interrupt_told() -> Iterator[None]:
+    """Say in one sentence that a command was interrupted, and end with its code."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo("Interrupted: nothing is kept.", err=True)
+        raise typer.Exit(130) from None
 
 
 #: What a full or broken place to write to answers.
@@ -104,7 +116,7 @@ def _place(error: OSError) -> str:
 
 class _Command(TyperCommand):
     """Refuses in one sentence a word that is no choice of its option, and an option that is given twice but holds one
-    value: the first would be dropped without a word.
+    value: the first would be dropped without a word. What Python calls an argument it calls by its option.
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -114,11 +126,34 @@ class _Command(TyperCommand):
         hints = get_type_hints(self.callback)
         for option in options:
             _check_choice(option, hints.get(option.name), values.get(option.name))
+            _check_number(option, hints.get(option.name), values.get(option.name))
         given = [option for option in options if _holds_one(option)]
         twice = next((option for option in given if given.count(option) > 1), None)
         if twice is not None:
             raise EppError(f"{'/'.join(twice.opts)}: is given {given.count(twice)} times; expected it once.")
         return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except EppError as error:
+            raise EppError(self._as_called_here(error)) from error
+
+    def _as_called_here(self, error: EppError) -> str:
+        """The sentence with the options, and the command, in place of what Python calls them."""
+        if isinstance(error, ArgumentError):
+            called = next((option.opts[0] for option in self.params if option.name == error.name), None)
+            if called:
+                return error.of(called)
+        who, colon, said = str(error).partition(": ")
+        return f"{self.name}: {said}" if colon and who in _public_functions() else str(error)
+
+
+def _public_functions() -> list[str]:
+    """What Python calls the analyses."""
+    import eppanalysis
+
+    return [name for name in dir(eppanalysis) if name.islower()]
 
 
 def _check_choice(option: Any, hint: Any, given: Any) -> None:
@@ -130,6 +165,19 @@ def _check_choice(option: Any, hint: Any, given: Any) -> None:
         if word not in list(words):
             how_many = "one or several of" if option.multiple else "one of"
             raise EppError(f"{option.opts[0]} {word}: is not known; expected {how_many} {', '.join(words)}.")
+
+
+def _check_number(option: Any, hint: Any, given: Any) -> None:
+    """Refuse what is no number, where an option takes one."""
+    kind = next((t for t in (int, float) if t in (hint, *get_args(hint))), None)
+    if kind is None or not isinstance(given, str):
+        return
+    try:
+        kind(given)
+    except ValueError:
+        raise EppError(
+            f"{option.opts[0]} {given}: is no number; expected a {'whole number' if kind is int else 'number'}."
+        ) from None
 
 
 def _holds_one(option: Any) -> bool:
@@ -271,7 +319,9 @@ def simulate(
 
         return run_simulation(case)
 
-    analysis = _Analysis(run, trajectory_table, _show_trajectory, drawn=lambda case: signals_drawn(case, signal))
+    analysis = _Analysis(
+        run, trajectory_table, _show_trajectory, drawn=lambda case: signals_drawn(case, signal), asked=signal
+    )
     _carry_out("simulate", cases, settings, as_json, output, analysis)
 
 
@@ -313,7 +363,7 @@ def schema(
     if output is None:
         typer.echo(text)
         return
-    from eppanalysis.tables.files import write_text
+    from eppanalysis.writing import write_text
 
     write_text(f"{text}\n", output)
 
@@ -344,6 +394,7 @@ class _Analysis:
     show_all: Callable[[Sequence[Case], Sequence[Any]], None] | None = None
     beside: Callable[[Case, Any], Mapping[str, Any]] | None = None
     drawn: Callable[[Case], list[str]] = lambda case: []  # the signals in its picture, where it has some of many
+    asked: Sequence[str] = ()  # those that are asked for
 
 
 def _carry_out(
@@ -356,8 +407,8 @@ def _carry_out(
     cases = [load_case(text, settings) for text in texts]
     if output is not None:
         _check_names(output, cases)
-        for case in cases:
-            analysis.drawn(case)  # refuses a signal that is not there
+    for case in cases if output is not None or analysis.asked else ():
+        analysis.drawn(case)  # refuses a signal that is not there
     together = analysis.show_all if len(cases) > 1 else None
     results = []
     for case in cases:

@@ -6,10 +6,10 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     from eppanalysis.cases import Case
     from eppanalysis.tables.files import Table as FileTable
+
+Given = TypeVar("Given")
 
 #: Default of options that may be repeated.
 NOTHING: list[str] = []
@@ -113,13 +115,46 @@ def given_values(settings: Sequence[str]) -> dict[str, Any]:
     import tomllib
 
     found: dict[str, Any] = {}
-    for text in settings:
-        name, value = split_pair(text, "--set", "FIELD=VALUE")
+    for name, value in by_name("--set", (split_pair(text, "--set", "FIELD=VALUE") for text in settings)).items():
         try:
             found[name] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
             found[name] = value
     return found
+
+
+def by_name(option: str, pairs: Iterable[tuple[str, Given]]) -> dict[str, Given]:
+    """What a repeatable option gives, by names.
+
+    Raises
+    ------
+    EppError
+        If one name is given twice: the first would be dropped without a word.
+    """
+    found: dict[str, Given] = {}
+    for name, given in pairs:
+        if name in found:
+            raise EppError(f"{option} {name}: is given twice; expected it once.")
+        found[name] = given
+    return found
+
+
+def check_value(case: Case, option: str, name: str, value: str | None) -> None:
+    """Refuse a value of an option that is none of the field that it is for.
+
+    Raises
+    ------
+    EppError
+        If there is no such field, or the value has another dimension.
+    """
+    from eppanalysis.errors import CaseError
+
+    case.unit(name)  # refuses what is no field, before its values are blamed
+    try:
+        if value is not None:
+            case.si(name, value)
+    except CaseError as error:
+        raise CaseError(option, name, value, error.expected) from None
 
 
 def split_pair(text: str, option: str, expected: str) -> tuple[str, str]:

@@ -44,18 +44,29 @@ def cycles(
     check_output(output)
     found = load_case(case, settings)
     from eppanalysis.methods.search.find import find_limit_cycles
-    from eppanalysis.methods.search.trigger import trigger
     from eppanalysis.tables.files import cycle_table
 
     with progress(f"cycles {found.name}") as advance:
         search = find_limit_cycles(found, progress=advance)
-        hits = trigger(found, cycles=search) if triggers else ()
+        hits, why = _triggers(found, search) if triggers else ((), "")
 
     def data() -> dict[str, Any]:
-        return {**search.to_dict(), "triggers": [hit.to_dict() for hit in hits]}
+        return {**search.to_dict(), "triggers": [hit.to_dict() for hit in hits], "no_triggers": why}
 
-    answer("cycles", found, settings, as_json, data, lambda: _show_cycles(found, search, hits))
+    answer("cycles", found, settings, as_json, data, lambda: _show_cycles(found, search, hits, why))
     write_output(output, search, lambda result: cycle_table(result.cycles))
+
+
+def _triggers(case: Case, search: CycleSearch) -> tuple[Sequence[Trigger], str]:
+    """The smallest disturbances that start a cycle, or why there are none: an answer of the loop, as others are."""
+    from eppanalysis.methods.search.trigger import NoRest, trigger
+
+    if not search.stable:
+        return (), "no stable cycle was found, so none is there for a disturbance to start."
+    try:
+        return trigger(case, cycles=search), ""
+    except NoRest as error:
+        return (), str(error).removeprefix(f"{case.name}: ")
 
 
 def branch(
@@ -76,6 +87,7 @@ def branch(
     if points < 1:
         raise EppError(f"--points {points}: is no number of orbits; expected 1 or more.")
     found = load_case(case, settings)
+    found.unit(over)  # refuses what is no field, before its values are blamed
     for option, value in (("--from", start), ("--to", stop)):
         found.with_values({over: value}, option)
     with progress(f"branch {found.name}") as advance:
@@ -85,7 +97,7 @@ def branch(
         write_figure(result.plot(signal=found.expected.signal), output)
 
 
-def _show_cycles(case: Case, search: CycleSearch, triggers: Sequence[Trigger]) -> None:
+def _show_cycles(case: Case, search: CycleSearch, triggers: Sequence[Trigger], why: str = "") -> None:
     typer.echo(f"{search}\nSought with {search.search}")
     for cycle in search:
         name = case.expected.signal or next(iter(cycle.peak_to_peak))
@@ -97,6 +109,8 @@ def _show_cycles(case: Case, search: CycleSearch, triggers: Sequence[Trigger]) -
         )
     for hit in triggers:
         typer.echo(f"trigger: {_trigger_text(case, hit)}")
+    if why:
+        typer.echo(f"trigger: {why}")
 
 
 def _trigger_text(case: Case, hit: Trigger) -> str:

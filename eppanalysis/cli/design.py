@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +16,9 @@ from eppanalysis.cli.common import (
     Json,
     Settings,
     answer,
+    by_name,
     check_output,
+    check_value,
     file_option,
     load_case,
     print_table,
@@ -24,7 +26,7 @@ from eppanalysis.cli.common import (
     range_of,
 )
 from eppanalysis.errors import EppError
-from eppanalysis.readable import DIGITS, count, words
+from eppanalysis.readable import DIGITS, count, leading_name, words
 
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
@@ -96,18 +98,29 @@ def design(
                 f"{path}: a design of {count(len(tune), 'parameter')} has no row of values to draw; expected two, or a "
                 "front."
             )
+    if (maximise is None) == (minimise is None):
+        given = "neither --maximise nor --minimise is" if maximise is None else "both --maximise and --minimise are"
+        raise EppError(f"design: {given} given; expected one of the two.")
     found = load_case(case, settings)
+    fields = list(found.parameters)
+    ranges = by_name("--tune", (tuned(text, fields) for text in tune))
+    fronts = {} if front is None else dict([values_of(front, fields)])
+    typed: dict[str, Mapping[str, Sequence[str]]] = {"--tune": ranges, "--front": fronts}
+    for option, name in ((option, name) for option, fields in typed.items() for name in fields):
+        for value in typed[option][name]:
+            check_value(found, option, name, value)
     with progress(f"design {found.name}") as advance:
         result = designed(
             found,
-            dict(tuned(text) for text in tune),
+            ranges,
             maximise=maximise,
             minimise=minimise,
-            subject_to=dict(_pair("--subject-to", text, "phase_margin 45 deg") for text in subject_to) or None,
+            subject_to=by_name("--subject-to", (_pair("--subject-to", t, "phase_margin 45 deg") for t in subject_to))
+            or None,
             at=at,
             allow=allow,
-            tolerances=tolerances_of(tolerance),
-            front=None if front is None else dict([values_of(front)]),
+            tolerances=tolerances_of(tolerance, fields),
+            front=fronts or None,
             verify=verify,
             margin=margin,
             starts=starts,
@@ -144,7 +157,8 @@ def write_design(case: Case, result: Design, path: Path) -> None:
     EppError
         If no design is feasible, so that there is no case to write.
     """
-    from eppanalysis.tables.files import write_result, write_text
+    from eppanalysis.tables.files import write_result
+    from eppanalysis.writing import write_text
 
     if path.suffix.lower() != ".toml":
         write_result(result, design_columns, path)
@@ -163,8 +177,8 @@ def design_columns(result: Design) -> Table:
     return Table.from_rows(frame.to_dict("records"), frame.attrs["units"])
 
 
-def tuned(text: str) -> tuple[str, tuple[str, str]]:
-    """Name and range of FIELD LOW..HIGH.
+def tuned(text: str, fields: Iterable[str] = ()) -> tuple[str, tuple[str, str]]:
+    """Name and range of FIELD LOW..HIGH, where a name of these fields may hold spaces.
 
     Raises
     ------
@@ -176,14 +190,14 @@ def tuned(text: str) -> tuple[str, tuple[str, str]]:
     >>> tuned("lock_pin.backlash 0.1 deg..5 deg")
     ('lock_pin.backlash', ('0.1 deg', '5 deg'))
     """
-    name, _, rest = text.strip().partition(" ")
+    name, rest = leading_name(text, fields)
     both = range_of(rest)
     if both is None:
         raise EppError(f'--tune {text}: is no field with a range; expected "FIELD LOW..HIGH", as in "Kp 1..10".')
     return name, both
 
 
-def tolerances_of(texts: Sequence[str]) -> dict[str, str] | None:
+def tolerances_of(texts: Sequence[str], fields: Iterable[str] = ()) -> dict[str, str] | None:
     """Half-widths of tolerances; those of the case where "all" is asked for, none where nothing is.
 
     Raises
@@ -200,17 +214,17 @@ def tolerances_of(texts: Sequence[str]) -> dict[str, str] | None:
     """
     if list(texts) == ["all"]:
         return {}
-    return dict(_pair("--tolerance", text, "Kp 10 %") for text in texts) or None
+    return by_name("--tolerance", (_pair("--tolerance", text, "Kp 10 %", fields) for text in texts)) or None
 
 
-def _pair(option: str, text: str, example: str) -> tuple[str, str]:
-    name, _, rest = text.strip().partition(" ")
-    if not rest.strip():
+def _pair(option: str, text: str, example: str, known: Iterable[str] = ()) -> tuple[str, str]:
+    name, rest = leading_name(text, known)
+    if not rest:
         raise EppError(f'{option} {text}: is no name with a value; expected one, as in "{example}".')
-    return name, rest.strip()
+    return name, rest
 
 
-def values_of(text: str) -> tuple[str, list[str]]:
+def values_of(text: str, fields: Iterable[str] = ()) -> tuple[str, list[str]]:
     """Name and values of FIELD VALUE,VALUE,...
 
     Raises
@@ -223,7 +237,7 @@ def values_of(text: str) -> tuple[str, list[str]]:
     >>> values_of("play.gap 1 mm, 2 mm")
     ('play.gap', ['1 mm', '2 mm'])
     """
-    name, _, rest = text.strip().partition(" ")
+    name, rest = leading_name(text, fields)
     values = [value.strip() for value in rest.split(",") if value.strip()]
     if not values:
         raise EppError(

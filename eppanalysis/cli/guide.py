@@ -20,6 +20,7 @@ from eppanalysis.cli.common import (
     Settings,
     Workers,
     answer,
+    by_name,
     check_output,
     file_option,
     load_case,
@@ -104,7 +105,7 @@ def guide(
     over, limit = pair_of(found, over, limit)
     rounding = step_for_manual(found, limit, manuals, step)
     values = (_GAINS if over == GAIN else None) if gains is None else _values(gains)
-    chosen = {name: _values(text) for name, text in (split_pair(v, "--vary", "FIELD=VALUES") for v in vary)}
+    chosen = {name: _values(text) for name, text in _pairs("--vary", vary, "FIELD=VALUES").items()}
     for option, given in (("--gains", {} if values is None else {over: values}), ("--vary", chosen)):
         _check_values(found, option, given)
     with progress(f"guide {found.name}") as advance:
@@ -114,10 +115,8 @@ def guide(
             over=over,
             limit=limit,
             variants=chosen,
-            tolerances=dict(split_pair(t, "--tolerance", "FIELD=VALUE") for t in tolerances) or None,
-            margins={
-                name: _factor(name, text) for name, text in (split_pair(m, "--margin", "FIELD=FACTOR") for m in margins)
-            },
+            tolerances=_pairs("--tolerance", tolerances, "FIELD=VALUE") or None,
+            margins={name: _factor(name, text) for name, text in _pairs("--margin", margins, "FIELD=FACTOR").items()},
             within=within_of(within),
             allow=allow,
             samples=samples,
@@ -134,6 +133,11 @@ def guide(
     if certificates is not None:
         result.write_certificates(certificates)
     write_manual(result, manuals)
+
+
+def _pairs(option: str, texts: Sequence[str], expected: str) -> dict[str, str]:
+    """Names and values of an option that takes NAME=VALUE and may be repeated."""
+    return by_name(option, (split_pair(text, option, expected) for text in texts))
 
 
 def _check_values(case: Case, option: str, values: Mapping[str, Sequence[str]]) -> None:

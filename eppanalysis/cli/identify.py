@@ -105,6 +105,9 @@ def identify(
         _check_output(output, benches)
     angle, torque = _quantity("--wrap", wrap, "rad"), _quantity("--press", press, "N*m")
     base = load_case(case, settings)
+    if not benches:
+        expected = "--tray, --backlash or --step" if base.kind == "elbow" else "--step"
+        raise EppError(f"identify: no measured file is given; expected {expected}.")
     chosen = _choices(columns, "column", ("time", *layout_of(base).units)) if columns else {}
     tray, backlash, step = (None if path is None else own_or_shipped(path) for path in (tray, backlash, step))
     with progress("identify") as advance:
@@ -168,7 +171,8 @@ def _show(fit: BenchFit) -> None:
 
 
 def _write(found: Identification, output: Path, benches: Sequence[str]) -> None:
-    from eppanalysis.tables.files import Table, write_figure, write_table, write_text
+    from eppanalysis.tables.files import Table, write_figure, write_table
+    from eppanalysis.writing import write_text
 
     if output.suffix.lower() == ".toml":
         write_text(found.to_toml(), output)

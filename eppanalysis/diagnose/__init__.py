@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import check_counts
+from eppanalysis.cases import Case
 from eppanalysis.cases.values.typed import read_in
 from eppanalysis.diagnose.candidates import STEPS, Candidates, Family, candidates_of, size_exponents
 from eppanalysis.diagnose.fit import Fit, Yardstick, all_fits, of_family
 from eppanalysis.diagnose.questions import question
 from eppanalysis.diagnose.record import Oscillation, Record, oscillation_of, record_of
 from eppanalysis.diagnose.result import LINEAR, OWN, UNTRIED, Diagnosis, Explanation, Verdict
-from eppanalysis.errors import EppError
+from eppanalysis.errors import ArgumentError, CaseError, EppError
 from eppanalysis.methods.orbits.orbit import CONVERGED
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, require_continuous, standing
@@ -100,7 +101,7 @@ def diagnose(
     (('play',), 0.6)
     """
     if not 1e-3 <= model_error <= 0.5:
-        raise EppError(f"diagnose: model_error is {model_error}; expected 0.001 to 0.5.")
+        raise ArgumentError("model_error", f" is {model_error}; expected 0.001 to 0.5.", "diagnose")
     system, at = standing(case, operating_point, "diagnose")
     require_continuous(system, "diagnose")
     given = record_of(record, system.signals.units_by_name(), columns)
@@ -250,14 +251,18 @@ def _interval(value: float, fit: Fit, power: int) -> tuple[float, float, float]:
 
 def _with_sizes(made: Explanation, family: Family, case: LureSystem | CaseLike, best: Fit) -> Explanation:
     """With the fields of its element and their intervals, and the parameters of the case that bound it."""
-    fields, units, own = {}, {}, []
-    parameters, parameter_of = getattr(case, "parameters", {}), getattr(case, "parameter_of", None)
+    fields, units = {}, {}
+    own: list[str] = []
+    parameters = getattr(case, "parameters", {})
     for name, power in size_exponents(family.element).items():
         fields[name] = _interval(float(getattr(family.element, name)), best, power)
-        if parameter_of and (full := parameter_of(f"{family.name}.{name}")):
-            unit, typed = parameters[full].unit, parameters[full].friendly
+        if not isinstance(case, Case):
+            continue
+        place = f"{family.name}.{name}"
+        with suppress(CaseError):  # a field that the file leaves out
+            unit, typed = case.unit(place)
             units[name] = read_in(unit, typed) if typed != unit else unit
-            own.append(full)
+        own += filter(None, [case.parameter_of(place)])
     others = sorted(n for n in parameters if n not in own)
     # What is free to choose: by its mark, else what the file gives a name of its own.
     free = [n for n in others if parameters[n].mark == "tunable"] or [n for n in others if "." not in n]

@@ -15,8 +15,9 @@ from eppanalysis.guides.result import Side, in_words
 from eppanalysis.plotting import figure_of
 from eppanalysis.readable import one_line
 from eppanalysis.shown import png
-from eppanalysis.tables.files import PICTURES, atomic, check_target, csv_cell, write_figure
+from eppanalysis.tables.files import PICTURES, check_target, csv_cell, write_figure
 from eppanalysis.tables.manual import keep_texts, size_rows
+from eppanalysis.writing import atomic
 
 if TYPE_CHECKING:
     import pandas
@@ -57,6 +58,9 @@ def write_guide(guide: Guide, path: Path) -> None:
     check_file(path)
     if path.suffix.lower() in PICTURES:
         write_figure(guide.plot(), path)
+        return
+    if path.suffix.lower() == _MANUAL:
+        manual_table(guide).write(path)  # what people want in a text of their own
         return
     writer = _WRITERS[path.suffix.lower()]
     with atomic(path) as part:
@@ -164,20 +168,16 @@ def _excel(guide: Guide, path: Path) -> None:
             keep_texts(cells)
 
 
-def _word(guide: Guide, path: Path) -> None:
-    """The table for a manual, which is what people want in a text of their own."""
-    manual_table(guide).write(path)
-
-
 _WRITERS: dict[str, Callable[[Guide, Path], None]] = {
     ".md": _markdown,
     ".csv": _csv,
     ".tex": _latex,
     ".html": _html,
     ".xlsx": _excel,
-    ".docx": _word,
 }
-FILES = (*_WRITERS, *PICTURES)
+#: Ending of the table for a manual.
+_MANUAL = ".docx"
+FILES = (*_WRITERS, _MANUAL, *PICTURES)
 #: What pandas needs for an ending besides itself.
 _NEEDED = {".md": ("tabulate",), ".tex": ("jinja2",), ".html": ("jinja2",), ".xlsx": ("openpyxl",), ".docx": ("docx",)}
 _INSTALL = "pip install 'eppanalysis[tables]'"

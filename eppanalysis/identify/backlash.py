@@ -20,7 +20,7 @@ from scipy.ndimage import uniform_filter1d
 
 from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.cases import Case
-from eppanalysis.errors import EppError
+from eppanalysis.errors import ArgumentError, EppError
 from eppanalysis.identify.columns import Role
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.intervals import Weighted, confounded, rounding, weighted
@@ -81,7 +81,7 @@ def fit_backlash(recording: Recording, case: Case, *, press: float = 0.0) -> Ben
         If the forearm does not come to rest at both ends often enough, or the force does not follow the angle.
     """
     if not (math.isfinite(press) and press >= 0):
-        raise EppError(f"identify: press is {press} N*m; expected zero or a positive torque.")
+        raise ArgumentError("press", f" is {press} N*m; expected zero or a positive torque.", "identify")
     radius = case.elbow_parameters.pulley.radius
     stays = _find_stays(recording, radius)
     columns = [np.ones(stays.side.size), stays.time, 0.5 * stays.side]

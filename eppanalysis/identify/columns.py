@@ -78,7 +78,7 @@ def parse_choice(text: str, roles: Collection[str] = ROLES) -> tuple[str, str, s
     if not equals or not rest.strip():
         raise CaseError("--column", "", text, 'ROLE="HEADER:UNIT", such as force="F (lbf):lbf"')
     if role not in roles:
-        raise CaseError("--column", "", text, f"a role that is one of {', '.join(roles)}")
+        raise CaseError("--column", "", text, f"a role that is one of {', '.join(dict.fromkeys(roles))}")
     header, colon, unit = rest.rpartition(":")
     return (role, header.strip(), unit.strip()) if colon else (role, rest.strip(), "")
 

@@ -60,7 +60,8 @@ class Recording:
         """What happened to the rows."""
         out = [f"Columns that were not used: {', '.join(self.unused)}."] if self.unused else []
         if self.n_holes:
-            out.append(f"{self.n_holes} of {self.n_rows} rows have an empty cell and were left out.")
+            have, were = ("has", "was") if self.n_holes == 1 else ("have", "were")
+            out.append(f"{self.n_holes} of {self.n_rows} rows {have} an empty cell and {were} left out.")
         if self.block > 1:
             out.append(f"{self.n_rows} rows were averaged in blocks of {self.block}.")
         return out
@@ -128,7 +129,9 @@ def _read(
             progress(stream.tell(), size, "")
     complete = table.n_rows - table.n_holes
     if complete < fewest or complete < table.n_rows / 2:
-        shown = f"{table.n_rows} rows long" + (f", {table.n_holes} of them with empty cells" if table.n_holes else "")
+        shown = f"{table.n_rows} row{'s' * (table.n_rows != 1)} long" + (
+            f", {table.n_holes} of them with empty cells" if table.n_holes else ""
+        )
         raise CaseError(
             source, "", shown, f"{fewest} or more complete rows under the header, and holes in fewer than half"
         )

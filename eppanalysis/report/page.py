@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eppanalysis.errors import EppError
-from eppanalysis.tables.files import atomic
+from eppanalysis.writing import atomic
 
 if TYPE_CHECKING:
     from nbformat import NotebookNode

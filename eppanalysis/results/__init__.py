@@ -499,6 +499,7 @@ def _over_time(
 
     import xarray
 
-    data = {name: ("time", values, {"units": units.get(name, "")}) for name, values in signals.items()}
+    # Plain text: files take no unit that remembers in which one people read it.
+    data = {name: ("time", values, {"units": str(units.get(name, ""))}) for name, values in signals.items()}
     attributes = {"status": status.name.lower(), "provenance": json.dumps(provenance.to_dict(), default=str)}
     return xarray.Dataset(data, coords={"time": ("time", time, {"units": "s"})}, attrs=attributes)

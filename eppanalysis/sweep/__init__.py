@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eppanalysis.cases import Case, as_case
-from eppanalysis.errors import EppError, require_packages
+from eppanalysis.errors import ArgumentError, require_packages
 from eppanalysis.progress import progress_bar, steps
 from eppanalysis.sweep.axes import Axes, LatinHypercube, Sobol, Tolerances, Zipped, make_design
 
@@ -229,11 +229,12 @@ def _store(
             return MemoryStore(task, design, attributes, size), None
         return ZarrStore(Path(store), task, design, attributes, size, resume), None
     if store is None:
-        raise EppError(f"sweep: {'merge' if merge else 'shard'} is given without a store; expected the name of one.")
+        name = "merge" if merge else "shard"
+        raise ArgumentError(name, " is given without a store; expected the name of one (.zarr).", "sweep")
     if shard is None:
         return _joined(ZarrStore(Path(store), task, design, attributes, size, True)), None
     if merge:
-        raise EppError(f"sweep: merge is given beside shard {shard!r}; expected one of the two.")
+        raise ArgumentError("merge", f" is given beside shard {shard!r}; expected one of the two.", "sweep")
     share = Shard.parse(shard)
     kept = ZarrStore(share.path(Path(store)), task, design, attributes, size, resume)
     return kept, set(share.blocks(kept))
@@ -298,7 +299,7 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
 def _chunk(design: Design, task: Task, chunk: int | None) -> int:
     if chunk is not None:
         if isinstance(chunk, bool) or not isinstance(chunk, int) or chunk < 1:
-            raise EppError(f"sweep: chunk is {chunk!r}; expected a whole number of cells, 1 or more.")
+            raise ArgumentError("chunk", f" is {chunk!r}; expected a whole number of cells, 1 or more.", "sweep")
         return chunk
     n = design.n_cells
     usual = _QUICK if _only_runs(task) else _SLOW

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.cases import Case
-from eppanalysis.errors import EppError, require_packages
+from eppanalysis.errors import ArgumentError, EppError, require_packages
 from eppanalysis.readable import words
 from eppanalysis.results import Status
 from eppanalysis.sweep.axes import Axes
@@ -125,7 +125,7 @@ class Variable:
         """Attributes of the variable in a dataset (CF conventions: units, long_name, flags)."""
         found: dict[str, Any] = {"long_name": self.long_name}
         if self.dtype == "f8":
-            found["units"] = self.unit
+            found["units"] = str(self.unit)  # plain text, which a file takes
         if self.flags:
             found |= {"flag_values": list(range(len(self.flags))), "flag_meanings": " ".join(self.flags)}
         if self.flags == STATUS_NAMES:
@@ -214,14 +214,16 @@ def make_task(
     named = of_all if run == ALL else (run,) if isinstance(run, str) else tuple(run)
     for analysis in named:
         if analysis not in ANALYSES:
-            raise EppError(f"sweep: run is {analysis!r}; expected one or several of {', '.join(ANALYSES)}.")
+            raise ArgumentError("run", f" is {analysis!r}; expected one or several of {', '.join(ANALYSES)}.", "sweep")
     analyses = [Analysis(analysis) for analysis in named]
     if not analyses:
-        raise EppError(f"sweep: run names no analysis; expected one or several of {', '.join(ANALYSES)}.")
+        raise ArgumentError("run", f" names no analysis; expected one or several of {', '.join(ANALYSES)}.", "sweep")
     if Analysis.CERTIFY in analyses:
         require_packages("sweep", "proof", "flint")
     if allowed is not None and not PREFIX.keys() & set(analyses):
-        raise EppError(f"sweep: allow is {allow!r} and run has no cycles; expected one of {', '.join(PREFIX)} in it.")
+        raise ArgumentError(
+            "allow", f" is {allow!r} and run has no cycles; expected one of {', '.join(PREFIX)} in it.", "sweep"
+        )
     known = case.to_system().signals.names
     main = case.expected.signal or known[0]
     main = main if allowed is None else allowed.signal

@@ -15,7 +15,7 @@ import numpy as np
 from eppanalysis.arguments import checked_class
 from eppanalysis.arrays import Array
 from eppanalysis.cases import Case
-from eppanalysis.errors import EppError
+from eppanalysis.errors import ArgumentError, EppError
 
 Axis = str | Sequence[Any]
 Limits = str | Sequence[Any]
@@ -251,7 +251,7 @@ def _points(kind: type, dimensions: int, n: int, seed: int) -> Array:
     if isinstance(n, bool) or not isinstance(n, int) or not 1 <= n <= _MOST_VALUES:
         raise EppError(f"sweep: the sample has {n} cells; expected 1 to {_MOST_VALUES}.")
     if seed < 0:
-        raise EppError(f"sweep: seed is {seed}; expected zero or a positive number.")
+        raise ArgumentError("seed", f" is {seed}; expected zero or a positive number.", "sweep")
     if dimensions == 0:
         raise EppError("sweep: the sample has no parameter; expected at least one.")
     if kind is LatinHypercube:

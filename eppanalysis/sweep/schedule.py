@@ -21,7 +21,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from eppanalysis.arguments import check_counts
-from eppanalysis.errors import EppError, require_packages
+from eppanalysis.errors import ArgumentError, EppError, require_packages
 from eppanalysis.sweep.analyses import Columns, Task
 from eppanalysis.sweep.store import Bounds, MemoryStore, ZarrStore, cells_in
 from eppanalysis.sweep.work import Work
@@ -119,7 +119,7 @@ def _jobs(queue: str, workers: int | None) -> Iterator[Client]:
     module = import_module("dask_jobqueue.local" if queue == "local" else "dask_jobqueue")
     if any(config.get(f"jobqueue.{queue}.{name}", None) is None for name in ("cores", "memory")):
         expected = f"cores, processes and memory of a job under jobqueue.{queue} in ~/.config/dask/jobqueue.yaml"
-        raise EppError(f"sweep: scheduler {queue!r} is not described; expected {expected}.")
+        raise ArgumentError("scheduler", f" {queue!r} is not described; expected {expected}.", "sweep")
     with getattr(module, QUEUES[queue])() as cluster, Client(cluster) as client:
         cluster.scale(workers or 1)
         yield client
@@ -138,7 +138,7 @@ def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
     if "://" not in scheduler:
         queues = ", ".join(repr(name) for name in QUEUES if name != "local")
         expected = f"'threads', 'processes', {queues} or the address of a Dask scheduler such as tcp://host:8786"
-        raise EppError(f"sweep: scheduler is {scheduler!r}; expected {expected}.")
+        raise ArgumentError("scheduler", f" is {scheduler!r}; expected {expected}.", "sweep")
     try:
         client = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -12,7 +12,7 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
-from eppanalysis.errors import EppError
+from eppanalysis.errors import ArgumentError, EppError
 from eppanalysis.sweep.store import Bounds, ZarrStore, all_bounds
 
 
@@ -37,7 +37,7 @@ class Shard(NamedTuple):
             number, of_all = given
             if 1 <= number <= of_all:
                 return cls(number, of_all)
-        raise EppError(f"sweep: shard is {text!r}; expected one of so many, as in '3/8'.")
+        raise ArgumentError("shard", f" is {text!r}; expected one of so many, as in '3/8'.", "sweep")
 
     def path(self, store: Path) -> Path:
         """The share's store, beside that of the whole sweep."""

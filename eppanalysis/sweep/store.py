@@ -92,6 +92,12 @@ class ZarrStore:
         self.identity = identity(task, design)
         self.damaged = 0
         _refuse_what_is_no_store(path)
+        slashed = (n for n in (*self.variables, *(n for d in design.dimensions for n in d.values)) if "/" in n)
+        if (name := next(slashed, None)) is not None:
+            expected = "a table (.nc), or another name in the case file"
+            raise EppError(
+                f"{path}: cannot hold {name!r}, as a slash stands between folders there; expected {expected}."
+            )
         with _writing(path):
             ours = not path.exists()
             (path / integrity.PROGRESS).mkdir(parents=True, exist_ok=True)

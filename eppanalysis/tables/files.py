@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import cmath
 import csv
+import io
 import math
 import os
 import re
-import secrets
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from eppanalysis.errors import EppError, require_packages
 from eppanalysis.methods.driven.result import FrequencyResponse
 from eppanalysis.readable import with_unit
+from eppanalysis.writing import atomic
 
 if TYPE_CHECKING:
     import xarray
@@ -65,7 +65,7 @@ class Table:
         dataset = xarray.Dataset(data)
         for name, unit in self.units.items():
             if name in dataset:
-                dataset[name].attrs["units"] = unit
+                dataset[name].attrs["units"] = str(unit)  # plain text, which a file takes
         return dataset
 
 
@@ -202,7 +202,10 @@ def write_figure(picture: Figure | Axes, path: Path) -> None:
         atomic(path) as part,
     ):
         stamp = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower())
-        figure_of(picture).savefig(part, format=path.suffix[1:].lower(), dpi=200, metadata=stamp)
+        # In memory first: on a full disk what draws would end in errors of its own.
+        drawn = io.BytesIO()
+        figure_of(picture).savefig(drawn, format=path.suffix[1:].lower(), dpi=200, metadata=stamp)
+        part.write_bytes(drawn.getvalue())
 
 
 def write_table(table: Table, path: Path) -> None:
@@ -216,14 +219,11 @@ def write_table(table: Table, path: Path) -> None:
         writer.writerows([csv_cell(value) for value in row] for row in zip(*table.columns.values(), strict=True))
 
 
-def write_text(text: str, path: Path) -> None:
-    """Write a text in UTF-8."""
-    with atomic(path) as part:
-        part.write_text(text, encoding="utf-8")
-
-
 def write_dataset(dataset: xarray.Dataset, path: Path) -> None:
-    """Write a dataset as NetCDF (version 4 where h5netcdf and h5py, or netCDF4, are installed, else version 3)."""
+    """Write a dataset as NetCDF (version 4 where h5netcdf and h5py, or netCDF4, are installed, else version 3).
+
+    A slash stands between groups there: in names, dots take its place.
+    """
     from importlib.util import find_spec
 
     # Named, because xarray takes h5netcdf as soon as it is there, with or without the h5py that it needs.
@@ -232,26 +232,17 @@ def write_dataset(dataset: xarray.Dataset, path: Path) -> None:
         ("netcdf4", ("netCDF4",)),
     )
     engines = [name for name, needed in complete if all(find_spec(module) for module in needed)]
+    named = dataset.rename({name: str(name).replace("/", ".") for name in [*dataset.variables, *dataset.dims]})
     with atomic(path) as part:
-        dataset.to_netcdf(part, engine=engines[0] if engines else "scipy")
-
-
-@contextmanager
-def atomic(path: Path) -> Iterator[Path]:
-    """A temporary path in the same folder that takes the place of `path` when the block ends well, else vanishes."""
-    # A link stays one: what it leads to is replaced. Beside it, as only
-    # within one file system a file takes the place of another in one step.
-    target = Path(os.path.realpath(path))
-    part = target.with_name(f".{target.stem}-{secrets.token_hex(6)}{target.suffix}")
-    try:
-        yield part
-        os.replace(part, target)
-    except OSError as error:
-        raise EppError(
-            f"{path}: cannot be written ({error.strerror or error}); expected a place to write to."
-        ) from error
-    finally:
-        part.unlink(missing_ok=True)
+        # In memory first, where that can be: on a full disk the library of NetCDF 4 takes the whole process with it.
+        if engines[:1] == ["netcdf4"]:
+            named.to_netcdf(part, engine="netcdf4")
+        elif engines:
+            held = io.BytesIO()
+            named.to_netcdf(held, engine="h5netcdf")
+            part.write_bytes(held.getvalue())
+        else:
+            part.write_bytes(named.to_netcdf(engine="scipy"))
 
 
 def csv_cell(value: Any) -> str:

@@ -18,7 +18,8 @@ from typing import Any
 
 from eppanalysis.errors import EppError
 from eppanalysis.readable import one_line
-from eppanalysis.tables.files import atomic, check_target
+from eppanalysis.tables.files import check_target
+from eppanalysis.writing import atomic
 
 #: Letters in a column of a workbook.
 _LETTERS = 24

@@ -118,8 +118,8 @@ def test_what_no_case_file_can_hold_is_said() -> None:
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), Odd())
     with pytest.raises(epp.EppError, match="odd is a Odd, which no case file knows"):
         epp.Case.from_system(loop)
-    with pytest.raises(epp.EppError, match="play 1"):
-        epp.Case.from_system(epp.LureSystem.from_blocks([epp.Play(1.0), ([1.0], [1.0, 1.0])], element_names=["play 1"]))
+    with pytest.raises(epp.EppError, match="play.1"):
+        epp.Case.from_system(epp.LureSystem.from_blocks([epp.Play(1.0), ([1.0], [1.0, 1.0])], element_names=["play.1"]))
     with pytest.raises(epp.EppError, match=r"run\.inputs\.foot is 'foot'; expected an input of the loop: none"):
         epp.Case.from_system(loop_of_a_relay(), input={"foot": epp.inputs.Constant(1.0)})
 

@@ -331,3 +331,28 @@ def test_check_and_simulate_say_the_same_of_a_file_that_is_changed_in_one_place(
         else:
             with np.errstate(all="ignore"):
                 epp.simulate(epp.read_case(path), max_steps=100)
+
+
+def test_a_name_that_connections_cannot_have_is_one_mistake_and_how_to_rename_it_is_said(tmp_path: Path) -> None:
+    """An element is none of the blocks, though it is named in none of them; a signal's name stands in no connection."""
+    path = tmp_path / "named.toml"
+    path.write_text(
+        """
+kind = "diagram"
+title = "A name of a block diagram elsewhere"
+connect = ["-gap -> motor", "motor -> gap"]
+signals."Motor/Angle 1" = "motor"
+run = { t_end = "1 s" }
+[blocks]
+motor = { kind = "transfer_function", num = [5], den = [1, 1, 0] }
+[elements]
+gap = { element = "play", gap = 2.0 }
+"my-relay" = { element = "relay" }
+""",
+        encoding="utf-8",
+    )
+    (found,) = mistakes_in(path).found
+    assert found.field == "elements.my-relay"
+    assert found.expected.endswith("such as 'my_relay' here and wherever it is named")
+    path.write_text(path.read_text(encoding="utf-8").replace('"my-relay"', "# my-relay"), encoding="utf-8")
+    assert "Motor/Angle 1" in epp.read_case(path).to_system().signals.names

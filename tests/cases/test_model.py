@@ -300,7 +300,8 @@ def test_elements_are_refused_in_the_words_of_the_file(tmp_path: Path, kind: str
     assert other is None or kind == "quantiser" or other[1] in sound.values()
     with pytest.raises(CaseError) as caught:
         found.with_values({f"{kind}.{field}": typed}, "--set")
-    assert (caught.value.source, caught.value.field, caught.value.value) == ("--set", where, typed)
+    named = f"{kind}.{field}"  # as it was set, not where it stands in the file
+    assert (caught.value.source, caught.value.field, caught.value.value) == ("--set", named, typed)
 
 
 @pytest.mark.parametrize(

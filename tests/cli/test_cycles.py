@@ -128,3 +128,25 @@ def test_picture_of_no_cycle_says_so() -> None:
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation())
     picture = epp.find_limit_cycles(loop).plot().figure
     assert said_above(picture)[0].startswith("No limit cycle") and "Sought with" in picture.axes[0].texts[0].get_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "why"),
+    [
+        ("relay_hyst_servo", (), "no resting state was reached from the start, so there is nothing to disturb."),
+        (
+            "relay_deadzone",
+            ("relay_dead_zone.level=0.1",),
+            "no stable cycle was found, so none is there for a disturbance to start.",
+        ),
+    ],
+)
+def test_a_loop_that_does_not_rest_or_has_no_cycle_is_answered_with_its_search(
+    name: str, settings: tuple[str, ...], why: str
+) -> None:
+    """Nothing can be disturbed, or nothing started: what the search found is said all the same."""
+    asked = ("cycles", name, "--trigger", *(word for text in settings for word in ("--set", text)))
+    assert "Sought with" in (output := run(*asked).output) and output.splitlines()[-1] == f"trigger: {why}"
+    (case,) = json.loads(run(*asked, "--json").stdout)["cases"]
+    assert case["result"]["triggers"] == [] and case["result"]["no_triggers"] == why
+    assert bool(case["result"]["cycles"]) == (name == "relay_hyst_servo")

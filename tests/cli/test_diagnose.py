@@ -51,7 +51,7 @@ def test_what_explains_a_record_is_said_and_drawn(record, tmp_path):
         ((), "expected a column of a signal of the loop: one of x, y"),
         (("--column", "z=LT 4"), "a role that is one of time, x, y"),
         (("--column", "x=LT 4", "--column", "x=LT 5"), "each signal once"),
-        (("--column", "x=LT 4", "--model-error", "2"), "model_error is 2.0; expected 0.001 to 0.5"),
+        (("--column", "x=LT 4", "--model-error", "2"), "--model-error is 2.0; expected 0.001 to 0.5"),
         (("--column", "x=LT 4", "-o", "found.xyz"), "found.xyz"),
     ],
 )

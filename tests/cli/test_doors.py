@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -102,3 +104,139 @@ def test_signs_that_an_encoding_lacks_are_written_otherwise(
         assert "mine.toml" not in command or found[0]["title"] == title
     elif "mine.toml" in command:
         assert "3 N" in written
+
+
+TUNED = ("design", "backlash_servo", "--tune", "loop.gain 1..2")
+GOAL = (*TUNED, "--maximise", "loop.gain")
+BOUNDED = ("bounds", "backlash_servo", "--over", "loop.gain", "--limit", "play.gap")
+SERVO_SWEEP = ("sweep", "backlash_servo", "--axis", "play.gap=1:2:2")
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (TUNED, "design: neither --maximise nor --minimise is given; expected one of the two."),
+        ((*GOAL, "--minimise", "play.gap"), "design: both --maximise and --minimise are given; expected one"),
+        ((*GOAL, "--margin", "2"), "--margin is 2.0; expected a share between 0 and 0.5."),
+        ((*GOAL, "--starts", "0"), "--starts is 0; expected 1 or more."),
+        ((*GOAL, "--allow", "z 3"), "--allow: the loop has no signal 'z'; expected a signal of it: one of x, y."),
+        ((*GOAL, "--subject-to", "phase_margin 3 m"), "--subject-to: phase_margin is '3 m'; expected an angle"),
+        ((*GOAL, "--front", "loop.gain 1,2"), "--front runs over loop.gain, which is tuned; expected another"),
+        ((*GOAL, "--tolerance", "play.gap 5"), "tolerance of play.gap: at one end of it play.gap is -3; expected"),
+        ((*GOAL, "--starts", "1e3"), "--starts 1e3: is no number; expected a whole number."),
+        (("response", "backlash_servo", "--amplitude", "1", "--frequency", "1"), "response: backlash_servo has no ext"),
+        (("identify", "fig8a_original"), "no measured file is given; expected --tray, --backlash or --step."),
+        ((*GOAL, "--tune", "loop.gain 1..3"), "--tune loop.gain: is given twice; expected it once."),
+        ((*BOUNDED, "--own-run"), "--own-run is asked of a loop whose bounds are folds; expected a loop whose"),
+        ((*BOUNDED, "--within", "2..1"), "--within is 2 to 1; expected low < high"),
+        ((*BOUNDED, "--set", "play.gap=0"), "--within is not given, and play.gap is 0 in this case; expected a range"),
+        ((*BOUNDED, "--seed=-1"), "--seed is -1; expected 0 or more."),
+        ((*SERVO_SWEEP, "--chunk", "0"), "--chunk is 0; expected a whole number of cells, 1 or more."),
+        ((*SERVO_SWEEP, "--shard", "1/2"), "--shard is given without a store; expected the name of one (.zarr)."),
+        ((*SERVO_SWEEP, "--scheduler", "foo"), "--scheduler is 'foo'; expected 'threads'"),
+        (("branch", "backlash_servo", "--over", "foo", "--from", "1", "--to", "2"), "foo is 'not known'; expected a"),
+        ((*BOUNDED, "--from", "foo"), "--from: loop.gain is 'foo'; expected a number with or without a unit."),
+        ((*BOUNDED, "--points", "1", "--to", "1 m"), "--to: loop.gain is '1 m'; expected a quantity in plain numbers."),
+        ((*BOUNDED, "--within", "1 kg..x"), "--within: play.gap is '1 kg'; expected a quantity in plain numbers."),
+        ((*TUNED, "--tune", "play.gap 1..a", "--minimise", "play.gap"), "--tune: play.gap is 'a'; expected a number"),
+        (("simulate", "backlash_servo", "--signal", "foo"), "There is no signal 'foo'; expected one of x, y."),
+        (("check", "backlash_servo", "--set", "play.gap=foo"), "--set: play.gap is 'foo'; expected a number with or"),
+        (("check", "backlash_servo", "--set", "play.gap=1", "--set", "play.gap=2"), "--set play.gap: is given twice"),
+    ],
+    ids=lambda given: " ".join(given) if isinstance(given, tuple) else "",
+)  # fmt: skip
+def test_what_is_wrong_is_called_as_it_is_typed(command: tuple[str, ...], said: str) -> None:
+    """An option by its name on the command line, not Python's; a field by its name, not by its place in a file."""
+    found = CliRunner().invoke(app, list(command))
+    assert found.exit_code == 2
+    assert said in found.stderr and len(found.stderr.splitlines()) == 1
+
+
+SLASHED = ("--over", "my-motor/limit 1.upper", "--limit", "loop.gain")
+
+
+@pytest.fixture(scope="module")
+def foreign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A loop whose names are those of a block diagram elsewhere, with spaces, dashes and slashes."""
+    path = tmp_path_factory.mktemp("foreign") / "foreign.toml"
+    path.write_text(
+        """
+kind = "loop"
+title = "Names of a block diagram"
+[run]
+t_end = "60 s"
+[loop]
+initial_state = [1.0, 0.0]
+A = [[0.0, 1.0], [0.0, -1.0]]
+B = [[0.0], [4.0]]
+C = [[-1.0, 0.0]]
+states = ["Motor/Angle", "Motor/Speed ref"]
+elements = [{ element = "saturation", name = "my-motor/limit 1", lower = -1.0, upper = 1.0 }]
+signals."Motor/Speed ref" = { state = [-1.0, 0.0] }
+signals."Motor-Speed" = { state = [0.0, 1.0] }
+""",
+        encoding="utf-8",
+    )
+    return path
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "said"),
+    [
+        ("check", ("--set", "my-motor/limit 1.upper=2"), "with my-motor/limit 1.upper = 2"),
+        ("simulate", ("--signal", "Motor/Speed ref", "-o", "run.csv"), "Settles"),
+        ("simulate", ("-o", "run.nc"), "Settles"),
+        ("margins", ("--at", "my-motor/limit 1.in"), "my-motor/limit 1.in"),
+        ("sweep", ("--axis", "my-motor/limit 1.upper=1,2", "--signal", "all", "-o", "map.nc"), "settles in 2"),
+        ("design", ("--tune", "my-motor/limit 1.upper 1..2", "--maximise", "Q"), "Q is 'not known'"),
+        ("design", ("--tune", "my-motor/limit 1.upper 1 kg..2", "--maximise", "Q"), "limit 1.upper is '1 kg'"),
+        ("bounds", (*SLASHED, "--allow", "Motor/Speed ref 1 kg"), "Motor/Speed ref is '1 kg'"),
+        ("sweep", ("--axis", "my-motor/limit 1.upper=1,2", "-o", "map.zarr"), "a slash stands between folders there"),
+    ],
+)  # fmt: skip
+def test_names_with_spaces_dashes_and_slashes_are_taken(
+    foreign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, options: tuple[str, ...], said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = CliRunner().invoke(app, [command, str(foreign), *options])
+    assert said in found.output
+    assert found.exit_code == (0 if command in ("check", "simulate", "margins") or "map.nc" in options else 2)
+    if "run.nc" in options:
+        import xarray
+
+        with xarray.open_dataset("run.nc") as written:
+            assert "Motor.Speed ref" in written and "Motor-Speed" in written
+
+
+#: The command in a process whose files may not grow beyond some bytes, as on a disk that is full.
+ON_A_FULL_DISK = """
+import resource, signal
+from eppanalysis.cli import main
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))
+main()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of this system")
+@pytest.mark.parametrize(
+    "command",
+    [
+        *(("simulate", "backlash_servo", "-o", f"run.{suffix}") for suffix in ("csv", "nc", "png", "pdf", "svg")),
+        ("certify", "relay_ideal_khalil79", "--statement", "roots", "-o", "proof.json"),
+        ("schema", "-o", "schema.json"),
+    ],
+    ids=lambda command: command[-1],
+)
+def test_a_full_disk_is_a_sentence_and_leaves_no_part_of_a_file(tmp_path: Path, command: tuple[str, ...]) -> None:
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(p for p in sys.path if p),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    call = [sys.executable, "-c", ON_A_FULL_DISK, *command]
+    ended = subprocess.run(call, check=False, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60)
+    said = f"{command[-1]}: cannot be written (File too large); expected a place to write to.\n"
+    assert (ended.returncode, ended.stderr) == (2, said)
+    assert not list(tmp_path.iterdir())

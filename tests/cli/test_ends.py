@@ -71,3 +71,51 @@ def test_threads_of_a_sweep_end_with_the_code_of_the_signal(tmp_path: Path, sign
     _, said = process.communicate(timeout=40)
     assert said.splitlines()[-1] == "Interrupted: what is done is kept; the same command goes on."
     assert process.returncode == 128 + signalled
+
+
+#: Has the process send itself a signal when it imports a module, and then is the command.
+AT_IMPORT = """
+import os, signal, sys
+from eppanalysis.cli import main
+number, module = signal.Signals[sys.argv.pop(1)], sys.argv.pop(1)
+class Asked:
+    def find_spec(self, name, path=None, target=None):
+        if name == module:
+            sys.meta_path.remove(asked)
+            os.kill(os.getpid(), number)
+asked = Asked()
+sys.meta_path.insert(0, asked)
+main()
+"""
+
+#: The same in a callback of a weak reference, whose exceptions Python prints and forgets.
+IN_A_CALLBACK = AT_IMPORT.replace(
+    "            os.kill(os.getpid(), number)\n",
+    "            import weakref\n"
+    "            gone = asked_once = Asked()\n"
+    "            told = weakref.ref(gone, lambda _: [os.kill(os.getpid(), number), list(range(9))])\n"
+    "            del gone, asked_once\n",
+)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="signals of this system")
+@pytest.mark.parametrize("signalled", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    ("module", "script"),
+    [
+        ("typer", AT_IMPORT),
+        ("pydantic", AT_IMPORT),
+        ("eppanalysis.tables.console", AT_IMPORT),
+        ("pydantic", IN_A_CALLBACK),
+    ],
+    ids=["commands", "arguments", "in a command", "in a callback"],
+)
+def test_a_command_that_still_imports_or_reads_its_arguments_says_that_it_was_interrupted(
+    module: str, script: str, signalled: signal.Signals
+) -> None:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    command = [sys.executable, "-c", script, signalled.name, module, "check", "backlash_servo"]
+    ended = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 128 + signalled
+    assert ended.stderr == "Interrupted: nothing is kept.\n" and not ended.stdout

@@ -311,14 +311,35 @@ def test_a_case_that_fails_is_called_so_and_the_exit_code_stays(tmp_path):
     assert "FAIL" in result.stdout and "1 of 2 as their sources say." in result.stdout
 
 
-@pytest.mark.parametrize("command", ["predict", "simulate", "validate"])
-@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf", ".csv", ".nc"])
-def test_every_command_writes_every_kind_of_file(tmp_path, command, suffix):
-    path = tmp_path / f"out{suffix}"
-    result = run(command, "sat_am165", "-o", str(path))
+#: A relay with hysteresis round an angle that is typed in degrees.
+SWITCHED = """
+kind = "diagram"
+title = "Switched servo"
+connect = ["-relay -> motor", "motor -> relay"]
+signals.angle = { of = "motor", unit = "deg" }
+run = { t_end = "60 s" }
+[blocks]
+motor = { kind = "transfer_function", num = [1], den = [1, 1, 0] }
+[elements]
+relay = { element = "hysteresis_relay", lower = "-5 deg", upper = "5 deg" }
+"""
+
+
+@pytest.mark.parametrize("command", ["predict", "simulate", "validate", "cycles"])
+@pytest.mark.parametrize(
+    ("suffix", "typed"), [(".png", ""), (".svg", ""), (".pdf", ""), (".csv", ""), (".nc", ""), (".nc", "deg")]
+)
+def test_every_command_writes_every_kind_of_file(tmp_path, command, suffix, typed):
+    """Of a loop without units, and of one whose file types them in others than SI."""
+    name, path = "relay_hyst_servo", tmp_path / f"out{suffix}"
+    if typed:
+        (tmp_path / "case").mkdir()
+        name = str(tmp_path / "case" / "servo.toml")
+        (tmp_path / "case" / "servo.toml").write_text(SWITCHED, encoding="utf-8")
+    result = run(command, name, "-o", str(path))
     assert result.exit_code == 0, result.output
     assert path.stat().st_size > 100
-    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+    assert [p.name for p in tmp_path.iterdir() if p.is_file()] == [path.name]
 
 
 def test_one_table_holds_several_cases(tmp_path):

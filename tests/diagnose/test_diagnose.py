@@ -129,9 +129,12 @@ def test_a_loop_that_is_not_in_proportion_is_tried_size_by_size():
     assert moved[0].fields["gap"] == pytest.approx(at_rest[0].fields["gap"], rel=0.01)
 
 
-@pytest.mark.parametrize("gap", ["'2 mm'", "'width'"])
-def test_a_size_has_its_unit_and_its_command_wherever_the_file_gives_it(gap):
-    """A field may hold the number itself, or the name of a parameter that does."""
+@pytest.mark.parametrize(
+    ("gap", "named"),
+    [("'2 mm'", "gear.gap"), ("'width'", "width"), ("'2*half'", "half"), ("'half*sqrt(stretch)'", "half")],
+)
+def test_a_size_has_its_unit_and_its_command_wherever_the_file_gives_it(gap, named):
+    """A field may hold the number itself, the name of a parameter that does, or an expression of some."""
     servo = f"""
 kind = "diagram"
 title = "servo"
@@ -140,6 +143,8 @@ signals = {{ x = {{ of = "motor", unit = "m" }}, y = {{ of = "gear", unit = "m" 
 [parameters]
 K = 5.0
 width = "2 mm"
+half = "1 mm"
+stretch = 4.0
 [blocks]
 motor = {{ kind = "transfer_function", num = ["K"], den = [1, 1, 0] }}
 [elements]
@@ -149,7 +154,6 @@ t_end = "10 s"
 """
     record = {name: column if name == "time" else 1e-3 * column for name, column in played().items()}
     found = epp.diagnose(epp.case_from_text(servo, name="servo"), record)
-    named = "width" if "width" in gap else "gear.gap"
     assert found[0].fields["gap"][0] == pytest.approx(2e-3, rel=0.01) and found[0].sizes().count(" mm") == 3
     (asked,) = found.remedies()
     assert f"epp.design_bounds(case, 'K', '{named}', at=['5'], allow='x " in asked

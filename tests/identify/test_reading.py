@@ -20,7 +20,7 @@ ROWS = b"".join(b"%d,%d,%.3f\n" % (i, i, 2 * i) for i in range(20))
 BAD = {
     "empty": (b"", "is 'empty'", "a header"),
     "header only": (HEADER, "0 rows long", "8 or more complete rows"),
-    "single row": (HEADER + b"0,1,2\n", "1 rows long", "8 or more complete rows"),
+    "single row": (HEADER + b"0,1,2\n", "1 row long", "8 or more complete rows"),
     "binary": (bytes(range(256)) * 40, "binary", "UTF-8"),
     "zero bytes": (HEADER + ROWS + b"\0\0", "binary", "UTF-8"),
     "UTF-16": ("time [s],force [N]\n1,2\n".encode("utf-16"), "binary", "UTF-8"),
@@ -111,6 +111,8 @@ def test_empty_cells_are_missing_samples(tmp_path):
     found = read(tmp_path, HEADER + ROWS + b"20,,3\n21,4,\n22,4,5\n")
     assert (len(found), found.n_rows, found.n_holes) == (21, 23, 2)
     assert found.sentences() == ["2 of 23 rows have an empty cell and were left out."]
+    found = read(tmp_path, HEADER + ROWS + b"20,,3\n21,4,4\n22,4,5\n")
+    assert found.sentences() == ["1 of 23 rows has an empty cell and was left out."]
 
 
 def test_columns_by_choice_and_unit(tmp_path):

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.arguments import check_counts
-from eppanalysis.errors import EppError
+from eppanalysis.errors import ArgumentError, EppError
 from eppanalysis.limits import MARGIN
 from eppanalysis.methods.bounds.elasticity import elasticities, exact_elasticities, size_elasticities
 from eppanalysis.methods.bounds.exact import ExactBound, correct, farthest_turn, searched, turn_of
@@ -207,17 +207,22 @@ def design_bounds(
 
 def _check_asking(settings: Settings, asking: Asking | None, own_run: bool, prove: bool) -> None:
     """Refuse what goes with exact folds alone where the search is asked, and what goes with the search elsewhere."""
-    if (asking is None and own_run) or (asking is not None and not settings.exact):
-        wanted = "own_run is True for a loop with" if asking is None else "exact is False for a loop without"
-        raise EppError(f"design_bounds: {wanted} a fold; expected own_run where the search is asked, exact elsewhere.")
+    if asking is None and own_run:
+        said = " is asked of a loop whose bounds are folds; expected a loop whose bounds the search tells."
+        raise ArgumentError("own_run", said, "design_bounds")
+    if asking is not None and not settings.exact:
+        raise ArgumentError(
+            "exact", " is False; expected True for a loop whose bounds the search tells.", "design_bounds"
+        )
     if prove and (asking is not None or settings.allowed is not None or not settings.verify):
-        raise EppError("design_bounds: prove is True; expected exact bounds on limit cycles of any size, with tests.")
+        expected = "expected exact bounds on limit cycles of any size, with tests"
+        raise ArgumentError("prove", f" is asked of bounds that have no proof; {expected}.", "design_bounds")
 
 
 def _values(case: CaseLike, over: str, start: object, stop: object, points: int) -> list[float]:
     own = 0.0
     if start is None or (stop is None and points > 1):
-        own = _own(case, over, "values for it to run over")
+        own = _own(case, over, "start" if start is None else "stop", "values for it to run over")
     first = _RUN[0] * own if start is None else case.si(over, start)
     last = first if points == 1 else _RUN[1] * own if stop is None else case.si(over, stop)
     if points > 1 and first == last:
@@ -236,27 +241,32 @@ def range_within(case: CaseLike, limit: str, within: tuple[object, object] | Non
     if within is not None:
         low, high = (case.si(limit, v) for v in within)
         if not low < high:
-            raise EppError(f"design_bounds: {limit} is sought within {within[0]} to {within[1]}; expected low < high.")
+            said = f" is {within[0]} to {within[1]}; expected low < high, as {limit} is sought there."
+            raise ArgumentError("within", said, "design_bounds")
         return low, high
-    wanted = "a range (within) in which to seek its bound"
-    own = _own(case, limit, wanted)
+    wanted = "within", "a range in which to seek its bound"
+    own = _own(case, limit, *wanted)
     if not own > 0:
-        raise EppError(f"design_bounds: {limit} is {own:g} in this case; expected {wanted}.")
+        raise _not_given(f"{limit} is {case.text(limit, own)}", *wanted)
     return _allowed(case, limit, own, _WITHIN[0]), _allowed(case, limit, own, _WITHIN[1])
 
 
-def _own(case: CaseLike, name: str, wanted: str) -> float:
+def _own(case: CaseLike, name: str, argument: str, wanted: str) -> float:
     """The case's own value of a parameter [SI].
 
     Raises
     ------
     EppError
-        If it has none: says what is wanted in its place.
+        If it has none: says which argument is wanted in its place.
     """
     own = value_of(case, name)
     if own is None:
-        raise EppError(f"design_bounds: {name} has no value in this case; expected {wanted}.")
+        raise _not_given(f"{name} has no value", argument, wanted)
     return own
+
+
+def _not_given(why: str, argument: str, wanted: str) -> ArgumentError:
+    return ArgumentError(argument, f" is not given, and {why} in this case; expected {wanted}.", "design_bounds")
 
 
 def _allowed(case: CaseLike, limit: str, own: float, factor: float) -> float:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray
-from eppanalysis.errors import EppError
+from eppanalysis.errors import ArgumentError
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.bounds.sizes.allowed import Allowed, Measure
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
@@ -283,6 +283,6 @@ def check_verification(margin: float, n_starts: int) -> None:
         If the margin is not between 0 and 0.5, or the number of starts is negative.
     """
     if not 0.0 < margin < 0.5:
-        raise EppError(f"design_bounds: margin is {margin}; expected a share between 0 and 0.5.")
+        raise ArgumentError("margin", f" is {margin}; expected a share between 0 and 0.5.", "design_bounds")
     if n_starts < 0:
-        raise EppError(f"design_bounds: starts is {n_starts}; expected zero or a positive number.")
+        raise ArgumentError("starts", f" is {n_starts}; expected zero or a positive number.", "design_bounds")

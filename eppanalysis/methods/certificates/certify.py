@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from eppanalysis.errors import EppError, did_you_mean, require_packages, shown, visible
+from eppanalysis.errors import ArgumentError, EppError, did_you_mean, require_packages, shown, visible
 from eppanalysis.methods.certificates.check_absence import Refused, read
 from eppanalysis.methods.certificates.numbers import NotCovered
 from eppanalysis.methods.certificates.registry import Asked, Statement, of_text
@@ -126,9 +126,11 @@ def certify(
     """
     asked = _asked(statement)
     if not 2 <= sectors <= _MOST_SECTORS:
-        raise EppError(f"certify: sectors is {sectors}; expected 2 to {_MOST_SECTORS}.")
+        raise ArgumentError("sectors", f" is {sectors}; expected 2 to {_MOST_SECTORS}.", "certify")
     if box is not None and asked is not Asked.ROOTS:
-        raise EppError(f"certify: box is given for {statement!r}, which is proved of all amplitudes; expected None.")
+        raise ArgumentError(
+            "box", f" is given for {statement!r}, which is proved of all amplitudes; expected no box.", "certify"
+        )
     require_packages("certify", "proof", "flint")
     system, at = standing(loop, operating_point, "certify")
     case = facts_of(loop)
@@ -320,5 +322,5 @@ def _asked(statement: str) -> Asked:
     """The statement that is meant."""
     if statement not in list(Asked):
         known = did_you_mean(statement, [asked.value for asked in Asked])
-        raise EppError(f"certify: statement is {statement!r}; expected {known}.")
+        raise ArgumentError("statement", f" is {statement!r}; expected {known}.", "certify")
     return Asked(statement)

@@ -17,6 +17,7 @@ from eppanalysis.methods.certificates.registry import STATEMENTS, Asked
 from eppanalysis.readable import words
 from eppanalysis.results import PlainData, Result, Status
 from eppanalysis.shown import frame_of
+from eppanalysis.writing import write_text
 
 if TYPE_CHECKING:
     import pandas
@@ -47,12 +48,12 @@ class WithFile(Result):
         Raises
         ------
         EppError
-            If there is nothing to write, as nothing is proved.
+            If there is nothing to write, as nothing is proved, or the file cannot be written.
         """
         if not self.document:
             raise EppError(f"{path}: there is no certificate to write. {self.message}")
         path = Path(path)
-        path.write_text(json.dumps(self.document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        write_text(json.dumps(self.document, indent=1, ensure_ascii=False) + "\n", path)
         return path
 
 

@@ -8,18 +8,18 @@ cycles that a test finds on the safe side are added, and the best place is sough
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from eppanalysis.arguments import check_counts
-from eppanalysis.errors import EppError, shown
+from eppanalysis.errors import ArgumentError, EppError, shown
 from eppanalysis.methods.bounds.elasticity import parameters_of, size_elasticities
 from eppanalysis.methods.bounds.harmonic import Question, idle, spread
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
-from eppanalysis.methods.bounds.tolerances.bound import half_widths_of
+from eppanalysis.methods.bounds.tolerances.bound import check_ends, half_widths_of
 from eppanalysis.methods.bounds.verify import Verification, check_verification, verify
 from eppanalysis.methods.continuation.own_states import in_own_states
 from eppanalysis.methods.design.frontier import Frontier
@@ -184,7 +184,7 @@ def design(
     ranges = {name: _range(case, name, both) for name, both in tune.items()}
     bounded = goal.name if goal.name in ranges else next(iter(ranges))
     allowed = None if allow is None else Allowed.read(case.to_system(), allow)
-    shares = _shares(case, tolerances)
+    shares = _shares(case, tolerances, ranges)
     task = Task(goal, bounded, ranges, allowed, shares, verify, margin, starts, seed)
     over, values = _front(case, front, ranges)
     frontier = task.frontier(case, over, values)
@@ -230,14 +230,16 @@ def _range(case: CaseLike, name: str, both: Sequence[object]) -> tuple[float, fl
     return low, high
 
 
-def _shares(case: CaseLike, tolerances: Mapping[str, object] | None) -> dict[str, float]:
-    """Tolerances relative to the values."""
+def _shares(case: CaseLike, tolerances: Mapping[str, object] | None, tuned: Container[str]) -> dict[str, float]:
+    """Tolerances relative to the values; those of what is tuned go with its ranges."""
     if tolerances is None:
         return {}
     widths = half_widths_of(case, tolerances or None)
-    for name in widths:
+    for name, width in widths.items():
         if not case.value(name):
             raise EppError(f"tolerance of {name}: the case holds 0 for it; expected a parameter that is not zero.")
+        if name not in tuned:
+            check_ends(case, name, width)
     return {name: width / abs(case.value(name)) for name, width in widths.items()}
 
 
@@ -248,12 +250,12 @@ def _front(
     if front is None:
         return "", []
     if len(front) != 1:
-        raise EppError(f"design: front has {len(front)} parameters; expected one with its values.")
+        raise ArgumentError("front", f" has {len(front)} parameters; expected one with its values.", "design")
     ((over, values),) = front.items()
     if over in tuned:
-        raise EppError(f"design: front runs over {over}, which is tuned; expected another parameter.")
+        raise ArgumentError("front", f" runs over {over}, which is tuned; expected another parameter.", "design")
     if isinstance(values, str) or not len(values):
-        raise EppError(f"design: front has no values of {over}; expected one or more.")
+        raise ArgumentError("front", f" has no values of {over}; expected one or more.", "design")
     return over, [case.si(over, v) for v in values]
 
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from eppanalysis.errors import EppError, did_you_mean, shown
+from eppanalysis.errors import ArgumentError, EppError, did_you_mean, shown
 from eppanalysis.methods.margins.margins import margins
 from eppanalysis.methods.margins.result import Margins
 from eppanalysis.models.systems.subject import CaseLike
@@ -81,9 +81,9 @@ class Measure(StrEnum):
             except QuantityError:
                 value = math.nan
             if math.isnan(value):
-                raise EppError(f"subject_to: {self} is {shown(text)}; expected {error.expected}.") from None
+                raise ArgumentError("subject_to", f": {self} is {shown(text)}; expected {error.expected}.") from None
         if not 0.0 < value < math.inf:
-            raise EppError(f"subject_to: {self} is {shown(text)}; expected a positive number.")
+            raise ArgumentError("subject_to", f": {self} is {shown(text)}; expected a positive number.")
         return value
 
 
@@ -190,8 +190,9 @@ def goal_of(
     for asked, least in (subject_to or {}).items():
         if asked not in set(Measure):
             hint = did_you_mean(asked, [str(m) for m in Measure])
-            raise EppError(
-                f"subject_to: {shown(asked)} is no measure of the linearised loop; expected one: {hint.rstrip('?')}."
+            raise ArgumentError(
+                "subject_to",
+                f": {shown(asked)} is no measure of the linearised loop; expected one: {hint.rstrip('?')}.",
             )
         kept.append(Kept(Measure(asked), Measure(asked).read(least)))
     return Goal(name, sign, tuple(kept), at)

@@ -12,7 +12,7 @@ from eppanalysis.errors import ModelError, did_you_mean
 from eppanalysis.models.diagrams.blocks import PI, PID, Block
 from eppanalysis.models.diagrams.closing import close
 from eppanalysis.models.diagrams.of_loop import drawn
-from eppanalysis.models.diagrams.wiring import NAME, Port, Ports, driven, port_names
+from eppanalysis.models.diagrams.wiring import NAME, Port, Ports, driven, plain_name, port_names
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
@@ -86,7 +86,10 @@ class Diagram:
     def __post_init__(self) -> None:
         for name in (*self.parts, *self.levels):
             if not NAME.fullmatch(name):
-                raise ModelError(self.name, name, "a plain name of letters, digits and underscores", field="name")
+                such = f"such as {plain_name(name)!r} here and in connections"
+                raise ModelError(
+                    self.name, name, f"a plain name of letters, digits and underscores, {such}", field="name"
+                )
         for name, part in self.parts.items():
             if not isinstance(part, Block | Nonlinearity):
                 raise ModelError(self.name, part, "a block or an element", field=name)

@@ -129,6 +129,18 @@ def _named(names: tuple[str, ...], count: int, default: str) -> tuple[str, ...]:
     return (default,) if count == 1 else tuple(f"{default}{i + 1}" for i in range(count))
 
 
+def plain_name(name: str) -> str:
+    """A name that connections can have, as near as may be to one that they cannot.
+
+    Examples
+    --------
+    >>> plain_name("my-motor"), plain_name("Motor/Speed ref"), plain_name("2nd")
+    ('my_motor', 'Motor_Speed_ref', 'part_2nd')
+    """
+    plain = re.sub("[^A-Za-z0-9]+", "_", name).strip("_")
+    return plain if NAME.fullmatch(plain) else f"part_{plain}".rstrip("_")
+
+
 def free_name(name: str, taken: Iterable[str]) -> str:
     """The name, with a number behind it where it is taken."""
     taken, free, i = set(taken), name, 1

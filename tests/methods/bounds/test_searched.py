@@ -64,7 +64,7 @@ def test_what_the_search_does_not_cover_is_said_everywhere(case: epp.Case, bound
 
 
 def test_a_bound_by_harmonic_balance_alone_is_refused(case: epp.Case) -> None:
-    with pytest.raises(epp.EppError, match="exact is False for a loop without a fold"):
+    with pytest.raises(epp.EppError, match="exact is False; expected True for a loop"):
         epp.design_bounds(case, "T", "dead", at=["0.5 s"], exact=False)
 
 
@@ -150,7 +150,7 @@ def test_the_own_run_of_a_virtual_spring_is_bounded_where_closed_forms_are() -> 
 
 
 def test_the_own_run_is_for_sampled_loops() -> None:
-    with pytest.raises(epp.EppError, match="own_run is True for a loop with a fold"):
+    with pytest.raises(epp.EppError, match="own_run is asked of a loop whose bounds are folds"):
         epp.design_bounds(epp.case("wheelchair"), "play.gap", "loop.gain", at=[0.012], within=(0.5, 1.0), own_run=True)
 
 

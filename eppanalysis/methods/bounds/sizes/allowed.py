@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray
-from eppanalysis.errors import EppError, did_you_mean, shown
+from eppanalysis.errors import ArgumentError, did_you_mean, shown
 from eppanalysis.methods.continuation.ranges import signal_sizes
 from eppanalysis.methods.orbits.cycle import orbit_shape
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.readable import quantity, readable
+from eppanalysis.readable import leading_name, quantity, readable
 from eppanalysis.results import LimitCycle, PlainData, Status
 from eppanalysis.units import QuantityError, parse_quantity
 
@@ -106,22 +106,22 @@ class Allowed(PlainData):
         measure = next((m for word, m in _WRITTEN.items() if words.endswith(f" {word}")), None)
         if measure is not None:
             words = next(words.removesuffix(word) for word in _WRITTEN if words.endswith(f" {word}"))
-        signal, _, size = words.strip().partition(" ")
-        if not signal or not size.strip():
-            raise EppError(f"allow: {shown(text)} is no signal with a size; expected {_EXPECTED}.")
         names = system.signals.names
+        signal, size = leading_name(words, names)
+        if not signal or not size:
+            raise ArgumentError("allow", f": {shown(text)} is no signal with a size; expected {_EXPECTED}.")
         if signal not in names:
             hint = did_you_mean(signal, names)
-            raise EppError(
-                f"allow: the loop has no signal {shown(signal)}; expected a signal of it: {hint.rstrip('?')}."
+            raise ArgumentError(
+                "allow", f": the loop has no signal {shown(signal)}; expected a signal of it: {hint.rstrip('?')}."
             )
         unit = system.signals.units_by_name()[signal]
         try:
-            value = parse_quantity(size.strip(), unit)
+            value = parse_quantity(size, unit)
         except QuantityError as error:
-            raise EppError(f"allow: {signal} is {shown(size.strip())}; expected {error.expected}.") from None
+            raise ArgumentError("allow", f": {signal} is {shown(size)}; expected {error.expected}.") from None
         if not value > 0:
-            raise EppError(f"allow: {signal} is {shown(size.strip())}; expected a positive size.")
+            raise ArgumentError("allow", f": {signal} is {shown(size)}; expected a positive size.")
         return cls(signal, value, measure or Measure.PEAK_TO_PEAK, unit, _band(within) if within else None)
 
     def within(self, size: float, period: float) -> float:
@@ -191,7 +191,11 @@ def _band(text: str) -> tuple[float, float]:
     try:
         band = parse_quantity(low.strip(), "Hz"), parse_quantity(high.strip(), "Hz")
     except QuantityError as error:
-        raise EppError(f"allow: the band is {shown(text)}; expected {error.expected} on both sides of ..") from None
+        raise ArgumentError(
+            "allow", f": the band is {shown(text)}; expected {error.expected} on both sides of .."
+        ) from None
     if not (dots and 0.0 < band[0] < band[1]):
-        raise EppError(f"allow: the band is {shown(text)}; expected a low and a higher frequency, as in 1 Hz..8 Hz.")
+        raise ArgumentError(
+            "allow", f": the band is {shown(text)}; expected a low and a higher frequency, as in 1 Hz..8 Hz."
+        )
     return band

@@ -22,7 +22,7 @@ import numpy as np
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.arrays import Array, BoolArray
-from eppanalysis.errors import EppError
+from eppanalysis.errors import CaseError, EppError
 from eppanalysis.methods.bounds.elasticity import exact_slopes, parameters_of
 from eppanalysis.methods.bounds.exact import ExactBound, correct
 from eppanalysis.methods.bounds.fold import Cycle, Programmes, extreme
@@ -106,12 +106,25 @@ def check_tolerances(question: Question, tolerances: Mapping[str, object] | None
         if name not in known:
             why = f"the case holds no number for it but {case.value(name):g}"
             raise EppError(f"tolerance of {name}: {why}; expected a parameter that is given and not zero.")
-        for end in () if name == question.limit else (case.value(name) - width, case.value(name) + width):
-            try:
-                case.with_values({name: end})
-            except EppError as error:
-                raise EppError(f"tolerance of {name}: at one end of it {error}") from None
+        if name != question.limit:
+            check_ends(case, name, width)
     return widths
+
+
+def check_ends(case: CaseLike, name: str, width: float) -> None:
+    """Refuse a tolerance at one of whose ends there is no such case.
+
+    Raises
+    ------
+    EppError
+        If the parameter less the half-width, or with it, is nothing that the case can take.
+    """
+    for end in (case.value(name) - width, case.value(name) + width):
+        try:
+            case.with_values({name: end})
+        except CaseError as error:
+            said = f"at one end of it {name} is {case.text(name, end)}; expected {error.expected}"
+            raise EppError(f"tolerance of {name}: {said}.") from None
 
 
 def tolerance_bound(

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import acb, acb_poly, ctx, fmpq, fmpq_poly
 
-from eppanalysis.errors import EppError
+from eppanalysis.errors import ArgumentError, EppError
 from eppanalysis.methods.certificates import check_roots
 from eppanalysis.methods.certificates.numbers import NotCovered, number_of
 from eppanalysis.methods.certificates.roots.find import Box
@@ -71,7 +71,7 @@ def _require_sides(given: Mapping[str, Sequence[float]], names: Sequence[str], t
     """Refuse a box that is none."""
     for name, ends in given.items():
         if name not in names:
-            raise EppError(f"certify: box has a side {name!r}; expected {' and '.join(map(repr, names))}.")
+            raise ArgumentError("box", f" has a side {name!r}; expected {' and '.join(map(repr, names))}.", "certify")
         least, positive = (-np.inf, "") if name == "bias" else (0.0, " positive")
         if len(ends) != 2 or not least < ends[0] < ends[1] < np.inf:
             raise EppError(f"certify: {name} of the box is {list(ends)}; expected two ascending{positive} numbers.")

@@ -338,7 +338,7 @@ def test_elements_and_signals_with_indices_are_parameters_of_a_case():
     assert found.sizes["u[0].upper"] == 2
 
 
-@pytest.mark.parametrize("name", ["sys[3]$copy", "Ventil_öffnung", "μ"])
+@pytest.mark.parametrize("name", ["sys[3]$copy", "Ventil_öffnung", "μ", "my-motor", "Motor/Speed ref", "plant 1[0]"])
 def test_names_that_python_control_gives_and_letters_of_any_alphabet_stand_in_a_case(name: str) -> None:
     limiter = control.nlsys(None, lambda t, x, u, params: np.clip(u, -1, 1), name=name, inputs="u", outputs="v")
     plant = control.ss([[0, 1], [0, -1]], [[0], [4]], [[-1, 0]], 0, inputs="v", outputs="u")
