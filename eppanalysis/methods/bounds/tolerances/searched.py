@@ -17,11 +17,10 @@ from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.bounds.result import BoundCell, Finding
-from eppanalysis.methods.bounds.searched import Asking, searched_cell
-from eppanalysis.methods.bounds.tolerances.box import PERIODS, Box, Place
-from eppanalysis.methods.simulation.simulate import simulate
+from eppanalysis.methods.bounds.searched import Asking, bound_by_runs, oscillates, searched_cell
+from eppanalysis.methods.bounds.tolerances.box import Box, Place
 from eppanalysis.models.systems.subject import CaseLike
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import LimitCycle
 
 
 @dataclass(eq=False)
@@ -97,25 +96,11 @@ class SearchedBox(Box[Place]):
         return found
 
     def _by_runs(self, place: tuple[float, ...]) -> float:
-        """The bound at a place by runs from the known cycles, by halving the range; its end where none is in it."""
-        here = self.at(place)
-        safe, beyond = (here.low, here.high) if self.sign > 0 else (here.high, here.low)
-        while abs(beyond - safe) > 0.5 * self.asking.margin * max(abs(safe), abs(beyond)):
-            middle = 0.5 * (safe + beyond)
-            safe, beyond = (safe, middle) if self._moves(here.case_at(middle)) else (middle, beyond)
-        return safe
-
-    def _moves(self, case: CaseLike) -> bool:
-        """Whether a run from one of the known cycles does not come to rest."""
-        system = case.to_system()
-        held = replace(system, v0=case.operating_point.vector(system))
-        for cycle in self.cycles:
-            begun = replace(held, x0=cycle.state, memory=cycle.memory)
-            if simulate(begun, t_end=PERIODS * cycle.period).status is not Status.SETTLED:
-                return True
-        return False
+        """The bound at a place as runs from the known cycles have it."""
+        return bound_by_runs(self.at(place), self.cycles, self.sign, self.asking, 0.5 * self.asking.margin)[0]
 
     def _oscillating(self, cases: Sequence[CaseLike], values: Array, threads: int) -> BoolArray:
         """Which cases have a run that does not come to rest, at their values of the bounded parameter."""
         pairs = zip(cases, values.tolist(), strict=True)
-        return np.array([self._moves(case.with_values({self.question.limit: value})) for case, value in pairs], bool)
+        there = (case.with_values({self.question.limit: value}) for case, value in pairs)
+        return np.array([oscillates(case, self.cycles, self.asking) for case in there], bool)

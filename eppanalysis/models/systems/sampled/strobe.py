@@ -51,7 +51,6 @@ _INSTEAD = {
     "continue_folds": "locked cycles cease at borders and not in folds; design_bounds has the bound on one parameter "
     "at each value of the other",
     "fold_boundary": "outcome_boundary with run='cycles' has where the answer of the search changes",
-    "design": "design_bounds has the bound on one parameter at each value of another, and sweep a map over both",
     "certify": "find_limit_cycles lists the cycles that it finds, without a proof",
     "certify_orbit": "exact_orbit closes a locked cycle to rounding, without a proof",
     "frozen_nyquist": "predict_limit_cycles and margins do",
