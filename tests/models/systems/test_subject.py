@@ -40,7 +40,6 @@ def test_analyses_of_continuous_time_say_so() -> None:
         [[0.5]], [[1.0]], [[-1.0]], [epp.Relay()], B_input=[[1.0]], input_names=["u"], time_step=0.1, name="digital"
     )
     analyses = {
-        "dither": lambda: epp.dither(loop, frequency=1.0),
         "frequency_response": lambda: epp.frequency_response(loop, amplitude=1.0, frequencies=(1.0, 2.0)),
         "olop": lambda: epp.olop(loop, 1.0),
         "fold_boundary": lambda: epp.fold_boundary(loop, {"loop.gain": [1.0, 2.0], "relay.high": [1.0, 2.0]}),

@@ -57,7 +57,6 @@ _INSTEAD = {
     "olop": "predict_limit_cycles and forced_response do",
     "frequency_response": "forced_response answers at one frequency and amplitude",
     "amplitude_response": "forced_response answers at one frequency and amplitude",
-    "dither": "simulate runs the loop with a sine at one of its inputs, and forced_response closes what it settles on",
     "A batch": "simulate runs them one by one",
 }
 
