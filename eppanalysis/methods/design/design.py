@@ -32,6 +32,7 @@ from eppanalysis.methods.design.searched import SearchedFrontier
 from eppanalysis.methods.design.shrinking import shrinks
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.sampled.clocked import has_samples
 from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
 from eppanalysis.progress import Progress
 from eppanalysis.results.provenance import Provenance
@@ -76,9 +77,9 @@ class Task:
         widths = {over: max(np.ptp(values), 1e-3 * abs(values[0])) or 1.0} if over else {}
         widths |= {name: high - low for name, (low, high) in self.others.items()}
         off = {n: abs(case.value(n)) * s for n, s in self.shares.items() if n != self.bounded}
-        why, runs = why_by_search(case.to_system()), {**off, **widths}
-        if why:
-            asking = Asking(self.allowed, self.margin, why=why)
+        system, runs = case.to_system(), {**off, **widths}
+        if has_samples(system):  # whose branches have no folds; others are followed even where no balance covers them
+            asking = Asking(self.allowed, self.margin, why=why_by_search(system))
             return SearchedFrontier(question, runs, self._sign(question), self.allowed, asking=asking)
         return Frontier(question, runs, self._sign(question), self.allowed)
 
@@ -128,9 +129,8 @@ def design(
     Parameters
     ----------
     case : Case or LureSystem
-        With sampled controllers, in discrete time, and where harmonic balance does not cover an element, runs from the
-        cycles that are known bound each place, and the search for limit cycles tests the optimum; what that does not
-        cover is said (`Design.not_covered`).
+        With sampled controllers, and in discrete time, runs from the cycles that are known bound each place, and the
+        search for limit cycles tests the optimum; what that does not cover is said (`Design.not_covered`).
     tune : mapping of str to (quantity, quantity)
         The parameters that may be chosen and their ranges (plain numbers are SI). Where none of them is the objective,
         the first is the one that cycles bound.
