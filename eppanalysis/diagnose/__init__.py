@@ -21,6 +21,7 @@ from eppanalysis.diagnose.result import LINEAR, OWN, UNTRIED, Diagnosis, Explana
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.orbit import CONVERGED
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.sampled.strobe import sampled_among
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, standing
 from eppanalysis.progress import Progress
 from eppanalysis.results import Status
@@ -104,7 +105,9 @@ def diagnose(
     system, at = standing(case, operating_point, "diagnose")
     given = record_of(record, system.signals.units_by_name(), columns)
     # In discrete time there is nothing between samples that these could leave out.
-    found = oscillation_of(given, PER_HARMONIC if system.time_step else FEWEST_SAMPLES)
+    fewest = PER_HARMONIC if system.time_step else FEWEST_SAMPLES
+    rates = {2.0 * np.pi / controller.sample_time for controller in sampled_among(system.elements).values()}
+    found = oscillation_of(given, fewest, sorted(rates))
     check_counts("diagnose", {"steps": (steps, 1)})
     candidates = candidates_of(system, at, steps)
     searches = [

@@ -139,13 +139,15 @@ def _require_finite(name: str, values: Array) -> None:
         raise EppError(f"diagnose: {name} is {first}; expected finite numbers, as a record has no holes.")
 
 
-def oscillation_of(record: Record, fewest: float = FEWEST_SAMPLES) -> Oscillation:
+def oscillation_of(record: Record, fewest: float = FEWEST_SAMPLES, rates: Sequence[float] = ()) -> Oscillation:
     """Period, growth and harmonics of a record.
 
     Parameters
     ----------
     fewest : float
         Samples a period that it must have.
+    rates : sequence of float
+        At which controllers are executed [rad/s]: about them what is held has images of the oscillation.
 
     Raises
     ------
@@ -195,18 +197,25 @@ def oscillation_of(record: Record, fewest: float = FEWEST_SAMPLES) -> Oscillatio
         dict(zip(names, (size * rest.std(axis=0)).tolist(), strict=True)),
         float(0.5 * (record.time[0] + record.time[-1])), span / period,
         dict(zip(names, trend[0].tolist(), strict=True)), dict(zip(names, trend[1].tolist(), strict=True)),
-        tuple(_lines_beside(t, rest, omega, c, names)),
+        tuple(_lines_beside(t, rest, omega, c, names, rates)),
     )  # fmt: skip
 
 
-def _lines_beside(t: Array, rest: Array, omega: float, c: ComplexArray, names: Sequence[str]) -> Iterator[Line]:
+def _lines_beside(
+    t: Array, rest: Array, omega: float, c: ComplexArray, names: Sequence[str], rates: Sequence[float]
+) -> Iterator[Line]:
     """The largest sine of each signal in what the harmonics leave, where noise has none so large.
 
-    As wide as a line of so short a record is, what lies about a multiple of the fundamental belongs to that.
+    As wide as a line of so short a record is, what lies about a multiple of the fundamental belongs to that, and what
+    lies about its images at multiples of a sample rate to these.
     """
-    width = 2.0 * np.pi / float(np.ptp(t))
+    width, K = 2.0 * np.pi / float(np.ptp(t)), c.shape[1]
     places = np.arange(_NEAREST, 0.5 * len(t), 0.25) * width
     places = places[np.abs(places - omega * np.round(places / omega)) > _NEAREST * width]
+    for rate in rates:
+        aside = places - rate * np.maximum(np.round(places / rate), 1.0)
+        image = np.abs(aside - omega * np.clip(np.round(aside / omega), -K, K)) <= _NEAREST * width
+        places = places[~image]
     found = np.abs(_amplitudes(t, rest, places)) if places.size else np.zeros((0, len(names)))
     for i, name in enumerate(names):
         if not places.size:
