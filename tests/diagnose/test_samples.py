@@ -134,3 +134,28 @@ def test_a_relay_is_named_with_its_size(kind: str) -> None:
     assert found.names == ("valve",), str(found)
     assert found[0].fields["level"][0] == pytest.approx(0.7, rel=0.01)
     assert found[0].fields["threshold"][0] == pytest.approx(0.7, rel=0.01)
+
+
+@pytest.mark.slow
+def test_a_disturbance_of_a_loop_with_two_rates_and_a_computation_delay_has_its_amplitude() -> None:
+    """What the sampled loop makes of a sine is exact over one turn of both clocks, so that its size is, too."""
+    loop = epp.Diagram(
+        {
+            "lead": epp.blocks.TransferFunction(num=[1.5, -1.2], den=[1.0, -0.4], sample_time=0.1),
+            "pi": epp.blocks.TransferFunction(
+                num=[1.0, -0.97], den=[1.0, -1.0], sample_time=0.2, computation_delay=0.05
+            ),
+            "limit": epp.Saturation(-50.0, 50.0),
+            "motor": epp.blocks.TransferFunction(num=[4.0], den=[1.0, 1.0, 0.0]),
+        },
+        ["command - motor -> pi", "pi -> lead", "lead -> limit", "limit + load -> motor"],
+        inputs=["command", "load"],
+        signals={"x": "motor", "u": "limit"},
+    )
+    t = 100.0 + 0.01 * np.arange(6000)
+    run = epp.simulate(loop, {"load": epp.inputs.Sine(0.7, 0.31)}, t_end=160.0, t_eval=t)
+    found = epp.diagnose(loop, {"time": t, "x": run.signals["x"], "u": run.signals["u"]}, steps=3_000)
+    assert found.names == ("external disturbance",) and found[0].note == "comes in at load", str(found)
+    (question,) = found.questions
+    amplitude, frequency = (float(part.split("=")[1].rstrip(")")) for part in question.split(", ")[-2:])
+    assert amplitude == pytest.approx(0.7, rel=2e-3) and frequency == pytest.approx(0.31, rel=1e-3)
