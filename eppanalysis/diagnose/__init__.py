@@ -17,12 +17,13 @@ from eppanalysis.cases.values.typed import read_in
 from eppanalysis.diagnose.candidates import STEPS, Candidates, Family, candidates_of, size_exponents
 from eppanalysis.diagnose.fit import Fit, Yardstick, all_fits, of_family
 from eppanalysis.diagnose.questions import question
-from eppanalysis.diagnose.record import Oscillation, Record, oscillation_of, record_of
+from eppanalysis.diagnose.record import FEWEST_SAMPLES, PER_HARMONIC, Oscillation, Record, oscillation_of, record_of
 from eppanalysis.diagnose.result import LINEAR, OWN, UNTRIED, Diagnosis, Explanation, Verdict
 from eppanalysis.errors import ArgumentError, CaseError, EppError
 from eppanalysis.methods.orbits.orbit import CONVERGED
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, require_continuous, standing
+from eppanalysis.models.systems.sampled.strobe import sampled_among
+from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, standing
 from eppanalysis.progress import Progress
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
@@ -58,10 +59,10 @@ def diagnose(
     Parameters
     ----------
     case : Case, Diagram or LureSystem
-        In continuous time, without sampled controllers.
     record : path, mapping of str to array, or DataFrame
         A CSV file with a column ``time [s]`` and one for each recorded signal, by the loop's names, or such arrays or
-        columns in SI units. Three periods or more, of an oscillation that is sustained or grows.
+        columns in SI units. Three periods or more, of an oscillation that is sustained or grows; of a loop in discrete
+        time its signals at the samples.
     columns : mapping of str to (str, str), optional
         Header and unit of a signal whose column has another name.
     model_error : float
@@ -81,7 +82,7 @@ def diagnose(
     Raises
     ------
     EppError
-        If the record is no such table or holds no oscillation, for discrete time, or inputs that do not stand still.
+        If the record is no such table or holds no oscillation, or for inputs that do not stand still.
     ModelError
         If an input or signal is unknown.
 
@@ -103,9 +104,11 @@ def diagnose(
     if not 1e-3 <= model_error <= 0.5:
         raise ArgumentError("model_error", f" is {model_error}; expected 0.001 to 0.5.", "diagnose")
     system, at = standing(case, operating_point, "diagnose")
-    require_continuous(system, "diagnose")
     given = record_of(record, system.signals.units_by_name(), columns)
-    found = oscillation_of(given)
+    # In discrete time there is nothing between samples that these could leave out.
+    fewest = PER_HARMONIC if system.time_step else FEWEST_SAMPLES
+    rates = {2.0 * np.pi / controller.sample_time for controller in sampled_among(system.elements).values()}
+    found = oscillation_of(given, fewest, sorted(rates))
     check_counts("diagnose", {"steps": (steps, 1)})
     candidates = candidates_of(system, at, steps)
     searches = [

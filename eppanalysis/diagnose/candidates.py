@@ -16,14 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from eppanalysis.arrays import Array, ComplexArray
-from eppanalysis.errors import ModelError
+from eppanalysis.arrays import Array
+from eppanalysis.diagnose.linear import Linear, is_linear
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.simulation.effort import Spent, allotted, left
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.absorbed import with_gains
 from eppanalysis.models.systems.lure import LureSystem, with_own_states
 from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.sampled.places import Places
 from eppanalysis.results import LimitCycle
 
 #: Constant terms of a loop, relative to its other numbers, that are rounding.
@@ -55,62 +56,6 @@ def resized(element: Nonlinearity, size: float) -> Nonlinearity:
     powers = {name: power for name, power in size_exponents(element).items() if name in own}
     changed: dict[str, Any] = {name: getattr(element, name) * size**power for name, power in powers.items()}
     return replace(element, **changed)  # type: ignore[type-var]
-
-
-@dataclass(frozen=True, eq=False)
-class Linear:
-    """The loop with all of its elements as gains."""
-
-    loop: LureSystem  # without dead time; elements to which no gain belongs are left in it
-    gains: dict[int, Array]
-    at: OperatingPoint
-
-    @classmethod
-    def of(cls, system: LureSystem, at: OperatingPoint) -> Linear:
-        """The gains that stand for the elements: those of margins, none where that is infinite."""
-        loop = _parts(system, -1, 1.0)
-        gains = {i: np.asarray(e.linear_gain(), float) for i, e in enumerate(loop.elements)}
-        return cls(loop, {i: gain for i, gain in gains.items() if np.all(np.isfinite(gain))}, at)
-
-    @cached_property
-    def closed(self) -> LureSystem:
-        """The loop with the gains in place."""
-        return with_gains(self.loop, self.gains)
-
-    @cached_property
-    def refusal(self) -> str:
-        """Why the loop has no linear form; empty where it has one."""
-        names = self.loop.element_names
-        kept = [names[i] for i in range(len(names)) if i not in self.gains]
-        if kept:
-            return f"{', '.join(kept)} cannot be taken as linear"
-        try:
-            self.closed  # noqa: B018
-        except ModelError as error:
-            return str(error).rstrip(".")
-        return ""
-
-    @cached_property
-    def poles(self) -> ComplexArray:
-        """[rad/s]"""
-        return np.asarray(np.linalg.eigvals(self.closed.A), complex)
-
-    @property
-    def stable(self) -> bool:
-        """Whether no pole grows."""
-        size = np.abs(self.poles).max(initial=1e-300)
-        return bool(np.all(self.poles.real < 1e-9 * size))
-
-    def with_gain(self, factor: float) -> LureSystem:
-        """The closed loop with the gain of its principal element multiplied."""
-        gains = {i: g * (factor if i == self.turned else 1.0) for i, g in self.gains.items()}
-        return with_gains(self.loop, gains)
-
-    @property
-    def turned(self) -> int:
-        """Element whose gain is multiplied: the principal one, or the first that passes anything on."""
-        order = [self.loop.principal, *self.gains]
-        return next((i for i in order if i in self.gains and np.any(self.gains[i])), -1)
 
 
 def _parts(system: LureSystem, active: int, size: float) -> LureSystem:
@@ -197,7 +142,7 @@ class Family(Sought):
     @cached_property
     def alone(self) -> bool:
         """Whether a gain stands for every other element."""
-        return len(self.loop().elements) == 1
+        return sum(not is_linear(e) for e in self.loop().elements) == 1
 
     @cached_property
     def in_proportion(self) -> bool:
@@ -205,7 +150,7 @@ class Family(Sought):
         loop = self.loop()
         v = self.at.vector(loop)
         offsets = np.concatenate([
-            loop.B_input @ v + loop.constant_state, loop.D_input @ v + loop.constant_input,
+            (loop.B_input @ v + loop.constant_state)[Places.of(loop).plant], loop.D_input @ v + loop.constant_input,
         ])  # fmt: skip
         size = max(np.abs(loop.A).max(initial=1.0), 1.0)
         return self.alone and bool(np.all(np.abs(offsets) <= _ROUNDING * size))

@@ -15,11 +15,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eppanalysis.arrays import Array, ComplexArray
-from eppanalysis.diagnose.candidates import Candidates, Family, Linear, Sought, Whole
+from eppanalysis.diagnose.candidates import Candidates, Family, Sought, Whole
+from eppanalysis.diagnose.linear import Linear
 from eppanalysis.diagnose.record import Oscillation
 from eppanalysis.diagnose.result import DISTURBANCE, LINEAR, OWN
 from eppanalysis.errors import EppError
-from eppanalysis.models.systems.absorbed import gain_matrix
 from eppanalysis.results import LimitCycle
 
 #: Growth per period of a steady oscillation that a record may still show, as a share of the model error.
@@ -238,15 +238,14 @@ def of_linear(yard: Yardstick, linear: Linear) -> list[Fit]:
 
 def _pole(found: Oscillation, linear: Linear, q: float) -> tuple[complex, ComplexArray]:
     """The pole of the loop, its gain multiplied by exp(q), that is nearest to an oscillation, and the signals of it."""
-    loop = linear.with_gain(float(np.exp(q))) if linear.turned >= 0 else linear.closed
-    values, vectors = np.linalg.eig(loop.A)
-    aim = found.omega * (found.growth / (2.0 * np.pi) + 1j)
-    distance = np.where(values.imag > 1e-9 * np.abs(values).max(initial=0.0), np.abs(values - aim), np.inf)
-    if not np.any(np.isfinite(distance)):
-        return complex(np.nan, np.nan), np.zeros(len(found.names), complex)
-    i = int(np.argmin(distance))
-    rows = [loop.signals.names.index(name) for name in found.names]
-    return complex(values[i]), np.asarray(loop.signals.C[rows] @ vectors[:, i], complex)
+    motions = linear.with_gain(float(np.exp(q))) if linear.turned >= 0 else linear.closed
+    pole, signals = motions.nearest(found.omega * (found.growth / (2.0 * np.pi) + 1j))
+    return pole, signals[_rows(found, linear)]
+
+
+def _rows(found: Oscillation, linear: Linear) -> list[int]:
+    """Where the recorded signals stand among those of the loop."""
+    return [linear.loop.signals.names.index(name) for name in found.names]
 
 
 def _pole_cost(yard: Yardstick, linear: Linear, q: float) -> float:
@@ -267,7 +266,10 @@ def _spread(cost: Callable[[float], float], q: float, least: float) -> float:
 
 def of_disturbance(yard: Yardstick, linear: Linear) -> Iterator[Fit]:
     """How a sine that comes in at some place of the linear loop explains an oscillation, for every place."""
-    for place, seen in _responses(yard.found, linear):
+    for place, signals in linear.responses(yard.found.omega):
+        seen = signals[_rows(yard.found, linear)]
+        if not np.any(seen):
+            continue
         harmonics = _one_harmonic(yard, seen)
         size = float(np.linalg.norm(harmonics[:, 0]) / np.linalg.norm(seen))
         misfit = yard.of_shape(harmonics) + yard.of_growth(0.0)
@@ -275,24 +277,6 @@ def of_disturbance(yard: Yardstick, linear: Linear) -> Iterator[Fit]:
         # less likely by as much than what has to have this one.
         evidence = -0.5 * misfit - np.log(_ANY_FREQUENCY) - np.log(yard.growth) - _ROOT
         yield Fit(evidence, misfit, yard.count - 4, yard.found.period, harmonics, size, place=place)
-
-
-def _responses(found: Oscillation, linear: Linear) -> Iterator[tuple[str, ComplexArray]]:
-    """The recorded signals under a sine at each external input and behind each element."""
-    loop, closed = linear.loop, linear.closed
-    K = gain_matrix(loop, linear.gains)
-    # What comes in behind an element first goes round the paths without states.
-    through = np.eye(len(K)) + K @ np.linalg.solve(np.eye(K.shape[1]) - loop.D @ K, loop.D)
-    rows = [closed.signals.names.index(name) for name in found.names]
-    B = np.hstack([closed.B_input, loop.B @ through])
-    D = np.hstack([closed.signals.D_input, loop.signals.D @ through])[rows]
-    seen = closed.signals.C[rows] @ np.linalg.solve(1j * found.omega * np.eye(len(closed.A)) - closed.A, B) + D
-    places = [*loop.input_names]
-    for name, outputs in zip(loop.element_names, loop.output_slices, strict=True):
-        places += [f"behind {name}"] * (outputs.stop - outputs.start)
-    for place, column in zip(places, seen.T, strict=True):
-        if np.any(np.abs(column) > 0.0):
-            yield place, np.asarray(column, complex)
 
 
 def _one_harmonic(yard: Yardstick, seen: ComplexArray) -> ComplexArray:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 #: Fewest periods and samples a period, most harmonics, and samples a period that a harmonic needs.
-FEWEST_PERIODS, _FEWEST_SAMPLES, _MOST_HARMONICS, _PER_HARMONIC = 3.0, 8, 7, 2.5
+FEWEST_PERIODS, FEWEST_SAMPLES, _MOST_HARMONICS, PER_HARMONIC = 3.0, 8, 7, 2.5
 #: Fractions of the strongest line's frequency at which the fundamental is looked for.
 _PARTS = (1, 2, 3)
 #: Standard deviation, relative to the largest value, that is rounding.
@@ -106,7 +106,7 @@ def record_of(
     """
     if isinstance(given, str | Path):
         source = str(given)
-        recording = read_signals(given, tuple(units), units, columns, fewest=4 * _FEWEST_SAMPLES)
+        recording = read_signals(given, tuple(units), units, columns, fewest=4 * FEWEST_SAMPLES)
         found = {name: recording[name] for name in units if name in recording}
         return Record(source, recording["time"], found, tuple(recording.sentences()))
     if "time" not in given:
@@ -139,8 +139,15 @@ def _require_finite(name: str, values: Array) -> None:
         raise EppError(f"diagnose: {name} is {first}; expected finite numbers, as a record has no holes.")
 
 
-def oscillation_of(record: Record) -> Oscillation:
+def oscillation_of(record: Record, fewest: float = FEWEST_SAMPLES, rates: Sequence[float] = ()) -> Oscillation:
     """Period, growth and harmonics of a record.
+
+    Parameters
+    ----------
+    fewest : float
+        Samples a period that it must have.
+    rates : sequence of float
+        At which controllers are executed [rad/s]: about them what is held has images of the oscillation.
 
     Raises
     ------
@@ -151,8 +158,8 @@ def oscillation_of(record: Record) -> Oscillation:
     t = record.time - 0.5 * (record.time[0] + record.time[-1])
     Y = np.column_stack([record.signals[name] for name in names])
     span, n = float(np.ptp(t)), len(t)
-    if n < 4 * _FEWEST_SAMPLES:
-        raise EppError(f"{record.source}: has {n} samples; expected three periods with {_FEWEST_SAMPLES} each or more.")
+    if n < 4 * FEWEST_SAMPLES:
+        raise EppError(f"{record.source}: has {n} samples; expected three periods with {FEWEST_SAMPLES} each or more.")
     left = Y - _trend(t, Y)
     # Signals in units of their own motion count alike, whatever they are measured in.
     size = left.std(axis=0)
@@ -167,9 +174,9 @@ def oscillation_of(record: Record) -> Oscillation:
         periods = omega * span / (2.0 * np.pi)
         period = 2.0 * np.pi / omega
         raise EppError(f"{record.source}: holds {periods:.2g} periods of {period:.4g} s; expected 3 or more.")
-    if 2.0 * np.pi / omega < _FEWEST_SAMPLES * span / n:
+    if 2.0 * np.pi / omega < fewest * span / n:
         each = 2.0 * np.pi * n / (omega * span)
-        raise EppError(f"{record.source}: has {each:.2g} samples a period; expected {_FEWEST_SAMPLES} or more.")
+        raise EppError(f"{record.source}: has {each:.2g} samples a period; expected {fewest:g} or more.")
     # The line of a spectrum is as wide as the record is short: a growing sine with its harmonics tells more.
     K = _count(t, omega)
     (omega, rate), cov = _refined(t, scaled, omega, K)
@@ -190,18 +197,25 @@ def oscillation_of(record: Record) -> Oscillation:
         dict(zip(names, (size * rest.std(axis=0)).tolist(), strict=True)),
         float(0.5 * (record.time[0] + record.time[-1])), span / period,
         dict(zip(names, trend[0].tolist(), strict=True)), dict(zip(names, trend[1].tolist(), strict=True)),
-        tuple(_lines_beside(t, rest, omega, c, names)),
+        tuple(_lines_beside(t, rest, omega, c, names, rates)),
     )  # fmt: skip
 
 
-def _lines_beside(t: Array, rest: Array, omega: float, c: ComplexArray, names: Sequence[str]) -> Iterator[Line]:
+def _lines_beside(
+    t: Array, rest: Array, omega: float, c: ComplexArray, names: Sequence[str], rates: Sequence[float]
+) -> Iterator[Line]:
     """The largest sine of each signal in what the harmonics leave, where noise has none so large.
 
-    As wide as a line of so short a record is, what lies about a multiple of the fundamental belongs to that.
+    As wide as a line of so short a record is, what lies about a multiple of the fundamental belongs to that, and what
+    lies about its images at multiples of a sample rate to these.
     """
-    width = 2.0 * np.pi / float(np.ptp(t))
+    width, K = 2.0 * np.pi / float(np.ptp(t)), c.shape[1]
     places = np.arange(_NEAREST, 0.5 * len(t), 0.25) * width
     places = places[np.abs(places - omega * np.round(places / omega)) > _NEAREST * width]
+    for rate in rates:
+        aside = places - rate * np.maximum(np.round(places / rate), 1.0)
+        image = np.abs(aside - omega * np.clip(np.round(aside / omega), -K, K)) <= _NEAREST * width
+        places = places[~image]
     found = np.abs(_amplitudes(t, rest, places)) if places.size else np.zeros((0, len(names)))
     for i, name in enumerate(names):
         if not places.size:
@@ -246,7 +260,7 @@ def _strongest_line(t: Array, Y: Array) -> float:
 def _count(t: Array, omega: float) -> int:
     """Harmonics that the sampling shows."""
     samples = 2.0 * np.pi / omega * (len(t) - 1) / float(np.ptp(t))
-    return int(np.clip(samples / _PER_HARMONIC, 1, _MOST_HARMONICS))
+    return int(np.clip(samples / PER_HARMONIC, 1, _MOST_HARMONICS))
 
 
 def _fundamental(t: Array, Y: Array, line: float) -> float:

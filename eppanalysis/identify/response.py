@@ -21,6 +21,7 @@ from eppanalysis.models.devices.elbow.loop import elbow
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import InputSignal, Recorded, Sine, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.sampled.clocked import Clocked
 from eppanalysis.models.systems.sampled.strobe import Strobe
 
 #: A shorter dead time than this makes no difference, but stiff equations [s].
@@ -45,8 +46,6 @@ def layout_of(case: Case) -> Layout:
     if case.kind == "elbow":
         return ELBOW
     system = case.to_system()
-    if system.time_step:
-        raise CaseError(case.source, "loop.time_step", system.time_step, "continuous time (controllers may be sampled)")
     signals = {name: name for name in system.signals.names if name not in system.input_names}
     units = {**{name: case.input_unit for name in system.input_names}, **system.signals.units_by_name()}
     return Layout(signals, {name: name for name in system.input_names}, units)
@@ -150,7 +149,7 @@ class Response:
         self.case, self.unknowns, self.layout = case, tuple(unknowns), layout_of(case)
         time = recording[Role.TIME]
         self.inputs, self.time = _input_signals(recording, case, self.layout)
-        longest = max(LONGEST_BLOCK, HybridSystem.from_lure(case.to_system()).time_scale)
+        longest = max(LONGEST_BLOCK, HybridSystem.from_lure(self._as_run(case.to_system())).time_scale)
         if recording.block > 1 and float(np.ptp(time)) / len(time) > longest:
             raise EppError(
                 f"{recording.source}: {recording.n_rows} rows over {np.ptp(time):.4g} s are averaged too "
@@ -191,12 +190,13 @@ class Response:
         system = self.system(q)
         times = self.time[self.time <= until]
         after = times[times >= 0]
-        driven = HybridSystem.from_lure(system, self.inputs)
+        as_run = self._as_run(system)
+        driven = HybridSystem.from_lure(as_run, self.inputs)
         run = _run(driven, after)
         done = int(run.stats[2])
         start = np.zeros((1, run.samples.shape[1]))
         if after.size < times.size:
-            start = _run(self._undriven(system, driven), np.zeros(1)).samples
+            start = _run(self._undriven(as_run, driven), np.zeros(1)).samples
         out: dict[str, Array] = {}
         for channel in self.channels:
             place = system.signals.names.index(self.layout.signals[channel.role])
@@ -209,6 +209,13 @@ class Response:
                 raise EppError(f"{system.name}: {channel.role} grows beyond all range with these parameters.")
             out[channel.role] = values
         return out
+
+    def _as_run(self, system: LureSystem) -> LureSystem:
+        """The loop as it is run: in discrete time round a sampled controller, which holds its signals between rows."""
+        if not system.time_step:
+            return system
+        first = [self.inputs[n].value(np.zeros(1))[0] if n in self.inputs else 0.0 for n in system.input_names]
+        return Clocked.of(system, system.v0 + np.array(first, float)).system
 
     def _undriven(self, system: LureSystem, driven: HybridSystem) -> HybridSystem:
         """The loop before its inputs act; one that is driven by a sine has its oscillator in it."""

@@ -128,7 +128,9 @@ class Tried:
             rows = csv.writer(file)
             rows.writerow(["time [s]", "command", "x"])
             run = self.record
-            rows.writerows(zip(run.t[::5], run.signals["command"][::5], run.signals["x"][::5], strict=True))
+            every = max(run.t.size // 400, 1)
+            columns = (run.t, run.signals["command"], run.signals["x"])
+            rows.writerows(zip(*(column[::every] for column in columns), strict=True))
         return path
 
 

@@ -32,6 +32,7 @@ from eppanalysis.results.provenance import Provenance
 from eppanalysis.tables.manual import Shade
 from tests.made_bounds import bounds_of
 from tests.reference.benches import backlash_cycling
+from tests.sampled_relay import patterns, sampled_relay
 from tests.shared import said_above
 
 BOUNDS = ["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash"]
@@ -486,3 +487,14 @@ def test_from_the_bench_to_a_bound(tmp_path: Path) -> None:
     assert abs(cell.exact / _FOLD - 1.0) < 1.5 * reach  # all 95 % intervals at their ends, and half as far again
     # The guide takes the tolerances that the case carries.
     assert half_widths_of(case, None) == pytest.approx({n: w * case.value(n) for n, w in widths.items()})
+
+
+@pytest.mark.slow
+def test_a_guide_of_a_sampled_loop_holds_the_bounds_of_closed_forms() -> None:
+    """Of every pattern of the relay it is known between which dead zones it is a cycle."""
+    guide = epp.design_guide(sampled_relay(), ["0.5 s"], over="T", limit="dead", within=(0.15, 0.3))
+    (row,) = guide.rows
+    known = max(p.high for p in patterns(0.5, 40))
+    assert known < row.cell.bound < 1.02 * known and row.cell.verified
+    assert "not covered" in guide.not_covered and guide.not_covered in " ".join(guide.sentences())
+    assert "found by search" in str(guide)

@@ -211,11 +211,6 @@ def test_without_a_record_only_that_which_a_case_can_take_is_asked_for():
         epp.identify(epp.case("elbow"))
 
 
-def test_discrete_time_is_refused():
-    with pytest.raises(epp.EppError, match="expected continuous time"):
-        epp.identify(epp.case("backlash_discrete_pi"), step="none.csv", fit=("play.gap",))
-
-
 def test_other_columns_are_named(tmp_path):
     from eppanalysis.identify.reading import read_recording
 

@@ -29,6 +29,7 @@ from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.search.find import find_limit_cycles, seeds_of
+from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import LimitCycle
 from eppanalysis.workers import workers
@@ -205,8 +206,9 @@ def idle(question: Question, values: Iterable[float]) -> bool:
     first: list[Array] | None = None
     for value in values:
         case = question.case_at(value)
-        system = case.to_system()
-        here = [*steady_hybrid(system, case.operating_point).model, case.operating_point.vector(system)]
+        system, at = case.to_system(), case.operating_point
+        as_run = InSamples.at(system, at).system if system.time_step else system
+        here = [*steady_hybrid(as_run, at).model, at.vector(system)]
         if first is None:
             first = here
         elif not all(np.array_equal(a, b) for a, b in zip(first, here, strict=True)):

@@ -20,15 +20,19 @@ from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import tried_values, without_bound
 from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.methods.search.find import search_from
+from eppanalysis.methods.search.sampled import middle_of
 from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.clocked import has_samples
+from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.progress import Progress
 from eppanalysis.readable import DIGITS, listed
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import LimitCycle, Status, Trajectory
 
 #: Share of the range below which a bound is as good as zero.
 _SMALL = 0.01
+#: Length of a run from a cycle, in periods of it, and in which sizes of the cycle it begins.
+_PERIODS, _SIZES = 40.0, (1.0, 1.3, 1.8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +111,50 @@ class Asking:
         )
 
 
+def oscillates(case: CaseLike, cycles: Sequence[LimitCycle], asking: Asking) -> bool:
+    """Whether a run from one of some cycles comes neither to rest nor to a cycle that is allowed; inputs are held."""
+    return _moving(case, cycles, asking) is not None
+
+
+def _moving(case: CaseLike, cycles: Sequence[LimitCycle], asking: Asking) -> Trajectory | None:
+    """The first run from one of some cycles that comes neither to rest nor to a cycle that is allowed."""
+    system = case.to_system()
+    held = replace(system, v0=case.operating_point.vector(system))
+    for cycle in cycles:
+        state, middle = cycle.require_state(len(system.A)).state, middle_of(cycle)
+        for size in _SIZES:
+            begun = replace(held, x0=middle + size * (state - middle), memory=cycle.memory)
+            run = simulate(begun, t_end=_PERIODS * cycle.period)
+            on = run.limit_cycle
+            if run.status is not Status.SETTLED and (on is None or asking.is_bad(on)):
+                return run
+    return None
+
+
+def bound_by_runs(
+    question: Question, cycles: Sequence[LimitCycle], sign: float, asking: Asking, close: float
+) -> tuple[float, LimitCycle | None]:
+    """The bound as runs from some cycles have it, by halving the range until both sides are so close, relative to it.
+
+    Runs begin on the cycle that the last one ended on, too.
+
+    Returns
+    -------
+    (float, LimitCycle or None)
+        The end of the range that is safe where such a run oscillates down to there, else the last value at which none
+        does; and the cycle that is nearest to it.
+    """
+    safe, beyond = (question.low, question.high) if sign > 0 else (question.high, question.low)
+    least, last = _SMALL * (question.high - question.low), None
+    while abs(beyond - safe) > close * max(abs(safe), abs(beyond), least):
+        middle = 0.5 * (safe + beyond)
+        run = _moving(question.case_at(middle), cycles if last is None else [last, *cycles], asking)
+        safe, beyond = (middle, beyond) if run is None else (safe, middle)
+        if run is not None and run.limit_cycle is not None and run.limit_cycle.state.size:
+            last = run.limit_cycle
+    return safe, last
+
+
 def searched_cell(question: Question, value: float, asking: Asking) -> BoundCell:
     """The bound at one value of the parameter that runs; what fails is said in the cell."""
     here = question.at(value)
@@ -119,8 +167,7 @@ def searched_cell(question: Question, value: float, asking: Asking) -> BoundCell
 
 def _cell(question: Question, value: float, asking: Asking) -> BoundCell:
     values = tried_values(question)
-    # A loop in discrete time has no hybrid form to be compared.
-    if not question.case_at(values[0]).to_system().time_step and idle(question, values):
+    if idle(question, values):
         return BoundCell(value=value, finding=Finding.IDLE, message=Finding.IDLE.sentence)
     asked: list[Answer] = []
     at_once = replace(asking, first=True)

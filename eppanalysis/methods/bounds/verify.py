@@ -56,7 +56,7 @@ class Verification:
     #: is allowed.
     n_runs: int
     n_settled: int
-    search: CycleSearch  # on the safe side
+    search: CycleSearch | None  # on the safe side; None where what it found is told by `cycles` alone
     cycles: tuple[LimitCycle, ...]  # exact ones on the safe side, found by the search or by the runs, and not allowed
     orbit: LimitCycle | None  # the exact orbit on the other side
     message: str  # what is missing; empty where nothing is

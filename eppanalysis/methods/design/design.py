@@ -18,20 +18,22 @@ from eppanalysis.errors import ArgumentError, EppError, shown
 from eppanalysis.methods.bounds.elasticity import parameters_of, size_elasticities
 from eppanalysis.methods.bounds.harmonic import Question, idle, spread
 from eppanalysis.methods.bounds.result import Turn
+from eppanalysis.methods.bounds.searched import Asking, why_by_search
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.tolerances.bound import check_ends, half_widths_of
-from eppanalysis.methods.bounds.verify import Verification, check_verification, verify
+from eppanalysis.methods.bounds.verify import Verification, check_verification
 from eppanalysis.methods.continuation.own_states import in_own_states
 from eppanalysis.methods.design.frontier import Frontier
 from eppanalysis.methods.design.goal import Goal, Sense, goal_of
-from eppanalysis.methods.design.machines import machines_at_rest
 from eppanalysis.methods.design.programme import N_SCAN, Place
 from eppanalysis.methods.design.result import INSIDE, Design, Optimum
 from eppanalysis.methods.design.search import Pick, Search
+from eppanalysis.methods.design.searched import SearchedFrontier
 from eppanalysis.methods.design.shrinking import shrinks
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case, require_continuous
+from eppanalysis.models.systems.sampled.clocked import has_samples
+from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
 from eppanalysis.progress import Progress
 from eppanalysis.results.provenance import Provenance
 
@@ -75,7 +77,11 @@ class Task:
         widths = {over: max(np.ptp(values), 1e-3 * abs(values[0])) or 1.0} if over else {}
         widths |= {name: high - low for name, (low, high) in self.others.items()}
         off = {n: abs(case.value(n)) * s for n, s in self.shares.items() if n != self.bounded}
-        return Frontier(question, {**off, **widths}, self._sign(question), self.allowed)
+        system, runs = case.to_system(), {**off, **widths}
+        if has_samples(system):  # whose branches have no folds; others are followed even where no balance covers them
+            asking = Asking(self.allowed, self.margin, why=why_by_search(system))
+            return SearchedFrontier(question, runs, self._sign(question), self.allowed, asking=asking)
+        return Frontier(question, runs, self._sign(question), self.allowed)
 
     def _sign(self, question: Question) -> float:
         """1 where the bounded parameter is to be large."""
@@ -123,6 +129,8 @@ def design(
     Parameters
     ----------
     case : Case or LureSystem
+        With sampled controllers, and in discrete time, runs from the cycles that are known bound each place, and the
+        search for limit cycles tests the optimum; what that does not cover is said (`Design.not_covered`).
     tune : mapping of str to (quantity, quantity)
         The parameters that may be chosen and their ranges (plain numbers are SI). Where none of them is the objective,
         the first is the one that cycles bound.
@@ -175,7 +183,6 @@ def design(
     (0.8462572, 'fold', True)
     """
     case = require_case(case, "design")
-    require_continuous(case.to_system(), "design")
     check_verification(margin, starts)
     check_counts("design", {"starts": (starts, int(verify)), "seed": (seed, 0)})
     if not tune:
@@ -215,6 +222,7 @@ def design(
         front_own=case.value(over) if over else float("nan"),
         margin=margin,
         allowed=allowed,
+        not_covered=frontier.not_covered,
         readable={n: case.readable(n) for n in names} | {n: m.shown or (m.unit, 1.0) for n, m in measured.items()},
         units={n: case.unit(n)[0] for n in names} | {n: m.unit for n, m in measured.items()},
         provenance=Provenance("design without a limit cycle", settings, case=facts_of(case)),
@@ -336,23 +344,13 @@ def _tested(search: Search, task: Task, best: Pick, found: Optimum) -> tuple[Opt
         bad = [c for c in cycles if task.allowed is None or task.allowed.exceeded_by(c)]
         missing = "a search there finds a limit cycle" if bad else " and ".join(cycles.left_open)
         return replace(found, confirmed=not missing, message=missing), None
-    tested = verify(
-        here,
-        best.bound.value,
-        search.frontier.sign,
-        best.bound.cycle,
-        margin=task.margin,
-        n_starts=task.starts,
-        seed=task.seed,
-        allowed=task.allowed,
-        beyond=search.frontier.beyond(search.full(best.place, best.corner)),
-    )
+    full = search.full(best.place, best.corner)
+    tested = search.frontier.tested(full, best.bound, task.margin, task.starts, task.seed)
     message = f"{tested.message}." if tested.message else ""
     n_machines = n_good = 0
     if task.shares:
         n_machines = task.starts
-        value = found.values[task.bounded]
-        n_good = machines_at_rest(search, best, value, task.allowed, n_machines, task.seed)
+        n_good = _machines_at_rest(search, best, found.values[task.bounded], n_machines, task.seed)
         if n_good < n_machines:
             message = (
                 f"{n_machines - n_good} of {n_machines} machines within the tolerances do not come to rest. {message}"
@@ -371,6 +369,21 @@ def _tested(search: Search, task: Task, best: Pick, found: Optimum) -> tuple[Opt
         message=message.strip(),
     )
     return found, tested
+
+
+def _machines_at_rest(search: Search, best: Pick, value: float, n: int, seed: int) -> int:
+    """How many machines drawn from the tolerances come to rest, with a nominal value of the bounded parameter [SI]."""
+    rng = np.random.default_rng(seed)
+    cycle, limit = best.bound.cycle, search.frontier.question.limit
+    if cycle is None:
+        raise EppError("design: machines are drawn where a limit cycle bounds the design; expected one that does.")
+    names = sorted(search.shares)
+    cases = []
+    for row in rng.uniform(-1.0, 1.0, (n, len(names))).tolist():
+        off = dict(zip(names, row, strict=True))
+        own = 1.0 + off.get(limit, 0.0) * search.shares.get(limit, 0.0)
+        cases.append(search.here(best.place, off).case_at(value * own))
+    return search.frontier.at_rest(cases, cycle, rng)
 
 
 def _only_slow(tested: Verification) -> bool:
@@ -392,8 +405,7 @@ def _would_have_to_give(search: Search, best: Pick) -> str:
     if not (0.0 < wider[0] < wider[1]):
         return f"{told} Its range would have to begin elsewhere."
     try:
-        question = replace(frontier.question, low=wider[0], high=wider[1])
-        beyond = Frontier(question, frontier.widths, frontier.sign, frontier.allowed)
+        beyond = frontier.over(*wider)
         known = {p: beyond.at(search.full(p, search.corners[-1])) for p in list(search.picks)[:_MOST_GIVING]}
     except EppError:
         return told

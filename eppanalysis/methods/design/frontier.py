@@ -15,23 +15,26 @@ from functools import cached_property
 import numpy as np
 
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.methods.bounds.elasticity import exact_slopes
+from eppanalysis.methods.bounds.elasticity import exact_slopes, size_elasticities
 from eppanalysis.methods.bounds.exact import BORN, ExactBound
 from eppanalysis.methods.bounds.harmonic import Question, spread
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import farthest_passage
+from eppanalysis.methods.bounds.verify import Verification, verify
 from eppanalysis.methods.continuation.branch import Walk
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.folds import fold_in
 from eppanalysis.methods.continuation.seeds import steady_case
 from eppanalysis.methods.continuation.steps import Point, make_point, step
 from eppanalysis.methods.describing.predict import predicted_cycles
+from eppanalysis.methods.design.machines import machines_at_rest
 from eppanalysis.methods.design.programme import N_SCAN, Place, Programme, distance
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import start_of
 from eppanalysis.methods.orbits.shooting import orbits_near
 from eppanalysis.methods.search.find import find_limit_cycles
+from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import LimitCycle
 
 #: Halvings of first order between two values of the range.
@@ -81,6 +84,21 @@ class Frontier:
     derivatives: dict[tuple[Point, str, float], float] = field(default_factory=dict)
 
     @property
+    def is_foretold(self) -> bool:
+        """Whether first order says on a grid where exact bounds are asked."""
+        return True
+
+    @property
+    def not_covered(self) -> str:
+        """What the bounds do not cover, in a sentence; empty where they are exact."""
+        return ""
+
+    def over(self, low: float, high: float) -> Frontier:
+        """The same over another range of the bounded parameter."""
+        question = replace(self.question, low=low, high=high)
+        return replace(self, question=question, families=[], bounds={}, first={}, questions={}, derivatives={})
+
+    @property
     def ends(self) -> tuple[float, float]:
         """The end of the range that is safe, if any is, and the end that is wanted."""
         low, high = self.question.low, self.question.high
@@ -93,6 +111,35 @@ class Frontier:
             case = self.question.case.with_values(values) if place else self.question.case
             self.questions[place] = replace(self.question, case=case)
         return self.questions[place]
+
+    def of_bound(self, place: Place, bound: ExactBound, sizes: Mapping[str, float]) -> dict[str, float]:
+        """Derivative of the bound at a place by parameters with their sizes; none where it has none."""
+        point, here = bound.point, self.here(place)
+        if point is None:
+            return {}
+        if bound.kind is Turn.SIZE and self.allowed is not None:
+            elastic = size_elasticities(here, point, self.allowed, sizes)
+            return {n: e * point.value / here.case.value(n) for n, e in elastic.items() if n in sizes}
+        return self.slopes(place, point, sizes) if bound.is_solved else {}
+
+    def tested(self, place: Place, bound: ExactBound, margin: float, starts: int, seed: int) -> Verification:
+        """The bound at a place put to the test on both sides; it has a cycle."""
+        assert bound.cycle is not None
+        return verify(
+            self.here(place),
+            bound.value,
+            self.sign,
+            bound.cycle,
+            margin=margin,
+            n_starts=starts,
+            seed=seed,
+            allowed=self.allowed,
+            beyond=self.beyond(place),
+        )
+
+    def at_rest(self, cases: Sequence[CaseLike], cycle: LimitCycle, rng: np.random.Generator) -> int:
+        """How many cases come to rest, or to a cycle that is allowed, from starts of their own about the cycle."""
+        return machines_at_rest(cases, cycle, self.allowed, rng)
 
     def slopes(self, place: Place, point: Point, sizes: Mapping[str, float]) -> dict[str, float]:
         """Derivative of an exact bound at a place by parameters, as :func:`exact_slopes` has it."""

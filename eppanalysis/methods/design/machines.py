@@ -2,48 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.verify import PERIODS, cloud, rest_of, size_of
 from eppanalysis.methods.continuation.seeds import steady_case
-from eppanalysis.methods.design.search import Pick, Search
 from eppanalysis.methods.design.shrinking import shrinks
 from eppanalysis.methods.search.trigger import Judge
 from eppanalysis.methods.simulation.batch import BatchResult, HybridStack, simulate_batch
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.results import Status
+from eppanalysis.models.systems.subject import CaseLike
+from eppanalysis.results import LimitCycle, Status
 
 
-def machines_at_rest(search: Search, best: Pick, value: float, allowed: Allowed | None, n: int, seed: int) -> int:
-    """How many of the machines drawn from the tolerances come to rest, or to a cycle that is allowed.
+def machines_at_rest(
+    cases: Sequence[CaseLike], cycle: LimitCycle, allowed: Allowed | None, rng: np.random.Generator
+) -> int:
+    """How many machines come to rest, or to a cycle that is allowed.
 
     Parameters
     ----------
-    search : Search
-        With tolerances.
-    best : Pick
-        The design; the cycle at its bound says how large the starts are and how long the runs.
-    value : float
-        The nominal value of the bounded parameter [SI].
-    n : int
-        Machines.
-    seed : int
-        Of what they are and where they start.
+    cases : sequence of Case
+        The machines.
+    cycle : LimitCycle
+        At the bound of the design: it says how large the starts are and how long the runs.
+    rng : Generator
+        Of where they start.
     """
-    rng = np.random.default_rng(seed)
-    cycle, limit = best.bound.cycle, search.frontier.question.limit
-    if cycle is None:
-        raise EppError("design: machines are drawn where a limit cycle bounds the design; expected one that does.")
-    names = sorted(search.shares)
-    cases = []
-    for row in rng.uniform(-1.0, 1.0, (n, len(names))).tolist():
-        off = dict(zip(names, row, strict=True))
-        own = 1.0 + off.get(limit, 0.0) * search.shares.get(limit, 0.0)
-        cases.append(search.here(best.place, off).case_at(value * own))
     hybrids = [steady_case(case) for case in cases]
     size = size_of(hybrids[0], cycle)
     judge = Judge(PERIODS * cycle.period, size)

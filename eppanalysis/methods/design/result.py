@@ -136,6 +136,8 @@ class Design(Result):
         The unit that people use for each parameter, and the factor from SI to it.
     units : dict of str to str
         Their SI units.
+    not_covered : str
+        What bounds that the search says do not cover, in a sentence; empty where they are exact.
     """
 
     case: str
@@ -153,10 +155,11 @@ class Design(Result):
     allowed: Allowed | None = None
     readable: dict[str, tuple[str, float]] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
+    not_covered: str = ""
 
     in_json = (
-        "objective goal tune bounded kept tolerances allowed margin status sentence optimum front_over front=_front "
-        "provenance"
+        "objective goal tune bounded kept tolerances allowed margin not_covered status sentence optimum front_over "
+        "front=_front provenance"
     )
 
     @property
@@ -166,9 +169,14 @@ class Design(Result):
 
     @property
     def status(self) -> Status:
-        """CONVERGED where all optima are confirmed (or none is feasible, for a reason), else UNDECIDED."""
+        """CONVERGED where all optima are confirmed (or none is feasible, for a reason), else UNDECIDED.
+
+        INCOMPLETE where something is not covered alone.
+        """
         all_of_them = [self.optimum, *(o for _, o in self.front)]
-        return Status.CONVERGED if all(o.confirmed or not o.feasible for o in all_of_them) else Status.UNDECIDED
+        if not all(o.confirmed or not o.feasible for o in all_of_them):
+            return Status.UNDECIDED
+        return Status.INCOMPLETE if self.not_covered else Status.CONVERGED
 
     def text(self, name: str, value: float) -> str:
         """A value of a parameter in the unit that people use."""
@@ -220,7 +228,7 @@ class Design(Result):
         told += self._outside(best)
         if len(self.tune) > 2:
             told += " It was found by going uphill from what first order proposes; a better one is not excluded."
-        return f"{told} {self._tests(best)}"
+        return f"{told} {self._tests(best)} {self.not_covered}".rstrip()
 
     def inside(self, found: Optimum, name: str) -> str:
         """A tuned parameter or the objective at an optimum, rounded to the side on which there is no cycle."""
@@ -259,6 +267,7 @@ class Design(Result):
             Turn.LINEAR: "an oscillation, as the loop ceases to be stable there (linear limit)",
             Turn.SIZE: "the stable limit cycle, which reaches what is allowed there",
             Turn.STABILITY: "a limit cycle that becomes stable there",
+            Turn.SEARCH: "a limit cycle that is found beyond (by the search)",
         }[best.kind]
         told = f"Limited by {what}, at {best.frequency:.4g} Hz."
         off = [f"{n} {'+' if s > 0 else '-'}{percent(self.tolerances[n])}" for n, s in best.off.items() if s]

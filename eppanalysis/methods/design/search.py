@@ -17,7 +17,6 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.elasticity import size_elasticities
 from eppanalysis.methods.bounds.exact import ExactBound
 from eppanalysis.methods.bounds.harmonic import Question, spread
 from eppanalysis.methods.bounds.result import Turn
@@ -231,19 +230,10 @@ class Search:
         return out
 
     def of_bound(self, pick: Pick, names: Mapping[str, float]) -> dict[str, float]:
-        """Derivative of the nominal edge by parameters, from the exact orbit at the active corner."""
-        point, frontier = pick.bound.point, self.frontier
-        if point is None or not pick.by_cycle:
+        """Derivative of the nominal edge by parameters, from the bound at the active corner."""
+        if not pick.by_cycle:
             return {}
-        full = self.full(pick.place, pick.corner)
-        here = frontier.here(full)
-        if pick.bound.kind is Turn.SIZE and frontier.allowed is not None:
-            elastic = size_elasticities(here, point, frontier.allowed, names)
-            found = {n: e * point.value / here.case.value(n) for n, e in elastic.items() if n in names}
-        elif pick.bound.is_solved:
-            found = frontier.slopes(full, point, names)
-        else:
-            found = {}
+        found = self.frontier.of_bound(self.full(pick.place, pick.corner), pick.bound, names)
         corner, shares = pick.corner, self.shares
         # At the corner a parameter is (1 + tolerance) times its nominal value, by which the derivative is wanted.
         scale = self.nominal(1.0)
@@ -343,9 +333,12 @@ class Search:
         return [self.of_units(row) for row in shares]
 
     def proposed(self) -> list[Place]:
-        """The best place of first order on the grid, and where the programme of the balance goes from there."""
+        """The best place of first order on the grid, and where the programme of the balance goes from there.
+
+        All places of the grid where first order is not asked.
+        """
         places = self.grid()
-        if len(places) == 1:
+        if len(places) == 1 or not self.frontier.is_foretold:
             return places
         worths = {place: self._first_order(place).worth for place in places}
         best = max(places, key=lambda place: worths[place])

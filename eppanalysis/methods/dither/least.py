@@ -13,8 +13,10 @@ from eppanalysis.methods.dither.result import Dither
 from eppanalysis.methods.dither.runs import DitherRun, Rig
 from eppanalysis.methods.dither.smoothed import Wave, smoothed
 from eppanalysis.methods.search.find import find_limit_cycles
+from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, require_continuous, standing
+from eppanalysis.models.systems.sampled.averaged import averaged
+from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, standing
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
@@ -44,6 +46,7 @@ def dither(
     Parameters
     ----------
     system : LureSystem or Case
+        Beside sampled controllers the element stands in the continuous part, where the dither passes between samples.
     frequency : float
         Of the dither [Hz]; at least five times that of the cycle.
     wave : {"sine", "triangle"}
@@ -62,8 +65,8 @@ def dither(
     Raises
     ------
     EppError
-        If a number is not valid, the loop has no stable limit cycle, is in discrete time, or its controllers are
-        sampled; if the dither is not fast beside the cycle.
+        If a number is not valid, the loop has no stable limit cycle, or is in discrete time; if the dither is not fast
+        beside the cycle.
     ModelError
         If the element is not covered.
 
@@ -84,7 +87,11 @@ def dither(
     if not (np.isfinite(frequency) and frequency > 0):
         raise EppError(f"dither: frequency is {frequency}; expected a positive number [Hz].")
     loop, at = standing(system, operating_point, "dither")
-    require_continuous(loop, "dither")
+    if loop.time_step:
+        raise EppError(
+            f"dither: {loop.name} is in discrete time, and nothing moves between samples that a dither could smooth; "
+            "expected continuous time, where controllers may be sampled."
+        )
     number = _number(loop, element)
     smoothed(loop.elements[number], 1.0, wave)  # refused here, before anything is searched for
     cycle = _largest(system, operating_point)
@@ -119,14 +126,15 @@ def dither(
 
 
 def _number(loop: LureSystem, element: str | None) -> int:
-    if element is None and len(loop.elements) != 1:
-        names = ", ".join(loop.element_names)
-        raise EppError(f"dither: {loop.name} has {len(loop.elements)} elements ({names}); expected the name of one.")
+    own = [i for i, e in enumerate(loop.elements) if not isinstance(e, SampledController)]
+    if element is None and len(own) != 1:
+        names = ", ".join(loop.element_names[i] for i in own)
+        raise EppError(f"dither: {loop.name} has {len(own)} elements ({names}); expected the name of one.")
     if element is not None and element not in loop.element_names:
         raise EppError(
             f"dither: there is no element {element!r}; expected {did_you_mean(element, loop.element_names)}."
         )
-    return 0 if element is None else loop.element_names.index(element)
+    return own[0] if element is None else loop.element_names.index(element)
 
 
 def _largest(system: LureSystem | CaseLike, operating_point: PointLike | None) -> LimitCycle:
@@ -168,11 +176,12 @@ class _Search:
         elements = list(self.loop.elements)
         elements[self.number] = smoothed(elements[self.number], amplitude, self.rig.wave)
         memory = tuple(None if k == self.number else m for k, m in enumerate(self.loop.memory))
-        loop = replace(self.loop, elements=tuple(elements), memory=memory, given=None).with_integrators_apart[0]
+        loop = averaged(replace(self.loop, elements=tuple(elements), memory=memory, given=None))
+        loop, place = loop.with_integrators_apart[0], loop.element_names.index(self.loop.element_names[self.number])
         with np.errstate(all="ignore"):
             balance, _, points = search_balance(loop, self.loop.v0)
             stable = [p for p in points if stability(balance, p)[0]]
-        size = max((2.0 * float(p.amplitude[self.number]) for p in stable), default=0.0)
+        size = max((2.0 * float(p.amplitude[place]) for p in stable), default=0.0)
         self.predicted[amplitude] = size
         return size
 

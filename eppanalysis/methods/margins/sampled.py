@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -40,7 +41,7 @@ def from_sample_to_sample(system: LureSystem, gains: Array) -> LureSystem | None
     ports = _Ports.of(system, p, between, turn)
     walk = _Walk.of(p, between, ports)
     last = 0.0
-    for time, _, act in sorted(_events(p.controllers, walk, turn), key=lambda event: event[:2]):
+    for time, _, act in _in_order(p.controllers, walk, turn):
         walk.flow(time - last)
         act()
         last = time
@@ -61,6 +62,52 @@ def from_sample_to_sample(system: LureSystem, gains: Array) -> LureSystem | None
         walk.now[np.ix_(used, used)], np.zeros((len(used), 0)), np.zeros((0, len(used))), [],
         time_step=turn, cuts=cuts, name=system.name,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """What a linear loop round sampled controllers does in one turn of all clocks."""
+
+    time: float  # of the turn [s]
+    shortest: float  # time between two samples of the fastest controller [s]
+    #: Plant, what is held, what is computed and not yet put out, and the controllers' memory, on themselves before.
+    after: Array
+    rate: Array  # of plant and what is held between two samples
+    seen: Array  # the signals, on both
+    parts: tuple[tuple[float, float, Array], ...]  # between two samples: begin, length [s], and both, on all before
+
+    def fundamental(self, s: complex, before: NDArray[Any]) -> NDArray[Any]:
+        """Mean over the turn of the signals times ``exp(-s t)``, of a motion ``exp(s t)`` from a state on."""
+        n = len(self.rate)
+        turning = np.zeros((2 * n, 2 * n), complex)
+        turning[:n, :n], turning[:n, n:] = self.rate - s * np.eye(n), np.eye(n)
+        summed = np.zeros(n, complex)
+        for begin, length, rows in self.parts:
+            # The integral of a matrix exponential is a block of a larger one (Van Loan 1978).
+            integral = scipy.linalg.expm(turning * length)[:n, n:]
+            summed += np.exp(-s * begin) * (integral @ (rows @ before))
+        return np.asarray(self.seen @ summed / self.time)
+
+
+def over_a_turn(system: LureSystem) -> Turn | None:
+    """The turn of a loop with no elements but sampled controllers; None where it is too long, or behind dead time."""
+    p = Places.of(system)
+    turn = turn_of([c.sample_time for c in p.controllers])
+    if turn is None or np.any(system.delays > 0):
+        return None
+    none = np.zeros(0, np.intp)
+    ports = _Ports((), none, none, np.zeros((p.read.size, 0)), np.zeros((0, p.held.size)))
+    walk = _Walk.of(p, Between.of(system, np.zeros((len(system.delays), len(system.C))), p), ports)
+    parts, last = [], 0.0
+    for time, _, act in [*_in_order(p.controllers, walk, turn), (turn, 0, lambda: None)]:
+        if time > last:
+            parts.append((last, time - last, walk.now[: len(walk.rate)].copy()))
+        walk.flow(time - last)
+        act()
+        last = time
+    seen = np.hstack([system.signals.C[:, p.plant], system.signals.D[:, p.held]])
+    shortest = min(c.sample_time for c in p.controllers)
+    return Turn(turn, shortest, walk.now, walk.rate, seen, tuple(parts))
 
 
 def with_straight_gains(system: LureSystem, gains: Array) -> LureSystem:
@@ -86,7 +133,7 @@ def with_straight_gains(system: LureSystem, gains: Array) -> LureSystem:
     return replace(system, D=D, cuts=replace(places, E=E, D=D_y, F=F))
 
 
-def _events(controllers: Sequence[SampledController], walk: _Walk, turn: float) -> list:
+def _in_order(controllers: Sequence[SampledController], walk: _Walk, turn: float) -> list:
     """What happens in one turn: times in order, at one instant outputs that are due, then samples along the signal."""
     found = []
     for rank, i in enumerate(walk.order(), start=1):
@@ -96,7 +143,7 @@ def _events(controllers: Sequence[SampledController], walk: _Walk, turn: float) 
             found.append((_even(time, turn), rank, lambda i=i: walk.sample(i)))
             if c.delay:
                 found.append((_even(time + c.delay, turn), 0, lambda i=i: walk.put_out(i)))
-    return found
+    return sorted(found, key=lambda event: event[:2])
 
 
 def _even(time: float, turn: float) -> float:

@@ -41,7 +41,7 @@ from eppanalysis.methods.search.rests import towards_rests
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.sampled import Enough, Starts, search_near, search_sampled
 from eppanalysis.methods.search.told import N_RANDOM, SCALES, Told
-from eppanalysis.methods.simulation.effort import Spent, allotted, left
+from eppanalysis.methods.simulation.effort import Spent, allotted, left, telling
 from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
@@ -159,7 +159,8 @@ def _as_it_is(
         hybrid = replace(hybrid, time_scale=scale)
     search = _Search(system, hybrid, seeds, at, progress, by_balance=by_balance)
     search.run_all()
-    cycles = [*(to_limit_cycle(system, o) for o in search.orbits), *(r.cycle for r in search.reached)]
+    with telling():
+        cycles = [*(to_limit_cycle(system, o) for o in search.orbits), *(r.cycle for r in search.reached)]
     outcomes = search.outcomes
     counted = {"runs": search.n_runs, "boundaries": search.n_boundaries, "work": search.work.used}
     return CycleSearch(
@@ -191,7 +192,8 @@ def _in_samples(
         hybrid = steady_hybrid(form.system, at)
         starts = Starts(system, hybrid, known, lambda x, memory: hybrid.begun(*form.start(x, memory)), form.state)
         found = search(form.system, replace(starts, told=form.told))
-        return found and replace(found, cycles=tuple(map(form.told, found.cycles)))
+        with telling():
+            return found and replace(found, cycles=tuple(map(form.told, found.cycles)))
     hybrid = steady_hybrid(system, at)
     strobe = Strobe.of(hybrid)
     assert strobe is not None

@@ -33,7 +33,7 @@ from eppanalysis.methods.search.ends import End
 from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_elements
 from eppanalysis.methods.search.result import CycleSearch, exists, undecided
 from eppanalysis.methods.search.unmet import MANY, more_of, unmet
-from eppanalysis.methods.simulation.effort import Spent, Work, allotted
+from eppanalysis.methods.simulation.effort import Spent, Work, allotted, telling
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.samples import extent_of
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid
@@ -551,7 +551,8 @@ def search_near(system: LureSystem, starts: Starts, at: OperatingPoint, enough: 
 
 def _result(search: SampledSearch, at: OperatingPoint) -> CycleSearch:
     system = search.system
-    cycles = search.cycles()
+    with telling():
+        cycles = search.cycles()
     unclosed = () if search.stopped else not_among(cycles, search.starts.predicted)
     open_runs = search.ends[End.UNDECIDED]
     left = [undecided(open_runs)] * bool(open_runs) + [

@@ -49,6 +49,19 @@ def allotted(most: float) -> Iterator[Work]:
             outer.used += own.used
 
 
+@contextmanager
+def telling() -> Iterator[None]:
+    """What a search tells of what it found is computed to the end, and counted, even where its work is done."""
+    outer, own = _current.get(), Work(float("inf"))
+    token = _current.set(own)
+    try:
+        yield
+    finally:
+        _current.reset(token)
+        if outer is not None:
+            outer.used += own.used
+
+
 def spend(steps: float) -> None:
     """Count work.
 

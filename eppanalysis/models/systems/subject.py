@@ -62,20 +62,6 @@ def facts_of(case: CaseLike | LureSystem) -> Mapping[str, Any]:
     return {"case": case.name} if own is None else own()
 
 
-#: Analyses that know what to do with sampled controllers.
-_KNOW_SAMPLES = (
-    "predict_limit_cycles",
-    "harmonic_balance",
-    "ladder",
-    "exact_orbit",
-    "find_limit_cycles",
-    "design_bounds",
-    "continue_branch",
-    "trigger",
-    "basin",
-    "forced_response",
-    "margins",
-)
 #: Analyses that need no states, so that a measured frequency response is enough.
 _KNOW_DATA = ("predict_limit_cycles", "harmonic_balance")
 #: An operating point as analyses take it: itself, or inputs by name [SI], the others staying where they are.
@@ -117,8 +103,7 @@ def standing(
         If there is no input of that name.
     """
     system = system_of(loop, analysis)
-    if analysis not in _KNOW_SAMPLES:
-        refuse_samples(system.elements, analysis)
+    refuse_samples(system.elements, analysis)
     point = OperatingPoint.of(system) if isinstance(loop, LureSystem | MeasuredLoop) else loop.operating_point
     if given is not None:
         point = given if isinstance(given, OperatingPoint) else point.with_inputs(given)
@@ -152,6 +137,5 @@ def require_case(case: C | LureSystem, analysis: str) -> C:
         raise EppError(
             f"{analysis}: the first argument is a {kind}; expected a Case, as case() and read_case() give{hint}."
         )
-    if analysis not in _KNOW_SAMPLES:
-        refuse_samples(case.to_system().elements, analysis)
+    refuse_samples(case.to_system().elements, analysis)
     return case

@@ -13,7 +13,7 @@ from eppanalysis import workers
 from eppanalysis.methods.bounds import elasticity, fold
 from eppanalysis.methods.bounds.design import design_bounds
 from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question
-from eppanalysis.methods.bounds.tolerances import bound
+from eppanalysis.methods.bounds.tolerances import exact
 from eppanalysis.methods.harmonic.loop import inputs_of
 from eppanalysis.results import Status
 from tests import made_bounds
@@ -104,15 +104,15 @@ def test_sizes_of_equations_are_their_largest_changes() -> None:
 
 def test_a_draw_that_oscillates_is_run_no_further_and_has_the_same_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     question = Question(epp.case(RELAY), THRESHOLD, 1.0, 3.0)
-    box = bound._Box.of(question, {LEVEL: 0.1}, None)
+    box = exact.ExactBox.of(question, {LEVEL: 0.1}, None)
     values = box.centre.value * np.array([0.7, 0.95, 1.05, 1.3])
     cases = [question.case] * values.size
     every = []
     for value in values.tolist():
-        base = bound.steady_hybrid(question.case_at(value).to_system(), question.case.operating_point)
-        stack = bound.HybridStack.of(box._starts(base), question.case.to_system().signals.names)
-        every.append(bound.simulate_batch(stack, bound._PERIODS * box.orbit.period).status)
-    batches = Counted(monkeypatch, bound, "simulate_batch")
+        base = exact.steady_hybrid(question.case_at(value).to_system(), question.case.operating_point)
+        stack = exact.HybridStack.of(box._starts(base), question.case.to_system().signals.names)
+        every.append(exact.simulate_batch(stack, exact.PERIODS * box.orbit.period).status)
+    batches = Counted(monkeypatch, exact, "simulate_batch")
     found = box._oscillating(cases, values, 1)
     assert found.tolist() == [Status.LIMIT_CYCLE in statuses for statuses in every]
     assert found.any() and not found.all()
@@ -121,8 +121,8 @@ def test_a_draw_that_oscillates_is_run_no_further_and_has_the_same_verdict(monke
 
 def test_a_corner_that_is_only_checked_is_asked_for_no_slopes(monkeypatch: pytest.MonkeyPatch) -> None:
     question = Question(epp.case(RELAY), THRESHOLD, 1.0, 3.0)
-    widths, slopes = {LEVEL: 0.1, SCALE: 0.1}, Counted(monkeypatch, bound, "exact_slopes")
-    box = bound._Box.of(question, widths, None)
+    widths, slopes = {LEVEL: 0.1, SCALE: 0.1}, Counted(monkeypatch, exact, "exact_slopes")
+    box = exact.ExactBox.of(question, widths, None)
     worst, message, n_corners = box.worst()
     assert not message and n_corners == 3
     # The centre's slopes and those of the corner to which they point.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
 
 import eppanalysis as epp
@@ -40,16 +39,10 @@ def test_analyses_of_continuous_time_say_so() -> None:
     loop = epp.LureSystem.build(
         [[0.5]], [[1.0]], [[-1.0]], [epp.Relay()], B_input=[[1.0]], input_names=["u"], time_step=0.1, name="digital"
     )
-    time = np.linspace(0.0, 20.0, 2001)
-    record = {"time": time, loop.signals.names[0]: np.sin(5.0 * time)}
     analyses = {
-        "dither": lambda: epp.dither(loop, frequency=1.0),
-        "diagnose": lambda: epp.diagnose(loop, record),
         "frequency_response": lambda: epp.frequency_response(loop, amplitude=1.0, frequencies=(1.0, 2.0)),
         "olop": lambda: epp.olop(loop, 1.0),
         "fold_boundary": lambda: epp.fold_boundary(loop, {"loop.gain": [1.0, 2.0], "relay.high": [1.0, 2.0]}),
-        "tolerance_bound": lambda: epp.tolerance_bound(loop, "loop.gain", {}, within=(0.5, 2.0)),
-        "design": lambda: epp.design(loop, {"loop.gain": (0.5, 2.0)}, maximise="loop.gain"),
     }
     for analysis, call in analyses.items():
         with pytest.raises(epp.EppError, match=f"^{analysis} does not cover loops in discrete time: .+"):

@@ -58,6 +58,8 @@ class ToleranceBound(Result):
         Relative difference of the nominal bound as runs see it from the exact one.
     message : str
         What is missing; empty where nothing is.
+    not_covered : str
+        What bounds of the search do not cover, in a sentence; empty where they are exact.
     """
 
     limit: str
@@ -73,10 +75,11 @@ class ToleranceBound(Result):
     draws: Array
     engine_offset: float
     message: str = ""
+    not_covered: str = ""
 
     in_json = (
         "limit unit sign half_widths nominal worst_case worst_values n_corners quantiles samples=draws.size "
-        "engine_offset message provenance"
+        "engine_offset message not_covered provenance"
     )
 
     def __str__(self) -> str:
@@ -90,9 +93,12 @@ class ToleranceBound(Result):
             if np.isfinite(q.value)
         ]
         rest = f"; of all designs, {listed(shares)}" if shares else ""
+        free = "No limit cycle was found" if self.not_covered else "Free of limit cycles"
+        where = "at the corners of the tolerances" if self.not_covered else "wherever the tolerances lie"
+        beside = "".join(f" {text}" for text in (self.message, self.not_covered) if text)
         return (
-            f"Free of limit cycles {side} a {words(self.limit)} of {worst} wherever the tolerances lie, against "
-            f"{nominal} at the nominal values{rest}.{' ' + self.message if self.message else ''}"
+            f"{free} {side} a {words(self.limit)} of {worst} {where}, against {nominal} at the nominal values{rest}."
+            f"{beside}"
         )
 
     def to_frame(self) -> pandas.DataFrame:
@@ -115,5 +121,7 @@ class ToleranceBound(Result):
 
     @property
     def status(self) -> Status:
-        """CONVERGED where nothing is missing."""
-        return Status.UNDECIDED if self.message else Status.CONVERGED
+        """CONVERGED where nothing is missing; INCOMPLETE where something is not covered alone."""
+        if self.message:
+            return Status.UNDECIDED
+        return Status.INCOMPLETE if self.not_covered else Status.CONVERGED

@@ -46,44 +46,36 @@ def is_sampled(elements: Iterable[Nonlinearity]) -> bool:
     return bool(sampled_among(elements))
 
 
-#: What answers for loops with samples in the place of an analysis that does not cover them.
+#: Analyses that do not cover loops with samples, and what answers in their place.
 _INSTEAD = {
     "continue_folds": "locked cycles cease at borders and not in folds; design_bounds has the bound on one parameter "
     "at each value of the other",
     "fold_boundary": "outcome_boundary with run='cycles' has where the answer of the search changes",
-    "design": "design_bounds has the bound on one parameter at each value of another, and sweep a map over both",
-    "design_guide": "design_bounds has the bound on one parameter at each value of another",
-    "tolerance_bound": "a sweep over Tolerances with run='cycles' or 'simulate' counts the draws that oscillate",
     "certify": "find_limit_cycles lists the cycles that it finds, without a proof",
     "certify_orbit": "exact_orbit closes a locked cycle to rounding, without a proof",
     "frozen_nyquist": "predict_limit_cycles and margins do",
     "olop": "predict_limit_cycles and forced_response do",
     "frequency_response": "forced_response answers at one frequency and amplitude",
     "amplitude_response": "forced_response answers at one frequency and amplitude",
-    "diagnose": "find_limit_cycles lists the cycles that the record may be compared with",
-    "dither": "simulate runs the loop with a sine at one of its inputs, and forced_response closes what it settles on",
     "A batch": "simulate runs them one by one",
 }
-_COVER = (
-    "simulate, predict_limit_cycles, harmonic_balance, exact_orbit, find_limit_cycles, ladder, design_bounds and others"
-)
 
 
 def refuse_samples(elements: Iterable[Nonlinearity], analysis: str) -> None:
-    """Refuse a loop with sampled controllers, and name what to use instead.
+    """Refuse a loop with sampled controllers where an analysis does not cover them, and name what to use instead.
 
     Raises
     ------
     EppError
-        If there is one.
+        If there is one, and the analysis does not.
     """
-    if is_sampled(elements):
+    if analysis in _INSTEAD and is_sampled(elements):
         raise EppError(f"{analysis} does not cover loops with sampled controllers: {instead_of(analysis)}.")
 
 
 def instead_of(analysis: str) -> str:
     """What answers for loops with samples in the place of an analysis that does not cover them."""
-    return _INSTEAD.get(analysis, f"{_COVER} do")
+    return _INSTEAD[analysis]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,172 @@
+"""Exact bounds in a box of tolerances: folds that their elasticities lead from corner to corner."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from eppanalysis.arrays import Array, BoolArray
+from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.elasticity import exact_slopes
+from eppanalysis.methods.bounds.exact import ExactBound, correct
+from eppanalysis.methods.bounds.fold import Cycle, Programmes, extreme
+from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question
+from eppanalysis.methods.bounds.result import Finding
+from eppanalysis.methods.bounds.tolerances.box import PERIODS, Box, Place
+from eppanalysis.methods.continuation.steps import Point
+from eppanalysis.methods.orbits.exact import steady_hybrid
+from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.subject import CaseLike
+from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results.deferred import Deferred
+
+_MOST_CORNERS = 8
+#: Sizes of the orbit at the nominal bound from which the runs of a draw begin, and points on it.
+_SIZES, _POINTS = (1.0, 1.3, 1.8, 2.5), 2
+
+
+@dataclass(frozen=True, eq=False)
+class ExactPlace(Place):
+    """An exact bound, with the cycle that harmonic balance has at it."""
+
+    harmonic: Cycle
+
+
+@dataclass(eq=False)
+class ExactBox(Box[ExactPlace]):
+    """Exact bounds in the box."""
+
+    programmes: Programmes
+    orbit: LimitCycle
+
+    @classmethod
+    def of(cls, question: Question, widths: dict[str, float], sweep: HarmonicSweep | None) -> ExactBox:
+        """The box round a case, with its nominal bound.
+
+        Raises
+        ------
+        EppError
+            If there is none.
+        """
+        sweep = sweep or HarmonicSweep(question)
+        bound = sweep.bound_of(question)
+        if bound.fold is None or bound.finding is not Finding.BOUND:
+            raise EppError(f"{question.case.name}: {bound.finding.sentence}")
+        exact = correct(question, bound.fold.cycle, bound.sign)
+        if exact.cycle is None or exact.point is None:
+            raise EppError(f"{question.case.name}: the bound on {question.limit} was not corrected: {exact.message}.")
+        slopes = _slopes(question, exact.point, widths)
+        centre = ExactPlace((0.0,) * len(widths), exact.value, slopes, bound.fold.cycle)
+        return cls(question, widths, bound.sign, centre, sweep.programmes, exact.cycle)
+
+    def harmonic(self, place: tuple[float, ...], near: ExactPlace) -> Cycle | None:
+        """The harmonic bound at a place, from that of another one, in as many steps as it takes."""
+        for n_steps in (1, 2, 4):
+            here: Cycle | None = near.harmonic
+            for share in np.linspace(0.0, 1.0, n_steps + 1)[1:]:
+                between = [a + share * (b - a) for a, b in zip(near.place, place, strict=True)]
+                assert here is not None
+                found = extreme(self.at(between).numbers(), self.programmes, here, self.sign, 0.1)
+                here = None if found is None else found.cycle
+                if here is None:
+                    break
+            if here is not None:
+                return here
+        return None
+
+    def exact(self, place: tuple[float, ...], near: ExactPlace) -> ExactPlace | None:
+        """The exact bound at a place, near the one that the elasticities predict, else near the harmonic one."""
+        question = self.at(place)
+        moves = zip(self.widths.items(), near.place, place, strict=True)
+        terms = (near.slopes.get(n, 0.0) * w * (b - a) for (n, w), a, b in moves)
+        change = sum(term for term in terms if math.isfinite(term))
+        # Extrapolated in the logarithm: no bound passes zero.
+        cycle: Cycle | None = replace(near.harmonic, value=near.value * math.exp(change / near.value))
+        assert cycle is not None
+        found: ExactBound | None = correct(question, cycle, self.sign)
+        if found is None or found.cycle is None:
+            cycle = self.harmonic(place, near)
+            found = None if cycle is None else correct(question, cycle, self.sign)
+        if found is None or found.cycle is None or cycle is None:
+            return None
+        return ExactPlace(place, found.value, _slopes(question, found.point, self.widths), cycle)
+
+    def worst(self) -> tuple[ExactPlace, str, int]:
+        """The corner with the worst bound, what is missing, and the number of corners checked besides."""
+        # Where the bound is monotone in each parameter it is worst at the corner to which its slopes point; they are
+        # asked for anew at every corner, until it points to itself.
+        here, seen = self.centre, set()
+        for _ in range(_MOST_CORNERS):
+            corner = self._downhill(here)
+            if corner in seen:
+                break
+            seen.add(corner)
+            found = self.exact(corner, here)
+            if found is None:
+                return here, "the worst corner could not be reached; the bound of the last place is given", 0
+            here = found
+        message = "" if self._downhill(here) == here.place else "the bound is not monotone over the box"
+        better, n_corners = self._check(here)
+        if better is not None:
+            return better, message, n_corners
+        return here, message, n_corners
+
+    def _check(self, worst: ExactPlace) -> tuple[ExactPlace | None, int]:
+        """The other corners in the most influential parameters: a worse one, and how many could be checked."""
+        # Slopes know their own corner: where the bound is not monotone another one may be worse.
+        most = self._most_influential()
+        count, better = 0, None
+        for signs in itertools.product((-1.0, 1.0), repeat=len(most)):
+            place = list(worst.place)
+            for i, s in zip(most, signs, strict=True):
+                place[i] = s
+            if tuple(place) == worst.place:
+                continue
+            found = self.exact(tuple(place), self.centre)
+            count += found is not None
+            if found is not None and self.sign * (found.value - worst.value) < 0:
+                better = worst = found
+        return better, count
+
+    def _oscillating(self, cases: Sequence[CaseLike], values: Array, threads: int) -> BoolArray:
+        """Which cases have a run that does not come to rest, at their values of the bounded parameter."""
+        starts: list[list[HybridSystem]] = []
+        for case, value in zip(cases, values.tolist(), strict=True):
+            changed = case.with_values({self.question.limit: value})
+            starts.append(self._starts(steady_hybrid(changed.to_system(), changed.operating_point)))
+        names, moving = self.question.case.to_system().signals.names, np.zeros(len(cases), bool)
+        for column in zip(*starts, strict=True):
+            # One run that oscillates tells: the others of its case need not be made.
+            still = np.flatnonzero(~moving)
+            if still.size:
+                stack = HybridStack.of([column[i] for i in still], names)
+                result = simulate_batch(stack, PERIODS * self.orbit.period, threads=threads)
+                moving[still] = [s is Status.LIMIT_CYCLE for s in result.status]
+        return moving
+
+    def _starts(self, base: HybridSystem) -> list[HybridSystem]:
+        """The system on and around the orbit at the nominal bound."""
+        n = base.n_plant
+        # At its bound a stable cycle meets an unstable one; beyond
+        # it the stable one is larger, and is reached from outside.
+        corners = self.orbit.event_states
+        centre = corners.mean(axis=0)
+        chosen = corners[:: max(1, len(corners) // _POINTS)][:_POINTS]
+        out = []
+        for size, corner in itertools.product(_SIZES, chosen):
+            x0 = base.x0.copy()
+            x0[:n] = np.where(base.compared[:n], centre + size * (corner - centre), x0[:n])
+            out.append(replace(base, x0=x0))
+        return out
+
+
+def _slopes(question: Question, point: Point | None, names: Iterable[str]) -> Mapping[str, float]:
+    """Derivative of an exact bound by parameters [SI]; most corners are asked for their bound alone."""
+    sizes = {name: abs(question.case.value(name)) for name in names}
+    return {} if point is None else Deferred(partial(exact_slopes, question, point, sizes))

@@ -1,0 +1,106 @@
+"""Bounds in a box of tolerances where the search for limit cycles says them, as in loops with samples.
+
+Such a bound has no derivative. How it moves with each parameter is told by runs from the cycles that are known beyond
+the nominal bound, to both ends of its tolerance; with them the corners in the most influential parameters are ranked,
+the search is asked for the bound at the worst one, and at the others whether nothing but rest is found there.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eppanalysis.arrays import Array, BoolArray
+from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.result import BoundCell, Finding
+from eppanalysis.methods.bounds.searched import Asking, bound_by_runs, oscillates, searched_cell
+from eppanalysis.methods.bounds.tolerances.box import Box, Place
+from eppanalysis.models.systems.subject import CaseLike
+from eppanalysis.results import LimitCycle
+
+
+@dataclass(eq=False)
+class SearchedBox(Box[Place]):
+    """Bounds in the box that the search says."""
+
+    asking: Asking
+    cycles: tuple[LimitCycle, ...]  # beyond the nominal bound
+    cells: list[BoundCell]  # all that the search was asked for
+
+    @classmethod
+    def of(cls, question: Question, widths: dict[str, float], asking: Asking) -> SearchedBox:
+        """The box round a case, with its nominal bound.
+
+        Raises
+        ------
+        EppError
+            If there is none, or no cycle was found beyond it.
+        """
+        cell = searched_cell(question, float("nan"), asking)
+        if cell.finding is not Finding.BOUND or cell.other_orbit is None:
+            raise EppError(f"{question.case.name}: {cell.message}")
+        beyond = asking.answer(question, cell.other_value, [cell.other_orbit]).cycles or (cell.other_orbit,)
+        centre = Place((0.0,) * len(widths), cell.bound, {})
+        box = cls(question, widths, cell.sign, centre, asking, beyond, [cell])
+        box.centre = replace(centre, slopes=box._slopes())
+        return box
+
+    @property
+    def not_covered(self) -> str:
+        """What the bounds do not cover, in a sentence."""
+        return f"{self.asking.not_covered(self.cells)} Of the tolerances corners were asked, and nothing between them."
+
+    def worst(self) -> tuple[Place, str, int]:
+        """The corner with the worst bound, what is missing, and the number of corners checked besides."""
+        down, most = self._downhill(self.centre), self._most_influential()
+        sides = [(-1.0, 1.0) if i in most else (side,) for i, side in enumerate(down)]
+        corners = sorted(itertools.product(*sides), key=lambda corner: self.sign * self._by_runs(corner))
+        here, first = self.centre, True
+        for corner in corners:
+            if not first and self._is_free(corner, here.value):
+                continue
+            found = self._searched(corner)
+            if found is None:
+                return here, f"at {self._said(corner)} no bound was found within the range", corners.index(corner)
+            here = found if first or self.sign * (found.value - here.value) < 0 else here
+            first = False
+        return here, "", len(corners) - 1
+
+    def _searched(self, corner: tuple[float, ...]) -> Place | None:
+        """The bound at a corner; None where the search finds none in the range."""
+        cell = searched_cell(self.at(corner), float("nan"), self.asking)
+        if cell.finding is not Finding.BOUND:
+            return None
+        self.cells.append(cell)
+        return Place(corner, cell.bound, {})
+
+    def _is_free(self, corner: tuple[float, ...], value: float) -> bool:
+        """Whether the search finds nothing but rest at a corner, with a value of the bounded parameter."""
+        return replace(self.asking, first=True).answer(self.at(corner), value, self.cycles).free
+
+    def _said(self, corner: tuple[float, ...]) -> str:
+        case = self.question.case
+        return ", ".join(f"{name} {case.text(name, value)}" for name, value in self.values(corner).items())
+
+    def _slopes(self) -> dict[str, float]:
+        """How the bound moves with each parameter, from runs at both ends of its tolerance."""
+        found = {}
+        for i, (name, width) in enumerate(self.widths.items()):
+            ends = [tuple(side * float(k == i) for k in range(len(self.widths))) for side in (-1.0, 1.0)]
+            low, high = map(self._by_runs, ends)
+            found[name] = (high - low) / (2.0 * width)
+        return found
+
+    def _by_runs(self, place: tuple[float, ...]) -> float:
+        """The bound at a place as runs from the known cycles have it."""
+        return bound_by_runs(self.at(place), self.cycles, self.sign, self.asking, 0.5 * self.asking.margin)[0]
+
+    def _oscillating(self, cases: Sequence[CaseLike], values: Array, threads: int) -> BoolArray:
+        """Which cases have a run that does not come to rest, at their values of the bounded parameter."""
+        pairs = zip(cases, values.tolist(), strict=True)
+        there = (case.with_values({self.question.limit: value}) for case, value in pairs)
+        return np.array([oscillates(case, self.cycles, self.asking) for case in there], bool)
