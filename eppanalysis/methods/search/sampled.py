@@ -35,7 +35,7 @@ from eppanalysis.methods.search.result import CycleSearch, exists, undecided
 from eppanalysis.methods.search.unmet import MANY, more_of, unmet
 from eppanalysis.methods.simulation.effort import Spent, Work, allotted, telling
 from eppanalysis.methods.simulation.kept import Run
-from eppanalysis.methods.simulation.samples import extent_of
+from eppanalysis.methods.simulation.samples import extent_of, is_locked
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import poles, slowest_pole
@@ -72,8 +72,9 @@ _STAYS, _RETURNS = 4, 0.1
 _MOST_WORK, _FOR_RUNS = 2e7, 0.5
 #: Distance between orbits, in the size of the motion, that is rounding.
 _SAME = 1e-7
-#: Cycles that are not locked are one where they are as near as this, in logarithms of period and size.
-_ALIKE = 0.1
+#: Cycles that are not locked are one where they are as near as this, in logarithms of period and size, and how many
+#: times as long a run that must tell the same is: what creeps by less within it is taken for a cycle.
+_ALIKE, _LASTS = 0.1, 10.0
 
 #: What a run comes to: the number of a locked orbit, or how else it ends.
 Outcome = int | End
@@ -237,33 +238,39 @@ class SampledSearch:
         """How a run from a start ends, and on which of the locked orbits."""
         t = self.horizon
         for _ in range(_LONGER):
-            run = self._run(start, t)
-            status, found = judge(start, run, t)
-            if status is Status.SETTLED:
-                self.rest = self._rest_of(run) if not self.rest.size else self.rest
-                return End.REST, None
-            if status is Status.DIVERGED:
-                return End.DIVERGENCE, None
+            run, status, found = self._judged(start, t)
             # Turns that differ may be on their way to a locked cycle, or parts of one of several turns.
-            may_lock = status is Status.LIMIT_CYCLE and found[5] and self.strobe.samples_in(t) < _LOCKS
-            if status is Status.LIMIT_CYCLE and not may_lock:
-                return self._keep(start, run, found)
+            may_lock = status is Status.LIMIT_CYCLE and not is_locked(found) and self.strobe.samples_in(t) < _LOCKS
+            if not may_lock and (end := self._come_to(start, run, status, found)) is not None:
+                return end
             # One that has run away passes more edges of its encoder than a longer run has events for.
             if status is Status.EVENT_LIMIT and _FACTOR * run.stats[0] < t:
                 break
             t *= _FACTOR
         return (End.OUT_OF_EVENTS if status is Status.EVENT_LIMIT else End.UNDECIDED), None
 
+    def _come_to(self, start: HybridSystem, run: Run, status: Status, found: Array) -> tuple[End, int | None] | None:
+        """What a run has come to; None where it is on its way."""
+        if status is Status.SETTLED:
+            self.rest = self._rest_of(run) if not self.rest.size else self.rest
+            return End.REST, None
+        if status is Status.DIVERGED:
+            return End.DIVERGENCE, None
+        return self._keep(start, run, found) if status is Status.LIMIT_CYCLE else None
+
     def _rest_of(self, run: Run) -> Array:
         """States of plant and memory values at the end of a run, (N,)."""
         return np.concatenate([run.x_end, run.memory_values[run.order[-1]]])
 
-    def _run(self, start: HybridSystem, t: float) -> Run:
+    def _judged(self, start: HybridSystem, t: float, n_kept: int | None = None) -> tuple[Run, Status, Array]:
+        """A run of so long, of which so many events are kept, and what it says of itself."""
         most = self.strobe.samples_in(t) + 20_000
-        return run_hybrid(start, t, np.zeros(0), 2.0 * self.hybrid.time_scale, most, most)
+        step = 2.0 * self.hybrid.time_scale
+        run = run_hybrid(start, t, np.zeros(0), step, most, most if n_kept is None else n_kept)
+        return run, *judge(start, run, t)
 
     def _keep(self, start: HybridSystem, run: Run, found: Array) -> tuple[End, int | None]:
-        if not found[5] and not self.strobe.forgets:
+        if is_locked(found) and not self.strobe.forgets:
             n = round(found[1] / self.strobe.period)
             begin = next(starts_on(self.strobe, run, n, 1))
             known = self._known(begin, n, float(found[3]))
@@ -276,6 +283,13 @@ class SampledSearch:
         # The period of a slow cycle has ten thousand samples: its harmonics take ten times as long as the run.
         if self._is_met(run, found):
             return End.OF_RUNS, None
+        if not is_locked(found):
+            # No closing tells of turns that differ whether they creep to another size: many times as long a run does.
+            longer = self._judged(start, _LASTS * float(run.time[run.order[-1]]), run.n_kept)
+            if longer[1] is not Status.LIMIT_CYCLE or is_locked(longer[2]):
+                return self._come_to(start, *longer) or (End.UNDECIDED, None)
+            if not _are_alike(extent_of(self.strobe, run, found), extent_of(self.strobe, longer[0], longer[2])):
+                return End.UNDECIDED, None
         facts = Provenance("event-exact simulation", {"system": self.system.name})
         cycle = cycle_of_run(self.system, start, run, found, facts)
         if cycle is None:
@@ -313,7 +327,7 @@ class SampledSearch:
     def _is_met(self, run: Run, found: Array) -> bool:
         """Whether a run is on a cycle that is not locked and is listed."""
         extent = extent_of(self.strobe, run, found)
-        return any(np.abs(extent[0] - known[0]) + np.abs(extent - known)[1:].max() < _ALIKE for known in self.extents)
+        return any(_are_alike(extent, known) for known in self.extents)
 
     def _known(self, begin: HybridSystem, n: int, to_come: float) -> int | None:
         """The known orbit that a run of n samples a turn is on, but for its changes still to come."""
@@ -372,7 +386,7 @@ class SampledSearch:
     def _on_boundary(self, start: HybridSystem) -> LockedOrbit | None:
         """The orbit near which a run from a boundary stays for a while: where it returns, and not to a known one."""
         longest = max((orbit.n for orbit in self.rounds), default=1)
-        run = self._run(start, max(self.horizon, _STAYS * longest * self.strobe.period))
+        run, *_ = self._judged(start, max(self.horizon, _STAYS * longest * self.strobe.period))
         samples, rows = self._at_samples(run)
         size = np.ptp(rows, axis=0)
         size = np.where(size > 0.0, size, np.inf)
@@ -417,7 +431,8 @@ class SampledSearch:
             for n, o in of_each.items()
         ]
         for cycle in self.starts.predicted:
-            run = self._run(self.starts.begun(cycle.state, cycle.memory), 2.5 * cycle.period + self.strobe.period)
+            begin = self.starts.begun(cycle.state, cycle.memory)
+            run, *_ = self._judged(begin, 2.5 * cycle.period + self.strobe.period)
             n = max(round(cycle.period / self.strobe.period), 1)
             seeds.append((n, list(starts_on(self.strobe, run, n, _STARTS))))
         for length, starts in seeds:
@@ -505,6 +520,11 @@ def _comes_to(rows: Array, orbit: LockedOrbit, differs: float) -> bool:
     turns = [rows[end - n : end] for end in np.linspace(max(len(rows) // 2, n), len(rows), 3).astype(int)]
     far = [float(np.max(_nearest(orbit.at_samples / orbit.scale, turn / orbit.scale)[0])) for turn in turns]
     return far[2] < far[1] < far[0] and far[2] <= differs
+
+
+def _are_alike(one: Array, other: Array) -> bool:
+    """Whether two motions that are not locked are one, by what :func:`extent_of` has of them."""
+    return bool(abs(one[0] - other[0]) + np.abs(one - other)[1:].max() < _ALIKE)
 
 
 def _stands_for(orbit: LimitCycle, motion: LimitCycle) -> bool:

@@ -88,9 +88,14 @@ def judge_samples(strobe: Strobe, run: Run, t_end: float) -> tuple[Status, Array
     return Status.LIMIT_CYCLE, found
 
 
+def is_locked(found: Array) -> bool:
+    """Whether a cycle is locked to the samples."""
+    return not found[5]
+
+
 def extent_of(strobe: Strobe, run: Run, found: Array) -> Array:
     """Logarithms of the period of a run's cycle and of how far what repeats moves in it, shape (1 + free,)."""
-    last = run.order[-int(found[0]) - 1 :]
+    last = run.order[-int(found[0]) - 1 :] if is_locked(found) else run.order[run.time[run.order] >= found[6]]
     moved = np.ptp(np.hstack([run.state[last], run.memory_values[last]])[:, strobe.free], axis=0)
     return np.log(np.maximum([found[1], *moved], np.finfo(float).tiny))
 
@@ -98,7 +103,7 @@ def extent_of(strobe: Strobe, run: Run, found: Array) -> Array:
 def locked_or_not(strobe: Strobe, found: Array) -> str:
     """How a cycle stands to the samples, in words."""
     n, sample_time = round(found[1] / strobe.period) * strobe.every if strobe.every else 0, _slowest(strobe)
-    if not found[5]:
+    if is_locked(found):
         return f"locked to the samples: {n} of {sample_time:g} s"
     return (
         f"not locked to the samples of {sample_time:g} s: its turns took {_from_to(found[4], found[5])}, and its "

@@ -33,7 +33,7 @@ from eppanalysis.methods.simulation.rounding import (
     left_by_rounding,
     watched,
 )
-from eppanalysis.methods.simulation.samples import judge_samples, locked_or_not, rests_since
+from eppanalysis.methods.simulation.samples import is_locked, judge_samples, locked_or_not, rests_since
 from eppanalysis.methods.simulation.states import unread_apart
 from eppanalysis.methods.simulation.times import base_step, sample_times
 from eppanalysis.methods.simulation.workspaces import of_thread
@@ -450,7 +450,7 @@ def cycle_of_run(
         As the run was started.
     run : Run
         With more events in its event buffer than a period has.
-    found : array, shape (4,)
+    found : array
         What `judge` says of the cycle.
     facts : Provenance
     at : OperatingPoint, optional
@@ -458,11 +458,11 @@ def cycle_of_run(
     """
     p, period = int(found[0]), float(found[1])
     marks = run.time[run.order[-p - 1 :]]
-    first = int(run.order[-p - 1])
-    start, begin = from_event(hybrid, run, first)
+    first, strobe = int(run.order[-p - 1]), Strobe.of(hybrid)
     gained = advance(hybrid, run.state[run.order[-1]] - run.state[first])
 
-    def sample(times: Array) -> Array:
+    def sample(times: Array, place: int = first) -> Array:
+        start, begin = from_event(hybrid, run, place)
         again = run_hybrid(
             start, float(marks[-1]) - begin, times - begin, 2.0 * hybrid.time_scale, 2 * run.count + 100, 1
         )
@@ -473,14 +473,20 @@ def cycle_of_run(
         shape = analyse_period(marks, system.delays, hybrid.time_scale, system.signals.names, sample)
     except EppError:
         return None
-    strobe = Strobe.of(hybrid)
+    size = shape.peak_to_peak
+    if strobe is not None and not is_locked(found):
+        # Its turns differ: it is as large as the largest of those that were compared.
+        since = int(run.order[int(np.searchsorted(run.time[run.order], found[6]))])
+        count = shape.time.size * round((marks[-1] - run.time[since]) / period)
+        whole = np.ptp(sample(np.linspace(run.time[since], marks[-1], count), since), axis=0)
+        size = {name: max(size[name], float(all_)) for name, all_ in zip(size, whole, strict=True)}
     return LimitCycle(
         method=SIMULATION,
         status=Status.CONVERGED,
         note="; ".join([*([] if strobe is None else [locked_or_not(strobe, found)]), *advances(system, gained, shape)]),
         period=period,
         mean=shape.mean,
-        peak_to_peak=shape.peak_to_peak,
+        peak_to_peak=size,
         harmonics=shape.harmonics,
         stable=True,
         stability_criterion="reached in simulation",

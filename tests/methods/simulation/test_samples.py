@@ -163,7 +163,6 @@ def test_growth_that_samples_roughen_is_no_cycle() -> None:
     assert run.status is epp.Status.UNDECIDED
 
 
-@pytest.mark.xfail(strict=True, reason="the size of a cycle that is not locked is that of its last turn alone")
 def test_the_size_of_a_cycle_that_is_not_locked_is_that_of_all_its_turns() -> None:
     cycle = epp.simulate(read_resonance(0.45, 0.05), t_end=600.0).limit_cycle
     assert cycle.note.startswith("not locked to the samples")
