@@ -169,7 +169,10 @@ class Asking:
         """A longer run."""
         if not self.words:
             return f'epp.simulate(case.with_values({{"run.t_end": {t_end!r}}}))'
-        return self.command("simulate", "--set", f"run.t_end={t_end}")
+        words = list(self.words)
+        for i in [i for i, word in enumerate(words) if word.startswith("run.t_end=")]:
+            del words[i - 1 : i + 1]  # of the run that was too short, with its --set
+        return command("simulate", *words, "--set", f"run.t_end={t_end}")
 
     def cycles(self) -> str:
         """The search for all limit cycles."""

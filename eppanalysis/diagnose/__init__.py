@@ -15,7 +15,7 @@ from eppanalysis.arguments import check_counts
 from eppanalysis.cases import Case
 from eppanalysis.cases.values.typed import read_in
 from eppanalysis.diagnose.candidates import STEPS, Candidates, Family, candidates_of, size_exponents
-from eppanalysis.diagnose.fit import Fit, Yardstick, all_fits, of_family
+from eppanalysis.diagnose.fit import Fit, Likelihood, all_fits, of_family
 from eppanalysis.diagnose.questions import question
 from eppanalysis.diagnose.record import FEWEST_SAMPLES, PER_HARMONIC, Oscillation, Record, oscillation_of, record_of
 from eppanalysis.diagnose.result import LINEAR, OWN, UNTRIED, Diagnosis, Explanation, Verdict
@@ -127,7 +127,7 @@ def explained(
     candidates: Candidates, case: LureSystem | CaseLike, record: Record, found: Oscillation, model_error: float = 0.02
 ) -> Diagnosis:
     """What the candidates say of an oscillation; they may be kept for the next record of the same loop."""
-    yard = Yardstick(found, model_error)
+    yard = Likelihood(found, model_error)
     fits = [(name, some, why) for name, some, why in all_fits(yard, candidates)]
     weights = np.array([_evidence(some) for _, some, _ in fits])
     # Candidates are equally likely beforehand, so that their shares are those
@@ -191,7 +191,7 @@ def _verdict(made: list[Explanation]) -> Verdict:
     return Verdict.NAMED if made[0].probability >= _NAMED else Verdict.CANNOT_BE_TOLD
 
 
-def _elsewhere(yard: Yardstick, candidates: Candidates, evidence: float, units: Mapping[str, str]) -> str:
+def _elsewhere(yard: Likelihood, candidates: Candidates, evidence: float, units: Mapping[str, str]) -> str:
     """The signal as a record of which an element explains the oscillation far better; empty where there is none.
 
     A gain on its limit has any sinusoid of its frequency, in whatever signal: what a record attached to the wrong one
@@ -203,7 +203,7 @@ def _elsewhere(yard: Yardstick, candidates: Candidates, evidence: float, units: 
     others = [name for name, unit in units.items() if name != own and unit == units[own]]
     best = (evidence + np.log(_NAMED / (1.0 - _NAMED)) + np.log(max(len(others), 1)), "")
     for name in others:
-        as_other = Yardstick(replace(yard.found, names=(name,)), yard.model_error)
+        as_other = Likelihood(replace(yard.found, names=(name,)), yard.model_error)
         # The cycles of these are known; others would have to be sought anew for every signal.
         for family in (f for f in candidates.families if f.in_proportion):
             fits: list[Fit] = []

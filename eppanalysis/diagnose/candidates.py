@@ -19,7 +19,7 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.diagnose.linear import Linear, is_linear
 from eppanalysis.methods.search.find import find_limit_cycles
-from eppanalysis.methods.simulation.effort import Spent, allotted, left
+from eppanalysis.methods.simulation.budget import BudgetExceeded, budget, remaining
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.absorbed import with_gains
 from eppanalysis.models.systems.lure import LureSystem, with_own_states
@@ -94,9 +94,9 @@ class Sought:
         """
         found: Iterable[LimitCycle] = ()
         self.begun.add(size)
-        with allotted(self.steps), suppress(Spent):
+        with budget(self.steps), suppress(BudgetExceeded):
             found = find_limit_cycles(loop, self.at)
-            if left():
+            if remaining():
                 self.finished.add(size)
         return tuple(c for c in found if c.stable is not False)
 

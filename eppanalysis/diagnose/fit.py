@@ -56,7 +56,7 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class Yardstick:
+class Likelihood:
     """An oscillation with the standard deviations that differences from it are measured in."""
 
     found: Oscillation
@@ -114,7 +114,7 @@ class Yardstick:
         return size * harmonics * np.exp(1j * k * phase), size, error
 
 
-def of_family(yard: Yardstick, family: Family) -> list[Fit]:
+def of_family(yard: Likelihood, family: Family) -> list[Fit]:
     """How the limit cycles of an element alone explain an oscillation, each of them; none where there are none.
 
     Raises
@@ -127,7 +127,7 @@ def of_family(yard: Yardstick, family: Family) -> list[Fit]:
     return [fit for fit in fits if fit is not None]
 
 
-def _of_cycle(yard: Yardstick, family: Family, cycle: LimitCycle) -> Fit | None:
+def _of_cycle(yard: Likelihood, family: Family, cycle: LimitCycle) -> Fit | None:
     """The fit of a limit cycle over the size of its element."""
     size, exponent = 1.0, 1.0
     harmonics, factor, error = yard.laid(_harmonics(yard.found, cycle))
@@ -164,7 +164,7 @@ def _of_cycle(yard: Yardstick, family: Family, cycle: LimitCycle) -> Fit | None:
     return Fit(evidence, misfit, yard.count - 2, cycle.period, harmonics, size, error / abs(exponent), cycle)
 
 
-def of_whole(yard: Yardstick, whole: Whole) -> list[Fit]:
+def of_whole(yard: Likelihood, whole: Whole) -> list[Fit]:
     """How the limit cycles of the loop as it is modelled explain an oscillation; nothing but their phase is free.
 
     Raises
@@ -185,7 +185,7 @@ def of_whole(yard: Yardstick, whole: Whole) -> list[Fit]:
     return fits
 
 
-def told_apart(yard: Yardstick, one: Fit, other: Fit) -> bool:
+def told_apart(yard: Likelihood, one: Fit, other: Fit) -> bool:
     """Whether a record tells two ways of explaining it apart."""
     from scipy.stats import chi2
 
@@ -208,7 +208,7 @@ def _harmonics(found: Oscillation, cycle: LimitCycle) -> ComplexArray:
     return out
 
 
-def of_linear(yard: Yardstick, linear: Linear) -> list[Fit]:
+def of_linear(yard: Likelihood, linear: Linear) -> list[Fit]:
     """How an oscillation of the linear loop, by a gain that is other than in the model, explains one."""
     gains = _GAINS if linear.turned >= 0 else np.zeros(1)
     best = min((_pole_cost(yard, linear, float(q)), float(q)) for q in gains)
@@ -248,7 +248,7 @@ def _rows(found: Oscillation, linear: Linear) -> list[int]:
     return [linear.loop.signals.names.index(name) for name in found.names]
 
 
-def _pole_cost(yard: Yardstick, linear: Linear, q: float) -> float:
+def _pole_cost(yard: Likelihood, linear: Linear, q: float) -> float:
     pole = _pole(yard.found, linear, q)[0]
     if not np.isfinite(pole):
         return float("inf")
@@ -264,7 +264,7 @@ def _spread(cost: Callable[[float], float], q: float, least: float) -> float:
     return float(np.sqrt(2.0 / bend)) if bend > 0.0 else _GAIN
 
 
-def of_disturbance(yard: Yardstick, linear: Linear) -> Iterator[Fit]:
+def of_disturbance(yard: Likelihood, linear: Linear) -> Iterator[Fit]:
     """How a sine that comes in at some place of the linear loop explains an oscillation, for every place."""
     for place, signals in linear.responses(yard.found.omega):
         seen = signals[_rows(yard.found, linear)]
@@ -279,7 +279,7 @@ def of_disturbance(yard: Yardstick, linear: Linear) -> Iterator[Fit]:
         yield Fit(evidence, misfit, yard.count - 4, yard.found.period, harmonics, size, place=place)
 
 
-def _one_harmonic(yard: Yardstick, seen: ComplexArray) -> ComplexArray:
+def _one_harmonic(yard: Likelihood, seen: ComplexArray) -> ComplexArray:
     """The oscillation of signals in a given ratio that fits best; nothing but its fundamental."""
     out = np.zeros_like(yard.found.harmonics)
     w = yard.each[:, 0]
@@ -298,7 +298,7 @@ def _in_part(sought: Sought) -> str:
     )
 
 
-def _of_own(yard: Yardstick, whole: Whole, alone: dict[str, list[Fit]]) -> tuple[list[Fit], str]:
+def _of_own(yard: Likelihood, whole: Whole, alone: dict[str, list[Fit]]) -> tuple[list[Fit], str]:
     """Of the loop as it is modelled, but for cycles that the record does not tell from those of an element alone."""
     try:
         found, why = of_whole(yard, whole), "has no limit cycle that does not grow"
@@ -311,7 +311,7 @@ def _of_own(yard: Yardstick, whole: Whole, alone: dict[str, list[Fit]]) -> tuple
     return own, (_in_part(whole) if not found else "") or why
 
 
-def all_fits(yard: Yardstick, candidates: Candidates) -> Iterator[tuple[str, list[Fit], str]]:
+def all_fits(yard: Likelihood, candidates: Candidates) -> Iterator[tuple[str, list[Fit], str]]:
     """Name of every candidate, its fits, and why there are none."""
     alone: dict[str, list[Fit]] = {}
     for family in candidates.families:

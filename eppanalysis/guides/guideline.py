@@ -19,7 +19,7 @@ from eppanalysis.cases import Case, as_case, variation_of
 from eppanalysis.errors import EppError
 from eppanalysis.guides.result import GAIN, LIMIT, Guide, GuideRow
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch, design_bounds, range_within
-from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question, value_of
+from eppanalysis.methods.bounds.harmonic import BoundProblem, HarmonicSweep, value_of
 from eppanalysis.methods.bounds.proved import with_proofs
 from eppanalysis.methods.bounds.regions import OwnRuns, own_runs, smallest_trigger
 from eppanalysis.methods.bounds.result import BoundCell
@@ -290,9 +290,9 @@ class _Work:
         carried = any(p.tolerance for p in case.parameters.values())
         return self.allowed is None and (self.tolerances is not None or carried)
 
-    def question(self, case: Case) -> Question:
+    def question(self, case: Case) -> BoundProblem:
         """What is asked of a variant."""
-        return Question(in_own_states(case), self.limit, *range_within(case, self.limit, self.within))
+        return BoundProblem(in_own_states(case), self.limit, *range_within(case, self.limit, self.within))
 
     def rows(
         self, case: Case, varied: tuple[str, ...], sweep: HarmonicSweep, advance: Progress
@@ -326,7 +326,7 @@ class _Work:
         ]
         return rows, bounds.not_covered
 
-    def _known(self, case: Case) -> tuple[Question, BoundCell] | None:
+    def _known(self, case: Case) -> tuple[BoundProblem, BoundCell] | None:
         """The bound at the end of the branch that was given, tested; None where it has no end."""
         if self.branch is None:
             return None
@@ -441,7 +441,7 @@ def _beyond(
     if math.isfinite(own):
         # The range of the bound may end before the case's own value, of which it is to be said what it does.
         low, high = (low, max(high, 2.0 * own)) if sign > 0 else (min(low, 0.5 * own), high)
-    question = Question(in_own_states(case), limit, low, high)
+    question = BoundProblem(in_own_states(case), limit, low, high)
     hit = smallest_trigger(question, own, allowed) if sign * (own - bound) > 0 else None
     try:
         return own_runs(question, bound, sign, allowed), hit

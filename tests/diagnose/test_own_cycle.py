@@ -140,7 +140,7 @@ def test_what_is_not_sought_to_the_end_is_said_and_the_rest_answers() -> None:
 @pytest.mark.parametrize("kind", ["friction and rate limit", "linear instability", "encoder of 4096 counts"])
 def test_a_diagnosis_has_a_bound_of_effort(kind: str) -> None:
     """By the engine's steps, which are the same on every machine: so many for each candidate and no more."""
-    from eppanalysis.methods.simulation.effort import allotted
+    from eppanalysis.methods.simulation.budget import budget
 
     blocks = {
         "friction and rate limit": [([4.0, 6.0, 2.0], [0.05, 1.0, 0.0]), epp.RateLimiter(4.0), ([1.0], [1.0, 0.2, 0.0]),
@@ -151,7 +151,7 @@ def test_a_diagnosis_has_a_bound_of_effort(kind: str) -> None:
     }[kind]  # fmt: skip
     loop = epp.LureSystem.from_blocks(blocks)
     steps = 40_000
-    with allotted(1e9) as work:
+    with budget(1e9) as work:
         found = epp.diagnose(loop, sine(loop.signals.names[0]), steps=steps)
     assert len(str(found)) > 20
     # A search may go beyond its steps by one run of the engine; sizes are sought again, six for each cycle.

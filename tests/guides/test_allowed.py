@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import eppanalysis as epp
 from eppanalysis.cli.commands import app
 from eppanalysis.guides.result import Region
-from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.harmonic import BoundProblem
 from eppanalysis.methods.bounds.regions import own_runs, smallest_trigger
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
@@ -139,7 +139,7 @@ def test_the_table_of_bounds_says_so_too(servo: epp.Case) -> None:
 def test_other_units_of_what_is_allowed_give_the_same() -> None:
     """In degrees and in radians, by the case's own run beyond a bound."""
     case = epp.case("fig8a_original")
-    question = Question(case, "lock_pin.backlash", math.radians(0.9), math.radians(3.0))
+    question = BoundProblem(case, "lock_pin.backlash", math.radians(0.9), math.radians(3.0))
     found = [
         own_runs(question, math.radians(1.5), 1.0, Allowed.read(case.to_system(), text))
         for text in ("theta 4 deg", f"theta {math.radians(4.0)!r} rad")
@@ -154,7 +154,7 @@ def test_other_units_of_what_is_allowed_give_the_same() -> None:
 def test_a_step_is_told_where_all_cycles_are_too_large() -> None:
     """The elbow's only stable cycle has 4.39 deg: the step that starts it counts beside 4 deg, not beside 5 deg."""
     case = epp.case("fig8a_original")
-    question, system = Question(case, "lock_pin.backlash", 0.001, 0.1), case.to_system()
+    question, system = BoundProblem(case, "lock_pin.backlash", 0.001, 0.1), case.to_system()
     own = case.value("lock_pin.backlash")
     known, small, large = (
         smallest_trigger(question, own, None if text is None else Allowed.read(system, text))

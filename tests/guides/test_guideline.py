@@ -24,7 +24,7 @@ from eppanalysis.guides.manual import limit_grid
 from eppanalysis.guides.result import Guide, GuideRow, Region
 from eppanalysis.limits import cut
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch
-from eppanalysis.methods.bounds.harmonic import Question, look
+from eppanalysis.methods.bounds.harmonic import BoundProblem, look
 from eppanalysis.methods.bounds.regions import OwnRuns
 from eppanalysis.methods.bounds.result import BoundCell
 from eppanalysis.methods.bounds.tolerances.bound import half_widths_of
@@ -480,7 +480,7 @@ def test_from_the_bench_to_a_bound(tmp_path: Path) -> None:
     widths = {name: p.tolerance / p.value for name, p in case.parameters.items() if p.tolerance}
     assert {"cable.stiffness", "lock_pin.stiffness", "lock_pin.backlash"} <= set(widths)
     branch = epp.continue_branch(case, "lock_pin.backlash", start="1.5 deg", stop="0.5 deg", n_others=0)
-    question = Question(case, "lock_pin.backlash", 0.5 * DEGREE, 1.5 * DEGREE)
+    question = BoundProblem(case, "lock_pin.backlash", 0.5 * DEGREE, 1.5 * DEGREE)
     cell = bound_of_branch(question, case.value("bands.range"), branch, Settings(verify=False))
     assert cell is not None
     reach = sum(abs(cell.elasticities[n]) * w for n, w in widths.items() if n in cell.elasticities)

@@ -9,7 +9,7 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch
-from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.harmonic import BoundProblem
 from studies import STORED
 from studies.advice import (
     ADVICE,
@@ -46,7 +46,9 @@ def cycle(case: epp.Case) -> epp.LimitCycle:
 def bounds(case: epp.Case, cycle: epp.LimitCycle) -> epp.DesignBounds:
     """The bound at one gain, from the branch that ends there."""
     branch = epp.continue_branch(case, LIMIT, "0.5 deg", "0.3 deg", cycle=cycle, max_step=0.05)
-    cell = bound_of_branch(Question(case, LIMIT, *WITHIN), case.value("bands.range"), branch, Settings(verify=False))
+    cell = bound_of_branch(
+        BoundProblem(case, LIMIT, *WITHIN), case.value("bands.range"), branch, Settings(verify=False)
+    )
     assert cell is not None
     return bounds_of(case, "bands.range", LIMIT, cell)
 

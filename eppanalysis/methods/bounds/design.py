@@ -22,10 +22,10 @@ from eppanalysis.limits import MARGIN
 from eppanalysis.methods.bounds.elasticity import elasticities, exact_elasticities, size_elasticities
 from eppanalysis.methods.bounds.exact import ExactBound, correct, farthest_turn, searched, turn_of
 from eppanalysis.methods.bounds.fold import Cycle
-from eppanalysis.methods.bounds.harmonic import HarmonicBound, HarmonicSweep, Question, value_of
+from eppanalysis.methods.bounds.harmonic import BoundProblem, HarmonicBound, HarmonicSweep, value_of
 from eppanalysis.methods.bounds.proved import with_proofs
 from eppanalysis.methods.bounds.result import UNTESTED, BoundCell, DesignBounds, Finding, Turn
-from eppanalysis.methods.bounds.searched import Asking, searched_cell, why_by_search
+from eppanalysis.methods.bounds.searched import SearchedProblem, searched_cell, why_by_search
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import bound_of_size, farthest_passage, first_order_bound, scan
 from eppanalysis.methods.bounds.verify import Verification, check_verification, verify
@@ -168,13 +168,15 @@ def design_bounds(
         raise EppError(f"design_bounds: at is empty; expected one value of {over} or more.")
     low, high = range_within(case, limit, within)
     _check_pair(case, over, values[0], limit, high)
-    question = Question(in_own_states(case), limit, low, high, over)
+    question = BoundProblem(in_own_states(case), limit, low, high, over)
     sweep = sweep or HarmonicSweep(question)
     sweep.turn_to(question)
     settings = Settings(exact, verify and exact, margin, starts, seed, allowed)
     why = why_by_search(case.to_system())
     # What is done at each value only this process can tell.
-    asking = Asking(allowed, margin, own_run, why, progress=progress if workers == 1 else None) if why else None
+    asking = (
+        SearchedProblem(allowed, margin, own_run, why, progress=progress if workers == 1 else None) if why else None
+    )
     _check_asking(settings, asking, own_run, prove)
     own: Callable[[float], BoundCell] | None = None  # of a cell that has nothing in common with others
     if asking is not None:
@@ -205,7 +207,7 @@ def design_bounds(
     )
 
 
-def _check_asking(settings: Settings, asking: Asking | None, own_run: bool, prove: bool) -> None:
+def _check_asking(settings: Settings, asking: SearchedProblem | None, own_run: bool, prove: bool) -> None:
     """Refuse what goes with exact folds alone where the search is asked, and what goes with the search elsewhere."""
     if asking is None and own_run:
         said = " is asked of a loop whose bounds are folds; expected a loop whose bounds the search tells."
@@ -346,7 +348,7 @@ def _each(
     return cells
 
 
-def sized_cell(question: Question, value: float, settings: Settings) -> BoundCell:
+def sized_cell(question: BoundProblem, value: float, settings: Settings) -> BoundCell:
     """The bound at one value of the parameter that runs, where a size is allowed; what fails is said in the cell."""
     assert settings.allowed is not None
     here = question.at(value)
@@ -374,7 +376,7 @@ class _Checked:
     elasticities: Mapping[str, float]
 
 
-def _check(question: Question, near: Cycle | None, sign: float, settings: Settings) -> _Checked:
+def _check(question: BoundProblem, near: Cycle | None, sign: float, settings: Settings) -> _Checked:
     """Correct and test one bound; what fails is said in its cell and does not end the sweep."""
     try:
         found = ExactBound() if near is None else correct(question, near, sign)
@@ -388,7 +390,7 @@ def _check(question: Question, near: Cycle | None, sign: float, settings: Settin
         return _Checked(ExactBound(message=f"the correction failed ({error})"), None, {})
 
 
-def bound_of_branch(question: Question, value: float, branch: Branch, settings: Settings) -> BoundCell | None:
+def bound_of_branch(question: BoundProblem, value: float, branch: Branch, settings: Settings) -> BoundCell | None:
     """The bound at the end of a branch of exact cycles that is known already, tested like any other.
 
     It takes no search by harmonic balance, and holds no value of it and none of first order. Other families of cycles
@@ -418,7 +420,7 @@ def bound_of_branch(question: Question, value: float, branch: Branch, settings: 
         return replace(cell, exact=turn.value, kind=turn.kind, message=f"Not verified: the tests failed ({error}).")
 
 
-def checked_bound(question: Question, found: ExactBound, sign: float, settings: Settings) -> _Checked:
+def checked_bound(question: BoundProblem, found: ExactBound, sign: float, settings: Settings) -> _Checked:
     """Test one exact bound; where a test finds another family on the safe side, its bound is the next to be tested."""
     if found.cycle is None:
         return _Checked(found, None, {})
@@ -443,14 +445,14 @@ def checked_bound(question: Question, found: ExactBound, sign: float, settings: 
     return _Checked(replace(found, point=None), tested, slopes)
 
 
-def _further(question: Question, tested: Verification, sign: float, allowed: Allowed | None) -> ExactBound | None:
+def _further(question: BoundProblem, tested: Verification, sign: float, allowed: Allowed | None) -> ExactBound | None:
     """The bound of the cycles that a test found on the safe side."""
     if allowed is None:
         return farthest_turn(question, tested.safe_value, tested.cycles, sign)
     return farthest_passage(question, allowed, tested.safe_value, tested.cycles, sign)
 
 
-def _elasticities(question: Question, found: ExactBound, allowed: Allowed | None) -> dict[str, float]:
+def _elasticities(question: BoundProblem, found: ExactBound, allowed: Allowed | None) -> dict[str, float]:
     """Elasticities of an exact bound where its kind has some."""
     point = found.point
     if point is None:

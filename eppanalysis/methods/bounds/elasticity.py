@@ -22,13 +22,13 @@ import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.fold import Fold, Programmes
-from eppanalysis.methods.bounds.harmonic import Question, steady_loop
+from eppanalysis.methods.bounds.harmonic import BoundProblem, steady_loop
 from eppanalysis.methods.bounds.numbers import Plan, gather
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.continuation.families import slope_of
 from eppanalysis.methods.continuation.labels import linear_arc
 from eppanalysis.methods.continuation.seeds import steady_case
-from eppanalysis.methods.continuation.steps import Point
+from eppanalysis.methods.continuation.steps import BranchPoint
 from eppanalysis.methods.harmonic.series import anchored
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, solve
@@ -43,7 +43,7 @@ _LEFT_OUT = ("run.", "expected.")
 _LARGER = 1e-6
 
 
-def parameters_of(question: Question) -> list[str]:
+def parameters_of(question: BoundProblem) -> list[str]:
     """Parameters by which a bound has an elasticity: numbers that are not zero, without the bounded one.
 
     A field that the bounded one stands in for (the forearm's inertia, say, for the prehensor's mass) has none.
@@ -58,7 +58,7 @@ def parameters_of(question: Question) -> list[str]:
     return found
 
 
-def elasticities(question: Question, programmes: Programmes, fold: Fold) -> dict[str, float]:
+def elasticities(question: BoundProblem, programmes: Programmes, fold: Fold) -> dict[str, float]:
     """Elasticity of the bound of a fold by every parameter; nan where a parameter changes the structure of the loop.
 
     Parameters
@@ -75,7 +75,7 @@ def elasticities(question: Question, programmes: Programmes, fold: Fold) -> dict
 
 
 def harmonic_slopes(
-    question: Question, programmes: Programmes, fold: Fold, sizes: Mapping[str, float]
+    question: BoundProblem, programmes: Programmes, fold: Fold, sizes: Mapping[str, float]
 ) -> dict[str, float]:
     """Derivative of the bound of a fold by parameters; nan where one changes the structure of the loop.
 
@@ -113,7 +113,7 @@ def _slope(case: CaseLike, name: str, plan: Plan, size: float) -> np.ndarray | N
     return None if found is None else found.slope(value)
 
 
-def exact_elasticities(question: Question, point: Point) -> dict[str, float]:
+def exact_elasticities(question: BoundProblem, point: BranchPoint) -> dict[str, float]:
     """Elasticity of an exact bound by every parameter; nan where a parameter changes the structure of the loop.
 
     At a fold the equations of the orbit are singular. At a border collision those are overdetermined that are left when
@@ -132,7 +132,7 @@ def exact_elasticities(question: Question, point: Point) -> dict[str, float]:
     return {name: slope * scale(name) / point.value for name, slope in slopes.items()}
 
 
-def exact_slopes(question: Question, point: Point, sizes: Mapping[str, float]) -> dict[str, float]:
+def exact_slopes(question: BoundProblem, point: BranchPoint, sizes: Mapping[str, float]) -> dict[str, float]:
     """Derivative of an exact bound by parameters; nan where one changes the structure of the loop.
 
     Parameters
@@ -187,7 +187,7 @@ def _damping_slope(case: CaseLike, name: str, value: float, orbit: Orbit, arc: i
 
 
 def size_elasticities(
-    question: Question, point: Point, allowed: Allowed, names: Collection[str] | None = None
+    question: BoundProblem, point: BranchPoint, allowed: Allowed, names: Collection[str] | None = None
 ) -> dict[str, float]:
     """Elasticity, by parameters, of a bound at which an orbit reaches an allowed size, and by that size itself.
 
@@ -221,7 +221,7 @@ def size_elasticities(
     return out
 
 
-def _growth(case: CaseLike, name: str, value: float, point: Point, allowed: Allowed) -> float | None:
+def _growth(case: CaseLike, name: str, value: float, point: BranchPoint, allowed: Allowed) -> float | None:
     """Relative growth of the size of an orbit for a relative growth of a parameter; None where it has none."""
 
     def size(v: float) -> np.ndarray | None:

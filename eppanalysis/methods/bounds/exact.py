@@ -19,13 +19,13 @@ import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.fold import Cycle, balanced
-from eppanalysis.methods.bounds.harmonic import Question, spread, steady_loop
-from eppanalysis.methods.bounds.numbers import Numbers
+from eppanalysis.methods.bounds.harmonic import BoundProblem, spread, steady_loop
+from eppanalysis.methods.bounds.numbers import ParametricModel
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.continuation.branch import continue_branch
 from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
-from eppanalysis.methods.continuation.steps import Point
+from eppanalysis.methods.continuation.steps import BranchPoint
 from eppanalysis.methods.harmonic.balance import cycle_of
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.search.find import find_limit_cycles
@@ -57,7 +57,7 @@ class ExactBound:
     period: float = float("nan")  # of the orbit at the bound [s]
     cycle: LimitCycle | None = None  # the orbit there
     kind: Turn = Turn.UNKNOWN
-    point: Point | None = None  # the orbit with the direction of its branch
+    point: BranchPoint | None = None  # the orbit with the direction of its branch
     message: str = ""  # why there is none
 
     @property
@@ -67,7 +67,7 @@ class ExactBound:
         return self.point is not None and not (at_border and self.point.arc is None)
 
 
-def correct(question: Question, near: Cycle, sign: float) -> ExactBound:
+def correct(question: BoundProblem, near: Cycle, sign: float) -> ExactBound:
     """The exact bound near a bound by harmonic balance.
 
     Parameters
@@ -97,7 +97,7 @@ def correct(question: Question, near: Cycle, sign: float) -> ExactBound:
     return ExactBound(message=message)
 
 
-def searched(question: Question, near: float, sign: float) -> ExactBound:
+def searched(question: BoundProblem, near: float, sign: float) -> ExactBound:
     """The exact bound of the cycles that the exact search finds next to a value, on the side that has cycles.
 
     Parameters
@@ -124,7 +124,7 @@ def searched(question: Question, near: float, sign: float) -> ExactBound:
     return ExactBound(message=_tried(question, with_cycles, without))
 
 
-def _tried(question: Question, with_cycles: list[float], without: list[float]) -> str:
+def _tried(question: BoundProblem, with_cycles: list[float], without: list[float]) -> str:
     """What the searches over the range say where no branch shows where its cycles end."""
     none = f"the exact search finds no limit cycle at {question.in_words(sorted(set(without)))}"
     if not with_cycles:
@@ -134,13 +134,13 @@ def _tried(question: Question, with_cycles: list[float], without: list[float]) -
     return f"{none}, and {some}"
 
 
-def _orbits_at(question: Question, value: float) -> list[LimitCycle]:
+def _orbits_at(question: BoundProblem, value: float) -> list[LimitCycle]:
     """All exact orbits that the search finds at a value, smallest first."""
     return list(find_limit_cycles(question.case_at(value)))
 
 
 def turn_of(
-    question: Question, branch: Branch, stop: float, sign: float, ends: Mapping[Change, Turn] = BORN
+    question: BoundProblem, branch: Branch, stop: float, sign: float, ends: Mapping[Change, Turn] = BORN
 ) -> ExactBound | None:
     """The bound where a branch turns back, or otherwise ends; None where it does not before `stop`."""
     turn = _last_turn(question, branch, stop, sign, ends)
@@ -149,7 +149,7 @@ def turn_of(
     return ExactBound(turn.value, turn.cycle.period, turn.cycle, ends[turn.kind], turn.point)
 
 
-def farthest_turn(question: Question, value: float, cycles: Iterable[LimitCycle], sign: float) -> ExactBound | None:
+def farthest_turn(question: BoundProblem, value: float, cycles: Iterable[LimitCycle], sign: float) -> ExactBound | None:
     """The farthest bound of families of which cycles at a value are known; None where none ends within the range."""
     end = question.low if sign > 0 else question.high
     branches = (_branch(question, value, end, cycle) for cycle in cycles)
@@ -157,7 +157,7 @@ def farthest_turn(question: Question, value: float, cycles: Iterable[LimitCycle]
     return min((t for t in turns if t is not None), key=lambda t: sign * t.value, default=None)
 
 
-def _branch(question: Question, start: float, stop: float, cycle: LimitCycle) -> Branch | None:
+def _branch(question: BoundProblem, start: float, stop: float, cycle: LimitCycle) -> Branch | None:
     """The branch from a cycle near an orbit at `start`; None where there is no such orbit."""
     try:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -167,7 +167,7 @@ def _branch(question: Question, start: float, stop: float, cycle: LimitCycle) ->
 
 
 def _last_turn(
-    question: Question, branch: Branch, stop: float, sign: float, ends: Mapping[Change, Turn]
+    question: BoundProblem, branch: Branch, stop: float, sign: float, ends: Mapping[Change, Turn]
 ) -> SpecialPoint | None:
     """The farthest place at which a branch ends in one of these ways.
 
@@ -191,9 +191,9 @@ def _last_turn(
     return turn
 
 
-def _cycles_inside(question: Question, near: Cycle, value: float) -> Iterator[LimitCycle]:
+def _cycles_inside(question: BoundProblem, near: Cycle, value: float) -> Iterator[LimitCycle]:
     """Cycles of harmonic balance at a value inside the bound, carried there from the bound at once, else in steps."""
-    numbers: Numbers = question.numbers()
+    numbers: ParametricModel = question.numbers()
     here = _carried(numbers, near, [value]) or _carried(numbers, near, np.geomspace(near.value, value, 4)[1:].tolist())
     if here is None or here.value != value:
         # What does not balance may still be near enough to the exact orbit.
@@ -204,7 +204,7 @@ def _cycles_inside(question: Question, near: Cycle, value: float) -> Iterator[Li
         return
 
 
-def _carried(numbers: Numbers, near: Cycle, values: Iterable[float]) -> Cycle | None:
+def _carried(numbers: ParametricModel, near: Cycle, values: Iterable[float]) -> Cycle | None:
     """A cycle carried to one value after the other, as far as Newton's method gets; None where it gets to none."""
     here = None
     for v in values:

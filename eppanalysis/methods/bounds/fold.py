@@ -22,7 +22,7 @@ from scipy.sparse.linalg import splu
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.equations import Expressions, polynomials, write
-from eppanalysis.methods.bounds.numbers import Dependence, Numbers, Plan, gather, plan_of
+from eppanalysis.methods.bounds.numbers import Dependence, ParametricModel, Plan, gather, plan_of
 from eppanalysis.methods.harmonic.balance import settled
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop
@@ -134,14 +134,14 @@ def _dwells(phi: Any) -> Any:
     return ca.vertcat(phi[1:] - phi[:-1], phi[0] + TURN - phi[-1])
 
 
-def balanced(numbers: Numbers, value: float, near: Cycle) -> Cycle | None:
+def balanced(numbers: ParametricModel, value: float, near: Cycle) -> Cycle | None:
     """The cycle of the balance at a value to which Newton's method comes from one that is near; None where it fails."""
     true = settled(numbers.loop(value), near.Z, near.omega)
     return None if true is None else Cycle(value, *true)
 
 
 def extreme(
-    numbers: Numbers, programmes: Programmes, start: Cycle | Fold, sign: float, reach: float = 0.25
+    numbers: ParametricModel, programmes: Programmes, start: Cycle | Fold, sign: float, reach: float = 0.25
 ) -> Fold | None:
     """The least (sign 1) or largest (sign -1) parameter of the family of cycles that holds (or is near) `start`.
 
@@ -239,7 +239,7 @@ class _Path:
 class _Step:
     """One programme made ready: from a cycle, with the switches that the elements make there."""
 
-    numbers: Numbers
+    numbers: ParametricModel
     loop: Loop
     plan: Plan
     expressions: Expressions
@@ -253,7 +253,13 @@ class _Step:
 
     @classmethod
     def of(
-        cls, numbers: Numbers, programmes: Programmes, here: Cycle, sign: float, width: float, known: Fold | None
+        cls,
+        numbers: ParametricModel,
+        programmes: Programmes,
+        here: Cycle,
+        sign: float,
+        width: float,
+        known: Fold | None,
     ) -> _Step | None:
         loop = numbers.loop(here.value)
         Z, pivot = anchored(here.Z)

@@ -22,7 +22,7 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds.fold import Cycle, Fold, Programmes, balanced, extreme
-from eppanalysis.methods.bounds.numbers import Numbers, loop_of
+from eppanalysis.methods.bounds.numbers import ParametricModel, loop_of
 from eppanalysis.methods.bounds.result import Finding
 from eppanalysis.methods.harmonic.balance import settled
 from eppanalysis.methods.harmonic.elements import Unsettled
@@ -53,7 +53,7 @@ Each = Callable[[Callable[[float], Any], Iterable[float]], Iterable[Any]]
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
+class BoundProblem:
     """A case with the parameter that runs and the one that is bounded."""
 
     case: CaseLike
@@ -63,7 +63,7 @@ class Question:
     high: float
     over: str | None = None  # the parameter that runs
 
-    def at(self, value: float) -> Question:
+    def at(self, value: float) -> BoundProblem:
         """The same question at a value of the parameter that runs."""
         return self if self.over is None else replace(self, case=self.case.with_values({self.over: value}), over=None)
 
@@ -76,9 +76,9 @@ class Question:
         unit, factor = self.case.readable(self.limit)
         return ", ".join(f"{factor * value:.4g} {unit}".rstrip() for value in values)
 
-    def numbers(self) -> Numbers:
+    def numbers(self) -> ParametricModel:
         """The loop's numbers over the limiting parameter."""
-        return Numbers(lambda v: steady_loop(self.case_at(v)), self.low, self.high)
+        return ParametricModel(lambda v: steady_loop(self.case_at(v)), self.low, self.high)
 
 
 def value_of(case: CaseLike, name: str) -> float | None:
@@ -109,7 +109,7 @@ def steady_loop(case: CaseLike) -> Loop:
 
 
 @dataclass(frozen=True, eq=False)
-class Outlook:
+class ScanResult:
     """Where cycles exist: their side of the range, and the cycles from which bounds are sought."""
 
     finding: Finding  # BOUND where there are cycles at some values of the limiting parameter and none at others
@@ -139,7 +139,7 @@ class _Seen:
         return self.predicted or self.exact
 
 
-def look(question: Question, n_scan: int = N_SCAN, each: Each = map) -> Outlook:
+def look(question: BoundProblem, n_scan: int = N_SCAN, each: Each = map) -> ScanResult:
     """Scan the range of the limiting parameter for cycles.
 
     Whether a cycle exists at a value is what the exact search says of it: first order sees some cycles that are not
@@ -156,7 +156,7 @@ def look(question: Question, n_scan: int = N_SCAN, each: Each = map) -> Outlook:
     """
     values = spread(question.low, question.high, n_scan)
     if idle(question, values):
-        return Outlook(Finding.IDLE)
+        return ScanResult(Finding.IDLE)
     seen = list(each(partial(_seen_at, question), values))
     own = value_of(question.case, question.limit)
     # Before it is said that no value is free of cycles the case's
@@ -166,7 +166,7 @@ def look(question: Question, n_scan: int = N_SCAN, each: Each = map) -> Outlook:
     return _outlook(question, seen)
 
 
-def _outlook(question: Question, seen: Sequence[_Seen]) -> Outlook:
+def _outlook(question: BoundProblem, seen: Sequence[_Seen]) -> ScanResult:
     """What the cycles at all values mean together."""
     there = [s.there for s in seen]
     if None in there:
@@ -174,34 +174,34 @@ def _outlook(question: Question, seen: Sequence[_Seen]) -> Outlook:
         # is asked.
         there = [bool(s.predicted) if s.there is None else s.there for s in seen]
         if there[0] == there[-1] and (there[0] or not any(there)):
-            return Outlook(Finding.UNSURE, note=f"It is undecided at {_named_values(question, seen, None)}.")
+            return ScanResult(Finding.UNSURE, note=f"It is undecided at {_named_values(question, seen, None)}.")
     if not any(there):
-        return Outlook(Finding.NONE)
+        return ScanResult(Finding.NONE)
     largest = (seen[-1] if there[-1] else next(s for s, t in zip(seen, there, strict=True) if t)).cycles[-1]
     if scales(question, largest):
-        return Outlook(Finding.SCALES)
+        return ScanResult(Finding.SCALES)
     if there[0] and there[-1]:
         if all(there):
-            return Outlook(Finding.ALWAYS)
-        return Outlook(Finding.BETWEEN, note=f"There is none at {_named_values(question, seen, False)}.")
+            return ScanResult(Finding.ALWAYS)
+        return ScanResult(Finding.BETWEEN, note=f"There is none at {_named_values(question, seen, False)}.")
     with_cycles = [i for i, t in enumerate(there) if t]
     first, last, own = with_cycles[0], with_cycles[-1], value_of(question.case, question.limit)
     if there[-1]:
-        return Outlook(Finding.BOUND, 1.0, tuple(seen[last].cycles))
+        return ScanResult(Finding.BOUND, 1.0, tuple(seen[last].cycles))
     # Of two bounds, one on either side of the cycles, the one that is met first from the case's own value.
     if there[0] or (own is not None and own > seen[last].value):
         below = "" if there[0] else f"No cycle is left below {question.in_words([seen[first - 1].value])} either."
-        return Outlook(Finding.BOUND, -1.0, tuple(seen[first].cycles), below)
+        return ScanResult(Finding.BOUND, -1.0, tuple(seen[first].cycles), below)
     above = f"No cycle is left above {question.in_words([seen[last + 1].value])} either."
-    return Outlook(Finding.BOUND, 1.0, tuple(seen[last].cycles), above)
+    return ScanResult(Finding.BOUND, 1.0, tuple(seen[last].cycles), above)
 
 
-def _named_values(question: Question, seen: Sequence[_Seen], there: bool | None) -> str:
+def _named_values(question: BoundProblem, seen: Sequence[_Seen], there: bool | None) -> str:
     """The values of one answer, in the unit that people use."""
     return question.in_words(s.value for s in seen if s.there is there)
 
 
-def idle(question: Question, values: Iterable[float]) -> bool:
+def idle(question: BoundProblem, values: Iterable[float]) -> bool:
     """Whether the loop and its operating point are the same at all of these values of the limiting parameter."""
     first: list[Array] | None = None
     for value in values:
@@ -216,7 +216,7 @@ def idle(question: Question, values: Iterable[float]) -> bool:
     return True
 
 
-def _seen_at(question: Question, value: float) -> _Seen:
+def _seen_at(question: BoundProblem, value: float) -> _Seen:
     """The cycles at a value; nothing is known where the loop cannot be searched there."""
     case = question.case_at(value)
     loop = steady_loop(case)
@@ -234,7 +234,7 @@ def _of_order_one(loop: Loop, value: float, cycle: LimitCycle) -> Cycle:
     return Cycle(value, Z[:, :2], cycle.omega)
 
 
-def scales(question: Question, cycle: Cycle) -> bool:
+def scales(question: BoundProblem, cycle: Cycle) -> bool:
     """Whether the cycle, made larger in proportion to the limiting parameter, is again one.
 
     True of loops in which the parameter is the only length: play in an otherwise linear loop, say.
@@ -280,10 +280,10 @@ class HarmonicBound:
 class HarmonicSweep:
     """Bounds at one value after another, each begun from the last; lives for one sweep."""
 
-    question: Question
+    question: BoundProblem
     pool: Executor | None = None  # of processes that share the work, while there is one
     programmes: Programmes = field(default_factory=Programmes)
-    outlook: Outlook | None = None  # of the first value
+    outlook: ScanResult | None = None  # of the first value
     far: tuple[Cycle, ...] = ()
     leading: tuple[Cycle, ...] = ()
     folds: dict[int, Fold] = field(default_factory=dict)  # the last fold of each order
@@ -291,7 +291,7 @@ class HarmonicSweep:
     last_order: int = 0
     done: int = 0
 
-    def turn_to(self, question: Question) -> None:
+    def turn_to(self, question: BoundProblem) -> None:
         """Begin anew with another question, and keep what is written of programmes: loops alike have the same."""
         vars(self).update(vars(HarmonicSweep(question, self.pool, self.programmes)))
 
@@ -307,12 +307,12 @@ class HarmonicSweep:
             finally:
                 self.pool = None
 
-    def bound(self, value: float) -> tuple[Question, HarmonicBound]:
+    def bound(self, value: float) -> tuple[BoundProblem, HarmonicBound]:
         """The question and the bound at a value of the parameter that runs."""
         question = self.question.at(value)
         return question, self.bound_of(question)
 
-    def bound_of(self, question: Question) -> HarmonicBound:
+    def bound_of(self, question: BoundProblem) -> HarmonicBound:
         """The bound of a question like the sweep's own, at one value of the parameter that runs."""
         numbers = question.numbers()
         if not self._ready(question, numbers):
@@ -337,7 +337,7 @@ class HarmonicSweep:
             message=note,
         )
 
-    def _ready(self, question: Question, numbers: Numbers) -> bool:
+    def _ready(self, question: BoundProblem, numbers: ParametricModel) -> bool:
         """Cycles to begin from: carried over from the last value, or sought anew."""
         # Newton's method from the last value's cycles is cheap; the exact
         # search over the range is asked again only where all are lost.
@@ -350,7 +350,7 @@ class HarmonicSweep:
         self.far = self.outlook.cycles
         return self.outlook.finding is Finding.BOUND and bool(self.far)
 
-    def _first(self, numbers: Numbers, sign: float) -> Fold | None:
+    def _first(self, numbers: ParametricModel, sign: float) -> Fold | None:
         """First order: from the last folds of all families; where one is lost, and now and then, from far away too."""
         found = [extreme(numbers, self.programmes, f, sign) for f in self.families]
         # A family that appears on the way has no last fold to be followed from, and is only found from afar.
@@ -360,7 +360,7 @@ class HarmonicSweep:
         self.families = tuple({f"{f.cycle.value:.6e}": f for f in found if f is not None}.values())
         return _farthest(found, sign)
 
-    def _from_far(self, numbers: Numbers, sign: float) -> list[Fold | None]:
+    def _from_far(self, numbers: ParametricModel, sign: float) -> list[Fold | None]:
         """The folds of first order to which the carried cycles lead."""
         found = [extreme(numbers, self.programmes, c, sign, _FAR) for c in self.far]
         # Higher orders begin from the cycle that led farthest; of those that led to one fold, from the largest.
@@ -369,7 +369,7 @@ class HarmonicSweep:
         self.leading = tuple(c for c, _ in led) or self.far
         return found
 
-    def _chosen(self, numbers: Numbers, sign: float) -> tuple[Fold | None, float]:
+    def _chosen(self, numbers: ParametricModel, sign: float) -> tuple[Fold | None, float]:
         """The order at which the bound ceases to change, and how far the orders from half of it on are apart."""
         found: list[Fold] = []
         apart = float("nan")
@@ -389,7 +389,7 @@ class HarmonicSweep:
         self.last_order = found[-1].cycle.order
         return found[-1], apart
 
-    def _of_order(self, numbers: Numbers, sign: float, n: int, lower: Fold | None) -> Fold | None:
+    def _of_order(self, numbers: ParametricModel, sign: float, n: int, lower: Fold | None) -> Fold | None:
         """The fold of an order: from the last one, else from near that of the order below, else from carried cycles."""
         last = self.folds.get(n)
         found = None if last is None else extreme(numbers, self.programmes, last, sign, 0.1)
@@ -427,7 +427,7 @@ def _farthest(found: Sequence[Fold | None], sign: float) -> Fold | None:
     return min(there, key=lambda f: sign * f.cycle.value) if there else None
 
 
-def _inside(numbers: Numbers, cycle: Cycle, order: int, share: float) -> Cycle | None:
+def _inside(numbers: ParametricModel, cycle: Cycle, order: int, share: float) -> Cycle | None:
     """A cycle of a higher order near one at its bound, away from the bound by a share of it; None if there is none.
 
     At the bound itself the higher order may have no cycle at all.
@@ -442,7 +442,7 @@ def _inside(numbers: Numbers, cycle: Cycle, order: int, share: float) -> Cycle |
     return balanced(numbers, value, Cycle(value, Z, cycle.omega))
 
 
-def _nearest(numbers: Numbers, cycle: Cycle, sign: float) -> Cycle:
+def _nearest(numbers: ParametricModel, cycle: Cycle, sign: float) -> Cycle:
     """The last cycle towards the bound to which Newton's method comes, in steps that become smaller where it fails.
 
     It takes the switches that the elements make; a programme is written anew for each of their sequences.
@@ -460,7 +460,7 @@ def _nearest(numbers: Numbers, cycle: Cycle, sign: float) -> Cycle:
     return cycle
 
 
-def raised(numbers: Numbers, cycle: Cycle, order: int) -> Cycle | None:
+def raised(numbers: ParametricModel, cycle: Cycle, order: int) -> Cycle | None:
     """The cycle in a higher order, by way of those between; None where Newton's method fails."""
     loop, here = numbers.loop(cycle.value), cycle
     for n in [*(n for n in (3, 5, 9) if cycle.order < n < order), order]:

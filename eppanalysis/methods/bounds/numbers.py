@@ -178,7 +178,7 @@ class Dependence:
 
 
 @dataclass(eq=False)
-class Numbers:
+class ParametricModel:
     """The numbers of one case over one parameter; systems are built once for each value."""
 
     build: Callable[[float], Loop]  # from the value (SI) of the parameter to the loop

@@ -17,7 +17,7 @@ from eppanalysis.methods.certificates.orbits.certify import proof_of_orbit
 from eppanalysis.methods.search.find import find_limit_cycles
 
 if TYPE_CHECKING:
-    from eppanalysis.methods.bounds.harmonic import Question
+    from eppanalysis.methods.bounds.harmonic import BoundProblem
     from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
     from eppanalysis.methods.certificates.result import Certificate
     from eppanalysis.results import LimitCycle
@@ -28,14 +28,14 @@ _NAN = float("nan")
 _DISTANCES = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 
 
-def with_proofs(question: Question, cell: BoundCell) -> BoundCell:
+def with_proofs(question: BoundProblem, cell: BoundCell) -> BoundCell:
     """The cell with what can be proved on both sides of its bound, at one value of the parameter that runs."""
     if cell.finding is not Finding.BOUND:
         return cell
     return replace(cell, proved=_sides(question, cell.exact, cell.sign, cell.other_value, cell.other_orbit))
 
 
-def _sides(question: Question, bound: float, sign: float, tested: float, near: LimitCycle | None) -> ProvedSides:
+def _sides(question: BoundProblem, bound: float, sign: float, tested: float, near: LimitCycle | None) -> ProvedSides:
     """Prove what can be proved on both sides of a bound, as near to it as can be.
 
     Parameters
@@ -77,7 +77,7 @@ def _nearest(tried: Iterator[tuple[float, T | None, str]]) -> tuple[float, T | N
     return kept
 
 
-def _absences(question: Question, bound: float, sign: float) -> Iterator[tuple[float, Certificate | None, str]]:
+def _absences(question: BoundProblem, bound: float, sign: float) -> Iterator[tuple[float, Certificate | None, str]]:
     for distance in _DISTANCES:
         value = bound - sign * distance * abs(bound)
         if question.low <= value <= question.high:
@@ -86,7 +86,7 @@ def _absences(question: Question, bound: float, sign: float) -> Iterator[tuple[f
 
 
 def _orbits(
-    question: Question, bound: float, sign: float, tested: float, near: LimitCycle | None
+    question: BoundProblem, bound: float, sign: float, tested: float, near: LimitCycle | None
 ) -> Iterator[tuple[float, CertifiedOrbit | None, str]]:
     """The cycle that is known, then those of searches nearer and nearer to the bound."""
     if near is None:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.harmonic import Question, spread
+from eppanalysis.methods.bounds.harmonic import BoundProblem, spread
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.trigger import Trigger, trigger
@@ -35,7 +35,7 @@ class OwnRuns:
     oscillates_from: float = math.nan
 
 
-def own_runs(question: Question, bound: float, sign: float, allowed: Allowed | None = None) -> OwnRuns:
+def own_runs(question: BoundProblem, bound: float, sign: float, allowed: Allowed | None = None) -> OwnRuns:
     """What the case's own run does from a bound to the end of the range.
 
     Parameters
@@ -74,7 +74,7 @@ def own_runs(question: Question, bound: float, sign: float, allowed: Allowed | N
     return OwnRuns(rests_to, outside)
 
 
-def _ends(question: Question, values: Sequence[float], allowed: Allowed | None) -> list[Status]:
+def _ends(question: BoundProblem, values: Sequence[float], allowed: Allowed | None) -> list[Status]:
     """How the case's own run ends at values of the limiting parameter; a cycle that is allowed counts as rest."""
     hybrids = []
     for value in values:
@@ -89,7 +89,7 @@ def _ends(question: Question, values: Sequence[float], allowed: Allowed | None) 
     return [Status.SETTLED if s is cycling and w else s for s, w in zip(result.status, within, strict=True)]
 
 
-def smallest_trigger(question: Question, value: float, allowed: Allowed | None = None) -> Trigger | None:
+def smallest_trigger(question: BoundProblem, value: float, allowed: Allowed | None = None) -> Trigger | None:
     """The smallest step of an external input that starts a cycle at a value of the limiting parameter; None if none.
 
     Where a size is allowed also none, unless all stable cycles are larger: which of them a run is on is not asked.

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.methods.bounds.harmonic import Question, idle
+from eppanalysis.methods.bounds.harmonic import BoundProblem, idle
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import tried_values, without_bound
@@ -63,7 +63,7 @@ def why_by_search(system: LureSystem) -> str:
 
 
 @dataclass(frozen=True)
-class Asking:
+class SearchedProblem:
     """What is asked at each value."""
 
     allowed: Allowed | None = None  # the largest stable cycle that is allowed
@@ -78,7 +78,7 @@ class Asking:
         """Whether a cycle is not allowed."""
         return self.allowed is None or self.allowed.exceeded_by(cycle)
 
-    def answer(self, question: Question, value: float, known: Sequence[LimitCycle] = ()) -> Answer:
+    def answer(self, question: BoundProblem, value: float, known: Sequence[LimitCycle] = ()) -> Answer:
         """Ask the case's own run, and the search, which starts from the cycles `known` at another value, too."""
         case = question.case_at(value)
         if self.progress is not None:
@@ -111,12 +111,12 @@ class Asking:
         )
 
 
-def oscillates(case: CaseLike, cycles: Sequence[LimitCycle], asking: Asking) -> bool:
+def oscillates(case: CaseLike, cycles: Sequence[LimitCycle], asking: SearchedProblem) -> bool:
     """Whether a run from one of some cycles comes neither to rest nor to a cycle that is allowed; inputs are held."""
     return _moving(case, cycles, asking) is not None
 
 
-def _moving(case: CaseLike, cycles: Sequence[LimitCycle], asking: Asking) -> Trajectory | None:
+def _moving(case: CaseLike, cycles: Sequence[LimitCycle], asking: SearchedProblem) -> Trajectory | None:
     """The first run from one of some cycles that comes neither to rest nor to a cycle that is allowed."""
     system = case.to_system()
     held = replace(system, v0=case.operating_point.vector(system))
@@ -132,7 +132,7 @@ def _moving(case: CaseLike, cycles: Sequence[LimitCycle], asking: Asking) -> Tra
 
 
 def bound_by_runs(
-    question: Question, cycles: Sequence[LimitCycle], sign: float, asking: Asking, close: float
+    question: BoundProblem, cycles: Sequence[LimitCycle], sign: float, asking: SearchedProblem, close: float
 ) -> tuple[float, LimitCycle | None]:
     """The bound as runs from some cycles have it, by halving the range until both sides are so close, relative to it.
 
@@ -155,7 +155,7 @@ def bound_by_runs(
     return safe, last
 
 
-def searched_cell(question: Question, value: float, asking: Asking) -> BoundCell:
+def searched_cell(question: BoundProblem, value: float, asking: SearchedProblem) -> BoundCell:
     """The bound at one value of the parameter that runs; what fails is said in the cell."""
     here = question.at(value)
     try:
@@ -165,7 +165,7 @@ def searched_cell(question: Question, value: float, asking: Asking) -> BoundCell
         return BoundCell(value=value, finding=Finding.FAILED, message=message)
 
 
-def _cell(question: Question, value: float, asking: Asking) -> BoundCell:
+def _cell(question: BoundProblem, value: float, asking: SearchedProblem) -> BoundCell:
     values = tried_values(question)
     if idle(question, values):
         return BoundCell(value=value, finding=Finding.IDLE, message=Finding.IDLE.sentence)
@@ -197,7 +197,7 @@ def _cell(question: Question, value: float, asking: Asking) -> BoundCell:
     return _joined(question, value, sign, sides, asking.allowed, len(asked) + more)
 
 
-def _without(question: Question, value: float, asked: Sequence[Answer], asking: Asking) -> BoundCell:
+def _without(question: BoundProblem, value: float, asked: Sequence[Answer], asking: SearchedProblem) -> BoundCell:
     """A cell without a bound, and why."""
     what = "limit cycle" if asking.allowed is None else asking.allowed.exceeded
     who = "The case's own run" if asking.own_run else "The search"
@@ -213,7 +213,7 @@ def _nearest(beyond: Sequence[Answer]) -> Answer:
 
 
 def _narrowed(
-    question: Question, sides: tuple[Answer, Answer, Answer], asking: Asking
+    question: BoundProblem, sides: tuple[Answer, Answer, Answer], asking: SearchedProblem
 ) -> tuple[tuple[Answer, Answer, Answer], int]:
     """Two values within the margin, the first free and the next not; the nearest with a cycle; how many were asked."""
     safe, beyond, other = sides
@@ -227,7 +227,7 @@ def _narrowed(
 
 
 def _joined(
-    question: Question,
+    question: BoundProblem,
     value: float,
     sign: float,
     sides: tuple[Answer, Answer, Answer],

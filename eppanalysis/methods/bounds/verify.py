@@ -19,7 +19,7 @@ import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import ArgumentError
-from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.harmonic import BoundProblem
 from eppanalysis.methods.bounds.sizes.allowed import Allowed, Measure
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
@@ -99,7 +99,7 @@ class _MayBe:
 
 
 def verify(
-    question: Question,
+    question: BoundProblem,
     value: float,
     sign: float,
     orbit: LimitCycle,
@@ -180,7 +180,7 @@ class _Fates:
     grows: bool = False
 
 
-def _orbit_at(question: Question, value: float, near: LimitCycle, allowed: Allowed | None) -> LimitCycle | None:
+def _orbit_at(question: BoundProblem, value: float, near: LimitCycle, allowed: Allowed | None) -> LimitCycle | None:
     """An exact orbit at a value that is not allowed: near a known one, else any that the search finds."""
     case = question.case_at(value)
     system = case.to_system()

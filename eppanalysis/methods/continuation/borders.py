@@ -16,7 +16,7 @@ import numpy as np
 
 from eppanalysis.methods.continuation.ranges import near
 from eppanalysis.methods.continuation.steps import (
-    Point,
+    BranchPoint,
     admissible,
     bend,
     make_point,
@@ -37,7 +37,7 @@ _SHORT = 5e-5
 _BEYOND = (1e-6, 1e-5, 1e-4, 1e-3)
 
 
-def borders(point: Point, ahead: bool = True) -> Iterator[Point]:
+def borders(point: BranchPoint, ahead: bool = True) -> Iterator[BranchPoint]:
     """Nearby orbits on the same branch of which an arc has no duration, the one that is reached soonest first.
 
     Parameters
@@ -56,7 +56,7 @@ def borders(point: Point, ahead: bool = True) -> Iterator[Point]:
             yield found
 
 
-def _without_duration(point: Point, arc: int) -> Point | None:
+def _without_duration(point: BranchPoint, arc: int) -> BranchPoint | None:
     """The orbit of the same sequence with a dwell time of zero."""
     row = np.zeros(point.unknowns.size)
     row[point.orbit.arcs.free.size + arc] = 1.0
@@ -69,7 +69,7 @@ def _without_duration(point: Point, arc: int) -> Point | None:
     return replace(found, arc=arc)
 
 
-def across(border: Point, way: float) -> tuple[Point | None, bool]:
+def across(border: BranchPoint, way: float) -> tuple[BranchPoint | None, bool]:
     """Beyond a border: the orbit without the visit that has no duration there, and whether the branch turns back.
 
     Parameters
@@ -92,7 +92,7 @@ def across(border: Point, way: float) -> tuple[Point | None, bool]:
     return None, False
 
 
-def border_collision(inside: Point, new: Point | None) -> Point:
+def border_collision(inside: BranchPoint, new: BranchPoint | None) -> BranchPoint:
     """Where a branch turns back from one sequence to another: what the longer one visits has no duration there.
 
     Parameters
@@ -105,7 +105,7 @@ def border_collision(inside: Point, new: Point | None) -> Point:
     return next(borders(new, ahead=False), inside)
 
 
-def visit_ends(inside: Point, new: Point) -> Point:
+def visit_ends(inside: BranchPoint, new: BranchPoint) -> BranchPoint:
     """Where a branch that goes on loses a visit, exactly; the given point where no such border is near.
 
     The engine does not meet a visit that is shorter than its rounding, which is larger in turned states.
@@ -120,12 +120,12 @@ def visit_ends(inside: Point, new: Point) -> Point:
     return found if abs(found.value - inside.value) < _BISECTED * inside.family.width else inside
 
 
-def shown_at(border: Point, inside: Point) -> Point:
+def shown_at(border: BranchPoint, inside: BranchPoint) -> BranchPoint:
     """The orbit that is shown for a border: that before it where a contact grazes, and what switches stands still."""
     return border if regular(border) else replace(inside, value=border.value)
 
 
-def _limit(inside: Point, arc: int) -> Point | None:
+def _limit(inside: BranchPoint, arc: int) -> BranchPoint | None:
     """A point with the value to which its branch comes as an arc that begins on its own guard becomes ever shorter.
 
     At no duration at all such an arc is on its guard whatever the orbit, and shortly before rounding tells its end.
@@ -137,7 +137,7 @@ def _limit(inside: Point, arc: int) -> Point | None:
     return replace(inside, value=float(np.dot([3.0, -3.0, 1.0], values))) if len(values) == 3 else None
 
 
-def _without_visit(border: Point) -> Guess | None:
+def _without_visit(border: BranchPoint) -> Guess | None:
     """The orbit at a border without the two events that meet there; None where they do not undo each other."""
     whole: Orbit = border.orbit
     if border.arc is None or whole.arcs.n_timers or whole.arcs.n_arcs < 4:

@@ -33,7 +33,7 @@ from eppanalysis.methods.continuation.sampled import sampled_branch
 from eppanalysis.methods.continuation.seeds import orbits_found, refused, seed, steady_case
 from eppanalysis.methods.continuation.steps import (
     LEAST_STEP,
-    Point,
+    BranchPoint,
     admissible,
     astray,
     bend,
@@ -139,9 +139,9 @@ def continue_branch(
         raise EppError(f"continue_branch: {parameter} runs from {start} to {stop}; expected two different values.")
     limits = min(first, last), max(first, last)
     if (own := OwnStates.of(case)) is not None:
-        case, cycle = own.asked(cycle)
+        case, cycle = own.from_user(cycle)
     family = Family(lambda value: steady_case(case.with_values({parameter: value})), limits)
-    walk = Walk(case, parameter, family, limits, n_points, max_step)
+    walk = Continuation(case, parameter, family, limits, n_points, max_step)
     if origin is not None and origin.point is None:
         raise EppError("continue_branch: cycles of doubled period are not followed in a loop with sampled controllers.")
     others = n_others if cycle is None and origin is None else 0
@@ -162,10 +162,10 @@ def continue_branch(
         branch = _with_others(walk, branch, others)
     if n_simulated > 0:
         branch = replace(branch, simulated=_simulated(case, parameter, np.linspace(*limits, n_simulated)))
-    return branch if own is None else own.told(branch)
+    return branch if own is None else own.to_user(branch)
 
 
-def _with_others(walk: Walk, branch: Branch, most: int) -> Branch:
+def _with_others(walk: Continuation, branch: Branch, most: int) -> Branch:
     """The branch, with those of cycles found in what it does not cover, and what even these leave."""
     others: list[Branch] = []
     tried: list[float] = []
@@ -188,14 +188,14 @@ def _with_others(walk: Walk, branch: Branch, most: int) -> Branch:
     return replace(branch, message=message, missing=missing, others=tuple(others))
 
 
-def _gaps(walk: Walk, branch: Branch, others: Sequence[Branch]) -> tuple[Gap, ...]:
+def _gaps(walk: Continuation, branch: Branch, others: Sequence[Branch]) -> tuple[Gap, ...]:
     # A fold lies between two points, a little beyond both.
     folds = [([s.index for s in b.special], [s.value for s in b.special]) for b in (branch, *others)]
     values = [np.insert(b.points["value"], *at) for b, at in zip((branch, *others), folds, strict=True)]
     return gaps(walk.limits, list(zip(values, [b.ends for b in (branch, *others)], strict=True)))
 
 
-def _places(walk: Walk, gap: Gap) -> list[float]:
+def _places(walk: Continuation, gap: Gap) -> list[float]:
     """Where other cycles are searched for: at the end of the range, and in the middle of the gap."""
     if gap.turns:
         return []
@@ -203,7 +203,7 @@ def _places(walk: Walk, gap: Gap) -> list[float]:
     return [v for v in values if not refused(walk.case, walk.parameter, v)]
 
 
-def _branch_from(walk: Walk, value: float) -> Branch | None:
+def _branch_from(walk: Continuation, value: float) -> Branch | None:
     """The longest of the branches of the cycles that the exact search finds at a value."""
     found = []
     with suppress(EppError, np.linalg.LinAlgError):
@@ -224,7 +224,7 @@ def _simulated(case: CaseLike, parameter: str, values: Array) -> dict[str, Array
 
 
 @dataclass
-class Walk:
+class Continuation:
     """One branch under way; lives for one call.
 
     `passes`, where given, is a function of its points of which every zero is located and noted, too.
@@ -236,9 +236,9 @@ class Walk:
     limits: tuple[float, float]
     n_points: int
     max_step: float
-    special: list[tuple[Change, Point, str, int]] = field(default_factory=list)
-    passes: Callable[[Point], float] | None = None
-    stopped: list[Point] = field(default_factory=list)  # where branches ended that would go on with more points
+    special: list[tuple[Change, BranchPoint, str, int]] = field(default_factory=list)
+    passes: Callable[[BranchPoint], float] | None = None
+    stopped: list[BranchPoint] = field(default_factory=list)  # where branches ended that would go on with more points
 
     def run(self, seed: tuple[float, Orbit]) -> Branch:
         """Both directions from the seed."""
@@ -249,7 +249,7 @@ class Walk:
             _, why = self._stood([], begin, Change.CONTINUA)
             return self._branch([begin], ("begins at the end of the range" if self._at_limit(value) else why, why))
         points, why = self.along(begin, self.n_points)
-        back: list[Point] = []
+        back: list[BranchPoint] = []
         other = "begins at the end of the range"
         if not self._at_limit(value):
             forward, self.special = self.special, []
@@ -260,7 +260,7 @@ class Walk:
             points = back[::-1][:-1] + points
         return self._branch(points, (other, why))
 
-    def run_off(self, begin: Point) -> Branch:
+    def run_off(self, begin: BranchPoint) -> Branch:
         """Away from where the branch leaves another one."""
         points, why = self.along(begin, self.n_points)
         return self._branch(points, ("leaves the branch of half the period", why))
@@ -268,7 +268,7 @@ class Walk:
     def _at_limit(self, value: float) -> bool:
         return min(abs(value - x) for x in self.limits) < 1e-9 * self.family.width
 
-    def along(self, point: Point, n_points: int) -> tuple[list[Point], str]:
+    def along(self, point: BranchPoint, n_points: int) -> tuple[list[BranchPoint], str]:
         """Points from `point` on in the direction of its tangent, until the range, the count or the branch ends."""
         points, ds = [point], 0.25 * self.max_step
         while len(points) < n_points:
@@ -301,7 +301,7 @@ class Walk:
         self.stopped.append(points[-1])
         return points, "stops at the number of points asked for"
 
-    def _known(self, points: list[Point]) -> str:
+    def _known(self, points: list[BranchPoint]) -> str:
         """What the last step has come to that was followed before; a branch that stopped is joined at its end."""
         first, old, new = points[0], *points[-2:]
         if len(points) > 21 and same_orbit(first.orbit, new.orbit) and _same_value(first, new):
@@ -313,7 +313,7 @@ class Walk:
                 return "joins a branch that stops at the number of points asked for"
         return ""
 
-    def _ended(self, points: list[Point], new: Point | None, why: str) -> tuple[list[Point], str]:
+    def _ended(self, points: list[BranchPoint], new: BranchPoint | None, why: str) -> tuple[list[BranchPoint], str]:
         """The points up to a change of the sequence beyond which no orbit is, or at which the parameter stands."""
         if new is None:
             return points, why
@@ -321,14 +321,14 @@ class Walk:
         what = standstill(points[-1], new) or Change.CONTINUUM
         return self._stood(points, inside if what is Change.CONTINUA else new, what)
 
-    def _stood(self, points: list[Point], new: Point, what: Change) -> tuple[list[Point], str]:
+    def _stood(self, points: list[BranchPoint], new: BranchPoint, what: Change) -> tuple[list[BranchPoint], str]:
         """The points up to one at which the parameter stands still, or cycles are a continuum from there on."""
         if what is Change.CONTINUUM and linear_arc(new.orbit) is not None:
             what = Change.LINEAR
         self._note(what, new, STANDS[what], len(points))
         return points if what is Change.LINEAR else [*points, new], f"ends where {STANDS[what]}"
 
-    def _left(self, points: list[Point], new: Point) -> tuple[list[Point], str]:
+    def _left(self, points: list[BranchPoint], new: BranchPoint) -> tuple[list[BranchPoint], str]:
         """The points up to the limit of the range, beyond which the new one is."""
         end = point_at(points[-1], new, self.limits[0] if new.value < self.limits[0] else self.limits[1])
         if end is not None:
@@ -339,7 +339,9 @@ class Walk:
             points.append(end)
         return points, "leaves the range"
 
-    def _lost(self, points: list[Point], last: Point, outside: Point) -> tuple[Point | None, str]:
+    def _lost(
+        self, points: list[BranchPoint], last: BranchPoint, outside: BranchPoint
+    ) -> tuple[BranchPoint | None, str]:
         """Go on where Newton does not with the old sequence, or where that is not true outside."""
         way = float(np.sign(last.tangent[-1])) or 1.0
         for border in borders(last):
@@ -348,7 +350,9 @@ class Walk:
                 return self._crossed(points, border if back else shown_at(border, last), new, back)
         return self._crossed(points, last, *beyond(last), outside)
 
-    def _change(self, points: list[Point], inside: Point | None, outside: Point | None) -> tuple[Point | None, str]:
+    def _change(
+        self, points: list[BranchPoint], inside: BranchPoint | None, outside: BranchPoint | None
+    ) -> tuple[BranchPoint | None, str]:
         """Cross a change of the sequence of events, on both sides of which orbits are known or none is."""
         if inside is None or outside is None:
             return self._lost(points, points[-1], points[-1])
@@ -362,8 +366,13 @@ class Walk:
         return self._crossed(points, inside, new, back)
 
     def _crossed(
-        self, points: list[Point], inside: Point, new: Point | None, back: bool, outside: Point | None = None
-    ) -> tuple[Point | None, str]:
+        self,
+        points: list[BranchPoint],
+        inside: BranchPoint,
+        new: BranchPoint | None,
+        back: bool,
+        outside: BranchPoint | None = None,
+    ) -> tuple[BranchPoint | None, str]:
         """The point beyond a border, noted; or how the branch ends there."""
         if new is not None and not _same_motion(points, new):
             kind = Change.TURNING if back else Change.SEQUENCE
@@ -379,7 +388,7 @@ class Walk:
             points.append(inside)
         return None, f"ends where {why}"
 
-    def _leaves(self, inside: Point) -> str:
+    def _leaves(self, inside: BranchPoint) -> str:
         """How the branch leaves the range, or the values that the loop takes, within its least step; else nothing."""
         least, ahead = LEAST_STEP * self.family.width, 1.0 if inside.turn > 0.0 else -1.0
         beyond = inside.value + ahead * least
@@ -388,7 +397,7 @@ class Walk:
         refusal = refused(self.case, self.parameter, beyond)
         return f"leaves the values that the loop takes ({refusal})" if refusal else ""
 
-    def _watch(self, old: Point, new: Point, index: int) -> bool:
+    def _watch(self, old: BranchPoint, new: BranchPoint, index: int) -> bool:
         """Folds and changes of stability between two points of one sequence; whether the branch ends there."""
         if self.passes is not None and self.passes(old) * self.passes(new) < 0:
             found = locate(old, new, self.passes, 1e-12)
@@ -415,10 +424,10 @@ class Walk:
                 self._note(kind, found, f"a multiplier leaves the unit circle ({kind})", index)
         return False
 
-    def _note(self, kind: Change, point: Point, note: str, index: int) -> None:
+    def _note(self, kind: Change, point: BranchPoint, note: str, index: int) -> None:
         self.special.append((kind, point, note, index))
 
-    def _branch(self, points: list[Point], ends: tuple[str, str]) -> Branch:
+    def _branch(self, points: list[BranchPoint], ends: tuple[str, str]) -> Branch:
         system = self.case.to_system()
         names = system.signals.names
         sizes = np.array([signal_sizes(system, p.orbit) for p in points])
@@ -455,7 +464,7 @@ class Walk:
         )
 
 
-def _ahead(point: Point, ds: float) -> tuple[Point | None, Point | None]:
+def _ahead(point: BranchPoint, ds: float) -> tuple[BranchPoint | None, BranchPoint | None]:
     """Where a step leads, and the orbit behind a change of the sequence of events in front of which it ends.
 
     Both are None where the step has lost the branch.
@@ -466,11 +475,11 @@ def _ahead(point: Point, ds: float) -> tuple[Point | None, Point | None]:
     return (new, None) if admissible(new) else last_admissible(point, ds)
 
 
-def _same_value(one: Point, other: Point) -> bool:
+def _same_value(one: BranchPoint, other: BranchPoint) -> bool:
     return abs(one.value - other.value) < 1e-3 * one.family.width
 
 
-def _same_motion(points: list[Point], new: Point) -> bool:
+def _same_motion(points: list[BranchPoint], new: BranchPoint) -> bool:
     """Whether a new point only repeats the one before it, so that the branch would run to and fro."""
     if len(points) < 2:
         return False

@@ -11,7 +11,7 @@ import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation.families import Family
-from eppanalysis.methods.continuation.steps import Point, admissible, step, weights
+from eppanalysis.methods.continuation.steps import BranchPoint, admissible, step, weights
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.orbit import Orbit, evaluate
 
@@ -21,7 +21,7 @@ _SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)
 _ALIKE = 1e-3
 
 
-def doubled(family: Family, point: Point, length: float) -> Point:
+def doubled(family: Family, point: BranchPoint, length: float) -> BranchPoint:
     """The first orbit on the branch of twice the period.
 
     Parameters
@@ -58,7 +58,7 @@ def doubled(family: Family, point: Point, length: float) -> Point:
     # The step goes across the branch of half the period, or Newton's method would follow that branch instead.
     direction -= along * (np.sum(w * along * direction) / np.sum(w * along**2))
     direction /= np.sqrt(np.sum(w * direction**2))
-    begin = Point(family, value, twice, family.slope(twice, value), direction)
+    begin = BranchPoint(family, value, twice, family.slope(twice, value), direction)
     for share in _SHARES:
         new = step(begin, share * length)
         if new is not None and not half_alike(new.orbit, 1e-2 * share * length) and admissible(new):

@@ -10,11 +10,18 @@ import numpy as np
 from eppanalysis.arguments import check_counts, checked
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
-from eppanalysis.methods.continuation.branch import Walk, continue_branch
+from eppanalysis.methods.continuation.branch import Continuation, continue_branch
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.own_states import OwnStates
 from eppanalysis.methods.continuation.seeds import steady_case
-from eppanalysis.methods.continuation.steps import Point, admissible, make_point, other_sequence, point_across, step
+from eppanalysis.methods.continuation.steps import (
+    BranchPoint,
+    admissible,
+    make_point,
+    other_sequence,
+    point_across,
+    step,
+)
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.lure import LureSystem
@@ -157,7 +164,7 @@ def continue_folds(
     rows = np.linspace(case.si(other, over[0]), case.si(other, over[1]), n_points)
     low, high = sorted(case.si(parameter, v) for v in limits)
     if (own := OwnStates.of(case)) is not None:
-        case, cycle = own.asked(cycle)
+        case, cycle = own.from_user(cycle)
     first = case.with_values({other: float(rows[0])})
     branch = continue_branch(first, parameter, limits[0], limits[1], cycle=cycle)
     if not branch.folds:
@@ -205,7 +212,7 @@ class _FoldWalk:
         window = max(near - reach, self.limits[0]), min(near + reach, self.limits[1])
         return Family(lambda v: steady_case(case.with_values({self.parameter: v})), self.limits, window)
 
-    def reach(self, fold: Point, here: float, there: float) -> Point | None:
+    def reach(self, fold: BranchPoint, here: float, there: float) -> BranchPoint | None:
         """The fold at another value of `other`: in a few steps along the curve, else by a branch at that value."""
         at, d = here, there - here
         begin = fold
@@ -223,20 +230,20 @@ class _FoldWalk:
             fold, at, d = new, at + d, 1.5 * d
         return fold
 
-    def _remember(self, old: Point, new: Point, d: float) -> None:
+    def _remember(self, old: BranchPoint, new: BranchPoint, d: float) -> None:
         """How the fold and its orbit move with `other`, as a secant for the next one."""
         self.slope = (new.value - old.value) / d
         same = old.orbit.arcs.event_sequence.key == new.orbit.arcs.event_sequence.key
         self.drift = (new.unknowns - old.unknowns) / d if same else None
 
-    def _next(self, fold: Point, family: Family, d: float) -> Point | None:
+    def _next(self, fold: BranchPoint, family: Family, d: float) -> BranchPoint | None:
         """The fold in a neighbouring family, from the last one."""
         u = fold.unknowns + (0.0 if self.drift is None or self.drift.size != fold.unknowns.size else d * self.drift)
         u[-1] = fold.value + self.slope * d
         found = fold_in(family, fold, u)
         return found if found is not None and self.limits[0] <= found.value <= self.limits[1] else None
 
-    def _by_branch(self, fold: Point, here: float, there: float) -> Point | None:
+    def _by_branch(self, fold: BranchPoint, here: float, there: float) -> BranchPoint | None:
         """The fold on a branch that begins aside of the last one, on its stable side, at the new value of `other`."""
         foretold = fold.value + self.slope * (there - here)
         for share in _ASIDE:
@@ -249,7 +256,7 @@ class _FoldWalk:
                 return new
         return None
 
-    def _folds_from(self, aside: Point, outward: bool, here: float, there: float) -> list[Point]:
+    def _folds_from(self, aside: BranchPoint, outward: bool, here: float, there: float) -> list[BranchPoint]:
         """Folds of the branch at the new value of `other` that begins at an orbit of the old one."""
         system = self.case.with_values({self.other: here, self.parameter: aside.value}).to_system()
         # Of another loop, it may be farther from the one here than by any error.
@@ -263,7 +270,7 @@ class _FoldWalk:
         return [s.point for s in branch.folds if s.point is not None]
 
 
-def _aside(case: CaseLike, parameter: str, fold: Point, distance: float) -> Point | None:
+def _aside(case: CaseLike, parameter: str, fold: BranchPoint, distance: float) -> BranchPoint | None:
     """The last stable orbit, at most so far in the parameter, on one of the two branches that meet in a fold.
 
     A fold may lie where its unstable branch ends; there rounding may call a cycle stable, so the farther one counts.
@@ -273,12 +280,12 @@ def _aside(case: CaseLike, parameter: str, fold: Point, distance: float) -> Poin
     last = []
     for tangent in (fold.tangent, -fold.tangent):
         begin = make_point(family, fold.value, fold.orbit, tangent)
-        points, _ = Walk(case, parameter, family, limits, _MOST_ASIDE, 0.05).along(begin, _MOST_ASIDE)
+        points, _ = Continuation(case, parameter, family, limits, _MOST_ASIDE, 0.05).along(begin, _MOST_ASIDE)
         last += [p for p in points[1:] if is_stable(p.multipliers)][-1:]
     return max(last, key=lambda p: abs(p.value - fold.value), default=None)
 
 
-def fold_in(family: Family, near: Point, u: Array) -> Point | None:
+def fold_in(family: Family, near: BranchPoint, u: Array) -> BranchPoint | None:
     """The fold of a family of cycles that a fold in a neighbouring one leads to; None where Newton is led nowhere.
 
     Parameters
@@ -302,7 +309,7 @@ def fold_in(family: Family, near: Point, u: Array) -> Point | None:
     return None
 
 
-def _fold_near(point: Point) -> Point | None:
+def _fold_near(point: BranchPoint) -> BranchPoint | None:
     """Secant steps along the branch to where the parameter turns."""
     here, ds = point, 1e-3
     for _ in range(_MOST_STEPS):

@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from eppanalysis.arrays import ComplexArray
-from eppanalysis.methods.continuation.steps import Point
+from eppanalysis.methods.continuation.steps import BranchPoint
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import run_from
 from eppanalysis.methods.simulation.stability import is_stable
@@ -71,7 +71,7 @@ def in_words(ends: tuple[str, str]) -> str:
     return f"The branch {one} and {other}." if one.startswith("begins") else f"One end {one}; the other {other}."
 
 
-def standstill(old: Point, new: Point) -> Change | None:
+def standstill(old: BranchPoint, new: BranchPoint) -> Change | None:
     """What a branch has come to that does not go on, but for rounding; None where it moves."""
     if new.one_of_many:
         return Change.CONTINUA
@@ -116,7 +116,7 @@ def _creeps(orbit: Orbit) -> bool:
     return bool(np.any((falls > least) & (falls < most) & (arcs.smooth[at] == 0)))
 
 
-def crossing(old: Point, new: Point) -> tuple[Change, Callable[[Point], float]]:
+def crossing(old: BranchPoint, new: BranchPoint) -> tuple[Change, Callable[[BranchPoint], float]]:
     """Which way a multiplier crosses the unit circle, and the test function for it."""
     unstable = new if not is_stable(new.multipliers) else old
     values = unstable.multipliers

@@ -1,8 +1,8 @@
 """A case whose loop is followed in states of its own, where those that it is given in are mixed, or go on for ever.
 
 In turned states rounding keeps the orbits of an elbow from closing, and those of a long chain of lags from closing well
-(`methods/orbits/apart.py`): a branch has no start, or ends where none is. A loop in discrete time is followed round a
-sampled controller.
+(`methods/orbits/decoupled.py`): a branch has no start, or ends where none is. A loop in discrete time is followed round
+a sampled controller.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 from eppanalysis.methods.continuation.result import Branch
-from eppanalysis.methods.orbits.apart import unmixed
+from eppanalysis.methods.orbits.decoupled import unmixed
 from eppanalysis.methods.search.find import search_from
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.sampled import Enough
 from eppanalysis.methods.simulation.in_samples import InSamples
-from eppanalysis.methods.simulation.states import OtherStates, unread_apart
+from eppanalysis.methods.simulation.states import OtherStates, unobservable_apart
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.clocked import Clocked
 from eppanalysis.models.systems.sampled.strobe import is_sampled
@@ -41,7 +41,7 @@ class OwnStates:
             return None
         if system.time_step:
             return cls(case, InSamples(Clocked.of(system)))
-        states = unread_apart(system) or unmixed(system)
+        states = unobservable_apart(system) or unmixed(system)
         return None if states is None else cls(case, states)
 
     def __getattr__(self, name: str) -> Any:
@@ -57,17 +57,17 @@ class OwnStates:
         """The case with other values, in the same states."""
         return replace(self, case=self.case.with_values(values))
 
-    def asked(self, cycle: LimitCycle | None) -> tuple[CaseLike, LimitCycle | None]:
+    def from_user(self, cycle: LimitCycle | None) -> tuple[CaseLike, LimitCycle | None]:
         """The case in these states, and a cycle in the user's as one of it."""
         # It passes on what it does not know itself.
-        return cast(CaseLike, self), None if cycle is None else self.states.asked(cycle)
+        return cast(CaseLike, self), None if cycle is None else self.states.from_user(cycle)
 
-    def told(self, branch: Branch) -> Branch:
+    def to_user(self, branch: Branch) -> Branch:
         """A branch of the case with its cycles in the user's states."""
         cases = [self.case.with_values({branch.parameter: s.value}) for s in branch.special]
         states = [self.states.beside(case.to_system()) for case in cases]
-        special = tuple(replace(s, cycle=own.told(s.cycle)) for own, s in zip(states, branch.special, strict=True))
-        return replace(branch, special=special, others=tuple(map(self.told, branch.others)))
+        special = tuple(replace(s, cycle=own.to_user(s.cycle)) for own, s in zip(states, branch.special, strict=True))
+        return replace(branch, special=special, others=tuple(map(self.to_user, branch.others)))
 
 
 def in_own_states(case: CaseLike) -> CaseLike:
@@ -87,6 +87,6 @@ def searched(
     if not isinstance(case, OwnStates):
         return search_from(case, known, enough, progress)
     states = case.states.beside(case.case.to_system())
-    wanted = None if enough is None else lambda cycle: enough(states.asked(cycle))
-    found = search_from(case.case, [states.told(cycle) for cycle in known], wanted, progress)
-    return replace(found, cycles=tuple(map(states.asked, found.cycles)))
+    wanted = None if enough is None else lambda cycle: enough(states.from_user(cycle))
+    found = search_from(case.case, [states.to_user(cycle) for cycle in known], wanted, progress)
+    return replace(found, cycles=tuple(map(states.from_user, found.cycles)))

@@ -12,7 +12,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.limits import Limit, Printed
 from eppanalysis.methods.continuation.cover import Gap, covered
 from eppanalysis.methods.continuation.labels import Change
-from eppanalysis.methods.continuation.steps import Point
+from eppanalysis.methods.continuation.steps import BranchPoint
 from eppanalysis.readable import count, listed, quantity, readable, words
 from eppanalysis.results import Brief, LimitCycle, Result, Status
 from eppanalysis.shown import frame_of
@@ -53,7 +53,7 @@ class SpecialPoint(Brief):
     note: str
     cycle: LimitCycle
     index: int
-    point: Point | None = field(default=None, repr=False)
+    point: BranchPoint | None = field(default=None, repr=False)
 
     in_json = "kind value note index cycle"
 

@@ -32,7 +32,7 @@ from eppanalysis.methods.orbits.samples.locked import (
     rounds_near,
     starts_on,
 )
-from eppanalysis.methods.simulation.effort import Spent, allotted
+from eppanalysis.methods.simulation.budget import BudgetExceeded, budget
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.samples import extent_of
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid, simulate
@@ -312,7 +312,7 @@ class _Walk:
         try:
             self._keep(begin)
             return self._along(stop)
-        except Spent:
+        except BudgetExceeded:
             if not self.rows:
                 raise
             return f"stops when runs had taken {_MOST_WORK:.0e} steps (a narrower range or fewer points go farther)"
@@ -431,7 +431,7 @@ def sampled_branch(
         found.append(_branch(case, parameter, walk, (how, walk.run(begin, stop))))
         return walk
 
-    with allotted(_MOST_WORK), suppress(Spent):
+    with budget(_MOST_WORK), suppress(BudgetExceeded):
         walk = followed(begin, "begins at the end of the range")
         while found[-1].ends[1] == _CEASED and len(found) <= most[2]:
             other = walk.farther(stop)

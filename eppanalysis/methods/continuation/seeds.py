@@ -10,11 +10,11 @@ import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation.families import Family
-from eppanalysis.methods.orbits.exact import MOST_WORK, Found, asked_for, orbits_of, require_own, steady_hybrid
+from eppanalysis.methods.orbits.exact import MOST_WORK, Candidate, asked_for, orbits_of, require_own, steady_hybrid
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import orbit_of
 from eppanalysis.methods.search.find import find_limit_cycles
-from eppanalysis.methods.simulation.effort import Spent, allotted
+from eppanalysis.methods.simulation.budget import BudgetExceeded, budget
 from eppanalysis.methods.simulation.simulate import judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.subject import CaseLike
@@ -108,7 +108,7 @@ def orbits_found(case: CaseLike, parameter: str, family: Family, value: float) -
 
 def _orbit_of(case: CaseLike, hybrid: HybridSystem, cycle: LimitCycle, by_balance: bool) -> Orbit | None:
     """The orbit of a cycle, and no neighbour: runs from an unstable one end on others."""
-    found: list[Found] = []
-    with suppress(Spent), allotted(MOST_WORK):
+    found: list[Candidate] = []
+    with suppress(BudgetExceeded), budget(MOST_WORK):
         found.extend(orbits_of(case.to_system(), hybrid, cycle, case.operating_point, by_balance))
     return asked_for(found)

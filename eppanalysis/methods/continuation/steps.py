@@ -19,7 +19,7 @@ from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.guess import Guess
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, effort_of, evaluate, evened, room_for, solve
 from eppanalysis.methods.orbits.shooting import close_orbit, is_met, next_guess
-from eppanalysis.methods.simulation.effort import Spent, allotted, spend
+from eppanalysis.methods.simulation.budget import BudgetExceeded, budget, spend
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 #: Rate of the parameter along the branch, relative to its range, that is rounding.
@@ -45,7 +45,7 @@ LEAST_STEP, _MOST_BEND, _MOST_LENGTH = 1e-6, 0.4, 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class BranchPoint:
     """An orbit on a branch, with the direction of the branch there."""
 
     family: Family
@@ -126,7 +126,7 @@ def make_point(
     along: Array | None,
     sign: float = 1.0,
     before: tuple[float, Array, Array] | None = None,
-) -> Point:
+) -> BranchPoint:
     """The point with its tangent, turned along an earlier tangent (or so that the parameter changes by `sign`)."""
     slope = family.slope(orbit, value)
     w = weights(orbit, family.width)
@@ -138,7 +138,7 @@ def make_point(
     # Equations and one row across: regular at a fold, where those alone are singular (docs/theory/exact_orbits.md,
     # Branches).
     t = bordered(orbit, slope, row, right)
-    return Point(family, value, orbit, slope, t / np.sqrt(np.sum(w * t * t)), before)
+    return BranchPoint(family, value, orbit, slope, t / np.sqrt(np.sum(w * t * t)), before)
 
 
 def _column_sizes(orbit: Orbit, slope: Array) -> Array:
@@ -163,19 +163,19 @@ def bordered(orbit: Orbit, slope: Array, row: Array, right: Array) -> Array:
         return np.linalg.lstsq(K, right / rows, rcond=None)[0] * columns
 
 
-def step(point: Point, ds: float) -> Point | None:
+def step(point: BranchPoint, ds: float) -> BranchPoint | None:
     """The point at a distance along the branch with the same sequence of events; None when Newton fails."""
     found = _corrected(point, _along(point), ds, *point.ahead(ds))
     return None if found is None else _arrived(point, ds, found)
 
 
-def _arrived(point: Point, ds: float, found: _Found) -> Point:
+def _arrived(point: BranchPoint, ds: float, found: _Found) -> BranchPoint:
     """The orbit found at a distance from a point, with the direction of the branch there."""
     before = (ds, point.slope, point.tangent) if ds != 0.0 else None
     return make_point(point.family, found.value, found.orbit, point.tangent, before=before)
 
 
-def _along(point: Point) -> Array:
+def _along(point: BranchPoint) -> Array:
     """Row that measures the distance along the branch."""
     return point.weights * point.tangent
 
@@ -189,7 +189,7 @@ class _Found(NamedTuple):
 
 
 @np.errstate(over="ignore", invalid="ignore")  # an iterate that has gone astray has an infinite residual
-def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _Found | None:
+def _corrected(point: BranchPoint, row: Array, ds: float, u: Array, slope: Array) -> _Found | None:
     """Newton from u to the orbit in a plane across `row`, at a distance from a point."""
     family, old, like = point.family, point.orbit, point.orbit.arcs
     plane = Plane(row, point.unknowns, ds, slope, _MOST_LARGER * old.scale.max(), _MOST_LONGER * old.period)
@@ -219,7 +219,7 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
             along = bordered(Orbit(old.hybrid, like, *here), slope, row, -np.append(here.r, missed))
 
 
-def point_at(old: Point, new: Point, value: float) -> Point | None:
+def point_at(old: BranchPoint, new: BranchPoint, value: float) -> BranchPoint | None:
     """The point at a value of the parameter between two points of one sequence; None when Newton fails."""
     share = (value - old.value) / (new.value - old.value)
     family, like, m = old.family, old.orbit.arcs, old.orbit.arcs.free.size
@@ -233,14 +233,14 @@ def point_at(old: Point, new: Point, value: float) -> Point | None:
     return found if bend(old, found) < _MOST_BEND else None
 
 
-def point_across(point: Point, u: Array, row: Array | None = None) -> Point | None:
+def point_across(point: BranchPoint, u: Array, row: Array | None = None) -> BranchPoint | None:
     """The point in the plane through unknowns u, across `row` or a point's tangent, that Newton finds from u."""
     row = _along(point) if row is None else row
     found = _corrected(point, row, float(row @ (u - point.unknowns)), u, point.slope)
     return None if found is None else _arrived(point, 0.0, found)
 
 
-def bend(old: Point, new: Point) -> float:
+def bend(old: BranchPoint, new: BranchPoint) -> float:
     """How much the direction turns between two points."""
     return turned(new.weights, old.tangent, new.tangent)
 
@@ -250,7 +250,7 @@ def turned(w: Array, old: Array, new: Array) -> float:
     return float(1.0 - np.sum(w * old * new) / np.sqrt(np.sum(w * old**2) * np.sum(w * new**2)))
 
 
-def admissible(point: Point) -> bool:
+def admissible(point: BranchPoint) -> bool:
     """Whether the engine, started on the orbit, meets the same events."""
     return _true(point.orbit)
 
@@ -259,7 +259,9 @@ def _true(orbit: Orbit) -> bool:
     return bool(np.all(orbit.tau > -1e-12 * orbit.period)) and is_met(orbit)
 
 
-def locate(point: Point, far: Point, test: Callable[[Point], float], tolerance: float = 1e-10) -> Point | None:
+def locate(
+    point: BranchPoint, far: BranchPoint, test: Callable[[BranchPoint], float], tolerance: float = 1e-10
+) -> BranchPoint | None:
     """Where `test` changes its sign between a point and a later one of its sequence, by regula falsi (Illinois).
 
     It ends at the tolerance, or where rounding keeps the test from becoming smaller.
@@ -296,8 +298,8 @@ def locate(point: Point, far: Point, test: Callable[[Point], float], tolerance: 
 
 
 def _between(
-    point: Point, row: Array, one: tuple[float, Point], other: tuple[float, Point], distance: float
-) -> Point | None:
+    point: BranchPoint, row: Array, one: tuple[float, BranchPoint], other: tuple[float, BranchPoint], distance: float
+) -> BranchPoint | None:
     """The point at a distance from `point`, between two known ones: the cubic through both with their tangents."""
     (a, first), (b, last) = one, other
     share, whole = (distance - a) / (b - a), last.unknowns - first.unknowns
@@ -309,7 +311,7 @@ def _between(
     return None if found is None else _arrived(point, distance, found)
 
 
-def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[Point, Point | None]:
+def last_admissible(point: BranchPoint, ds: float, n_halvings: int = 20) -> tuple[BranchPoint, BranchPoint | None]:
     """Points on both sides of where the sequence of events ceases to be true.
 
     The second is None where all orbits up to the whole distance are true: what a step found there is of another branch.
@@ -334,14 +336,14 @@ def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[Poin
     return inside, None if outside is None or b == ds else _arrived(point, b, outside)
 
 
-def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:
+def other_sequence(inside: BranchPoint, outside: BranchPoint) -> tuple[BranchPoint | None, bool]:
     """Beyond a change of the sequence: the orbit with the new one, and whether the branch turns back there.
 
     Just beyond a grazing contact the new visit grows like a root, and no step that the branch can take leads on from
     there: then the new sequence is taken up a little further on. So it is where the visit has no duration yet, but by
     rounding.
     """
-    first: tuple[Point, bool] | None = None
+    first: tuple[BranchPoint, bool] | None = None
     for new, turns_back in _others(inside, outside):
         if not regular(new):
             continue
@@ -352,7 +354,7 @@ def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:
     return first or (None, False)
 
 
-def astray(point: Point, new: Point | None) -> bool:
+def astray(point: BranchPoint, new: BranchPoint | None) -> bool:
     """Whether a step from a point has lost the branch: it turns, or has gone farther aside than ahead.
 
     The measure of the new orbit alone does not tell, for one that has collapsed to rest has another measure.
@@ -363,7 +365,7 @@ def astray(point: Point, new: Point | None) -> bool:
     return bool(np.sum(w * way * way) > _MOST_LENGTH**2 * np.sum(w * point.tangent * way) ** 2)
 
 
-def regular(point: Point) -> bool:
+def regular(point: BranchPoint) -> bool:
     """Whether the orbit has multipliers: where an element's input no longer moves as it switches, it has none.
 
     An orbit that has converged tells no slower movement: what is left of it is rounding.
@@ -376,7 +378,7 @@ def regular(point: Point) -> bool:
         return False
 
 
-def _others(inside: Point, outside: Point) -> Iterator[tuple[Point, bool]]:
+def _others(inside: BranchPoint, outside: BranchPoint) -> Iterator[tuple[BranchPoint, bool]]:
     """Orbits beyond a change of the sequence, ever further on, and whether the branch turns back to them.
 
     At a grazing contact Newton's range shrinks to nothing, so the old sequence, though no longer true, is followed a
@@ -404,7 +406,7 @@ def _others(inside: Point, outside: Point) -> Iterator[tuple[Point, bool]]:
             yield upright, False
 
 
-def _upright(inside: Point, guess: Guess) -> Point | None:
+def _upright(inside: BranchPoint, guess: Guess) -> BranchPoint | None:
     """The orbit of a new sequence where such orbits exist at one value alone: its start is held in place of the value.
 
     So it is where a loop becomes linear but for switches that go with its size (Clegg's integrator, a relay on a sum):
@@ -417,7 +419,7 @@ def _upright(inside: Point, guess: Guess) -> Point | None:
         return None
     along = np.zeros(like.arcs.free.size + like.tau.size + 1)
     along[: like.arcs.free.size] = inside.tangent[: like.arcs.free.size]
-    begun = Point(family, inside.value, like, family.slope(like, inside.value), along)
+    begun = BranchPoint(family, inside.value, like, family.slope(like, inside.value), along)
     found = _corrected(begun, _along(begun), 0.0, begun.unknowns, begun.slope)
     if found is None or not _true(found.orbit) or not joins(found.orbit, found.value, inside):
         return None
@@ -425,7 +427,7 @@ def _upright(inside: Point, guess: Guess) -> Point | None:
     return new if new.stands else None
 
 
-def beyond(point: Point) -> tuple[Point | None, bool]:
+def beyond(point: BranchPoint) -> tuple[BranchPoint | None, bool]:
     """Where Newton cannot go on with the old sequence (two events merge): the orbit with a new one a little further."""
     family, width = point.family, point.family.width
     sign = np.sign(point.tangent[-1]) or 1.0
@@ -440,12 +442,12 @@ def beyond(point: Point) -> tuple[Point | None, bool]:
     return None, False
 
 
-def _guesses(point: Point, value: float) -> Iterator[Guess]:
+def _guesses(point: BranchPoint, value: float) -> Iterator[Guess]:
     """The orbit, and what the engine makes of it at another value: which events a visit that vanishes leaves."""
     yield point.orbit.guess
     made = None
     # The loop may not take the value, and a dead time that is nearly none takes the engine a step each.
-    with suppress(EppError, Spent), allotted(_RUNS):
+    with suppress(EppError, BudgetExceeded), budget(_RUNS):
         made = next_guess(replace(point.orbit, hybrid=point.family.at(value)))
     if made is not None:
         yield made
@@ -474,7 +476,7 @@ def _same_sequence(one: Orbit, other: Orbit) -> bool:
     return one.arcs.event_sequence.cyclic_key == other.arcs.event_sequence.cyclic_key
 
 
-def joins(orbit: Orbit, value: float, border: Point) -> bool:
+def joins(orbit: Orbit, value: float, border: BranchPoint) -> bool:
     """Whether an orbit of another sequence at a value is the branch's own beyond a border, and no other one near by.
 
     The branch is continuous: the nearer the border the more alike the orbits. Beside a grazing contact it bends like a

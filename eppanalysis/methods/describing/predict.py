@@ -18,11 +18,11 @@ import numpy as np
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Balance
-from eppanalysis.methods.describing.blind import blind_spots, jumps, made_by_harmonics
 from eppanalysis.methods.describing.data.cycles import above_the_data, cautions, of_data
 from eppanalysis.methods.describing.data.stability import stability_of_data
 from eppanalysis.methods.describing.error import Estimate
 from eppanalysis.methods.describing.multi import choose_pivot, search_several
+from eppanalysis.methods.describing.neglected_harmonics import blind_spots, jumps, made_by_harmonics
 from eppanalysis.methods.describing.nyquist import loop_gain_curves, nyquist_curves
 from eppanalysis.methods.describing.quality import Point, point, stability
 from eppanalysis.methods.describing.search import Found, is_one_loop, search_one
@@ -31,7 +31,7 @@ from eppanalysis.methods.harmonic.loop import role_of_input
 from eppanalysis.methods.margins.linearised import within_range
 from eppanalysis.methods.margins.margins import margins, places_of
 from eppanalysis.methods.margins.result import Margins
-from eppanalysis.methods.simulation.states import Part, parts_apart, without_held_states
+from eppanalysis.methods.simulation.states import Subsystem, parts_apart, without_held_states
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state, static_balance
 from eppanalysis.models.systems.measured.loop import DataSystem, MeasuredLoop
@@ -95,10 +95,10 @@ def predict_limit_cycles(
     return _of_parts(own, at, parts) if parts else _of_one(own, at)
 
 
-def _of_parts(own: LureSystem, at: OperatingPoint, parts: Sequence[tuple[Part, LureSystem, Array]]) -> Prediction:
+def _of_parts(own: LureSystem, at: OperatingPoint, parts: Sequence[tuple[Subsystem, LureSystem, Array]]) -> Prediction:
     """The predictions of groups of elements that swing without the others, as one."""
     each = [_of_one(loop, at) for _, loop, _ in parts]
-    cycles = [p.told(c, own, state) for (p, _, state), found in zip(parts, each, strict=True) for c in found]
+    cycles = [p.to_user(c, own, state) for (p, _, state), found in zip(parts, each, strict=True) for c in found]
     names = [listed(loop.element_names) for _, loop, _ in parts]
     apart = (
         f"Not all elements act on one another: each cycle is of a group that swings by itself ({'; '.join(names)}), "
@@ -169,11 +169,11 @@ def predicted_cycles(system: LureSystem | CaseLike, operating_point: PointLike |
     """
     own, at = standing(system, operating_point, "predict_limit_cycles")
     if parts := _parts(own, at):
-        return tuple(p.told(c, own, state) for p, loop, state in parts for c in _balanced(loop, at, True)[-1])
+        return tuple(p.to_user(c, own, state) for p, loop, state in parts for c in _balanced(loop, at, True)[-1])
     return _balanced(own, at, True)[-1]
 
 
-def _parts(own: LureSystem, at: OperatingPoint) -> list[tuple[Part, LureSystem, Array]]:
+def _parts(own: LureSystem, at: OperatingPoint) -> list[tuple[Subsystem, LureSystem, Array]]:
     """Groups of elements that swing without the others, these at rest or their means, and the state at these."""
     out = []
     for part, others in [] if isinstance(own, DataSystem) else parts_apart(own):
@@ -228,7 +228,7 @@ def _balanced(
     """The balance of a loop whose integrators stand apart, its search, and the cycles with their error estimates."""
     if (other := without_held_states(own)) is not None:
         balance, found, points, estimates, cycles = _balanced(other.system, at, unseen_by_samples)
-        return balance, found, points, estimates, tuple(map(other.told, cycles))
+        return balance, found, points, estimates, tuple(map(other.to_user, cycles))
     _require_rates(own)
     loop, coordinates = averaged(own).with_integrators_apart
     if not loop.elements:

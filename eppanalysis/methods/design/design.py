@@ -16,14 +16,14 @@ import numpy as np
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import ArgumentError, EppError, shown
 from eppanalysis.methods.bounds.elasticity import parameters_of, size_elasticities
-from eppanalysis.methods.bounds.harmonic import Question, idle, spread
+from eppanalysis.methods.bounds.harmonic import BoundProblem, idle, spread
 from eppanalysis.methods.bounds.result import Turn
-from eppanalysis.methods.bounds.searched import Asking, why_by_search
+from eppanalysis.methods.bounds.searched import SearchedProblem, why_by_search
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.tolerances.bound import check_ends, half_widths_of
 from eppanalysis.methods.bounds.verify import Verification, check_verification
 from eppanalysis.methods.continuation.own_states import in_own_states
-from eppanalysis.methods.design.frontier import Frontier
+from eppanalysis.methods.design.bound_curve import BoundCurve
 from eppanalysis.methods.design.goal import Goal, Sense, goal_of
 from eppanalysis.methods.design.programme import N_SCAN, Place
 from eppanalysis.methods.design.result import INSIDE, Design, Optimum
@@ -69,9 +69,9 @@ class Task:
         """The case in the middle of the ranges of the others."""
         return case.with_values({name: 0.5 * (low + high) for name, (low, high) in self.others.items()})
 
-    def frontier(self, case: CaseLike, over: str, values: Sequence[float]) -> Frontier:
+    def frontier(self, case: CaseLike, over: str, values: Sequence[float]) -> BoundCurve:
         """The bound over all that runs: what the front does, the other tuned parameters, and what has a tolerance."""
-        question = Question(in_own_states(self.middle(case)), self.bounded, *self.ranges[self.bounded])
+        question = BoundProblem(in_own_states(self.middle(case)), self.bounded, *self.ranges[self.bounded])
         if idle(question, [question.low, question.high]):
             raise EppError(f"design: the loop of this case does not depend on {self.bounded}; expected one that does.")
         widths = {over: max(np.ptp(values), 1e-3 * abs(values[0])) or 1.0} if over else {}
@@ -79,11 +79,11 @@ class Task:
         off = {n: abs(case.value(n)) * s for n, s in self.shares.items() if n != self.bounded}
         system, runs = case.to_system(), {**off, **widths}
         if has_samples(system):  # whose branches have no folds; others are followed even where no balance covers them
-            asking = Asking(self.allowed, self.margin, why=why_by_search(system))
+            asking = SearchedProblem(self.allowed, self.margin, why=why_by_search(system))
             return SearchedFrontier(question, runs, self._sign(question), self.allowed, asking=asking)
-        return Frontier(question, runs, self._sign(question), self.allowed)
+        return BoundCurve(question, runs, self._sign(question), self.allowed)
 
-    def _sign(self, question: Question) -> float:
+    def _sign(self, question: BoundProblem) -> float:
         """1 where the bounded parameter is to be large."""
         if self.goal.name == self.bounded:
             return self.goal.sign
@@ -102,7 +102,7 @@ class Task:
             )
         return 1.0 if known[-1] >= known[0] else -1.0
 
-    def search(self, frontier: Frontier, fixed: Mapping[str, float]) -> Search:
+    def search(self, frontier: BoundCurve, fixed: Mapping[str, float]) -> Search:
         """The search for the best place on a frontier."""
         return Search(frontier, self.goal, self.others, dict(fixed), self.shares)
 

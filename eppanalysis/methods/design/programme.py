@@ -10,7 +10,7 @@ import numpy as np
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds.elasticity import harmonic_slopes
 from eppanalysis.methods.bounds.fold import Cycle, Fold, Programmes, extreme
-from eppanalysis.methods.bounds.harmonic import Question, spread, steady_loop
+from eppanalysis.methods.bounds.harmonic import BoundProblem, spread, steady_loop
 from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.harmonic.loop import inputs_of
 
@@ -24,7 +24,7 @@ N_SCAN, _FAR = 9, 0.7
 class Programme:
     """The least value of the bounded parameter of all cycles of first order, as a nonlinear programme, over places."""
 
-    here: Callable[[Place], Question]  # the question at a place
+    here: Callable[[Place], BoundProblem]  # the question at a place
     widths: dict[str, float]  # the parameters that run, and how far each does [SI]
     sign: float  # {1, -1}: 1 where the parameter is to be large
     written: Programmes = field(default_factory=Programmes)
@@ -64,7 +64,7 @@ class Programme:
             self.known[place] = n_states, least
         return least
 
-    def _starts(self, here: Question) -> list[Cycle]:
+    def _starts(self, here: BoundProblem) -> list[Cycle]:
         """The cycles of first order at the first value, from the safe end on, that has any."""
         safe, wanted = (here.low, here.high) if self.sign > 0 else (here.high, here.low)
         for value in spread(safe, wanted, N_SCAN)[1:]:

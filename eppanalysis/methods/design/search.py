@@ -18,10 +18,10 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.exact import ExactBound
-from eppanalysis.methods.bounds.harmonic import Question, spread
+from eppanalysis.methods.bounds.harmonic import BoundProblem, spread
 from eppanalysis.methods.bounds.result import Turn
+from eppanalysis.methods.design.bound_curve import BoundCurve
 from eppanalysis.methods.design.climb import Slope, climb
-from eppanalysis.methods.design.frontier import Frontier
 from eppanalysis.methods.design.goal import Goal, Judged, Kept
 from eppanalysis.methods.design.programme import N_SCAN, Place
 from eppanalysis.polynomials import polynomial_at
@@ -75,7 +75,7 @@ class Pick:
 class Search:
     """The best place of one design; lives for it."""
 
-    frontier: Frontier  # of the bounded parameter; shared by the designs of a front
+    frontier: BoundCurve  # of the bounded parameter; shared by the designs of a front
     goal: Goal
     others: dict[str, tuple[float, float]]  # the tuned parameters that are not bounded, with their ranges [SI]
     fixed: dict[str, float] = field(default_factory=dict)  # values of the others that the frontier runs over
@@ -97,7 +97,7 @@ class Search:
         shares = {name: 1.0 + corner.get(name, 0.0) * self.shares.get(name, 0.0) for name in self.frontier.widths}
         return tuple(values[name] * shares[name] for name in self.frontier.widths)
 
-    def here(self, place: Place, corner: Mapping[str, float] | None = None) -> Question:
+    def here(self, place: Place, corner: Mapping[str, float] | None = None) -> BoundProblem:
         """The question at a place."""
         return self.frontier.here(self.full(place, corner or {}))
 
@@ -160,14 +160,14 @@ class Search:
                 found.append(self._inside(here, place, values[i], values[k]))
         return max(found, key=lambda p: p.worth)
 
-    def judge(self, here: Question, value: float) -> Judged:
+    def judge(self, here: BoundProblem, value: float) -> Judged:
         """What the goal says of a value of the bounded parameter."""
         try:
             return self.goal.judge(here.case_at(value))
         except EppError:
             return Judged(-np.inf, -np.inf)
 
-    def _border(self, here: Question, place: Place, good: float, bad: float) -> Pick:
+    def _border(self, here: BoundProblem, place: Place, good: float, bad: float) -> Pick:
         """Where what is kept just is, between a value that keeps it and one that does not."""
         last = self.judge(here, bad)
         for _ in range(_HALVINGS):
@@ -179,7 +179,7 @@ class Search:
                 bad, last = middle, judged
         return Pick(place, good, self.judge(here, good).worth, ExactBound(), kept=last.tightest, inside=True)
 
-    def _inside(self, here: Question, place: Place, one: float, other: float) -> Pick:
+    def _inside(self, here: BoundProblem, place: Place, one: float, other: float) -> Pick:
         """The highest value between two."""
         from scipy.optimize import minimize_scalar
 

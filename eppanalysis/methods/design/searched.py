@@ -13,11 +13,11 @@ import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.exact import ExactBound
-from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.harmonic import BoundProblem
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
-from eppanalysis.methods.bounds.searched import Asking, bound_by_runs, oscillates, searched_cell
+from eppanalysis.methods.bounds.searched import SearchedProblem, bound_by_runs, oscillates, searched_cell
 from eppanalysis.methods.bounds.verify import Verification
-from eppanalysis.methods.design.frontier import Frontier
+from eppanalysis.methods.design.bound_curve import BoundCurve
 from eppanalysis.methods.design.programme import Place
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import LimitCycle
@@ -28,10 +28,10 @@ _CLOSE, _ASIDE = 1e-3, 0.05
 
 
 @dataclass(eq=False)
-class SearchedFrontier(Frontier):
+class SearchedFrontier(BoundCurve):
     """The bound on a parameter over other ones, by runs from the cycles that the search finds."""
 
-    asking: Asking = field(default_factory=Asking)
+    asking: SearchedProblem = field(default_factory=SearchedProblem)
     cycles: list[LimitCycle] = field(default_factory=list)  # that are not allowed, beyond bounds
     cells: list[BoundCell] = field(default_factory=list)  # all that the search was asked for
 
@@ -58,7 +58,7 @@ class SearchedFrontier(Frontier):
         cycle = nearest or self.cycles[0]
         return ExactBound(value, cycle.period, cycle, Turn.SEARCH)
 
-    def _first(self, here: Question) -> ExactBound:
+    def _first(self, here: BoundProblem) -> ExactBound:
         """The bound at a place by the search, whose cycles lead to the others."""
         wanted = self.ends[1]
         cell = searched_cell(here, float("nan"), self.asking)

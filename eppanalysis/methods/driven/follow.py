@@ -53,7 +53,7 @@ _CONTINUUM = "ends where periodic responses become a continuum, as an element th
 
 
 @dataclass(frozen=True, eq=False)
-class Road:
+class ResponseFamily:
     """What a branch runs over: the drive at each value of the logarithm of its parameter, between two of them."""
 
     drive: Callable[[float], Drive]  # from the value to the drive
@@ -85,7 +85,7 @@ class Road:
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class ResponsePoint:
     """A periodic response on a branch."""
 
     value: float  # logarithm of the parameter
@@ -135,7 +135,7 @@ def measure(orbit: Orbit, width: float) -> Array:
     return whole
 
 
-def place(road: Road, value: float, orbit: Orbit, along: Array, slope: Array | None = None) -> Place:
+def place(road: ResponseFamily, value: float, orbit: Orbit, along: Array, slope: Array | None = None) -> ResponsePoint:
     """A response with the direction of its branch, turned along another direction (N + 1,)."""
     w = measure(orbit, road.width)
     slope = road.slope(orbit, value) if slope is None or slope.size != orbit.r.size else slope
@@ -147,11 +147,13 @@ def place(road: Road, value: float, orbit: Orbit, along: Array, slope: Array | N
     t = bordered(orbit, slope, row, right)
     tangent = np.zeros(w.size)
     tangent[orbit.arcs.free], tangent[-1] = t[:m], t[-1]
-    return Place(value, orbit, tangent / np.sqrt(np.sum(w * tangent * tangent)))
+    return ResponsePoint(value, orbit, tangent / np.sqrt(np.sum(w * tangent * tangent)))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # an iterate that has gone astray has an infinite residual
-def corrected(road: Road, origin: Place, row: Array, distance: float, u: Array) -> Place | None:
+def corrected(
+    road: ResponseFamily, origin: ResponsePoint, row: Array, distance: float, u: Array
+) -> ResponsePoint | None:
     """Newton from u (N + 1,) to a response with ``row @ (u - origin.unknowns) = distance``; None where it fails."""
     best, modes, slope = np.inf, origin.orbit.arcs.event_sequence.modes[0], np.zeros(0)
     for i in range(_MOST_ITERATIONS):
@@ -183,15 +185,15 @@ def corrected(road: Road, origin: Place, row: Array, distance: float, u: Array) 
 
 
 @dataclass
-class Walk:
+class ResponseContinuation:
     """One branch under way; lives for one call."""
 
-    road: Road
+    road: ResponseFamily
     n_places: int
     max_step: float
-    special: list[tuple[Turning, Place, int]] = field(default_factory=list)
+    special: list[tuple[Turning, ResponsePoint, int]] = field(default_factory=list)
 
-    def both_ways(self, value: float, orbit: Orbit) -> tuple[list[Place], tuple[str, str]]:
+    def both_ways(self, value: float, orbit: Orbit) -> tuple[list[ResponsePoint], tuple[str, str]]:
         """The branch through a response: places in its own order, and how it ends at both ends."""
         first = self._begin(value, orbit, 1.0 if value - self.road.limits[0] <= 0.5 * self.road.width else -1.0)
         ahead, why = self._along(first, self.n_places)
@@ -204,7 +206,7 @@ class Walk:
         self.special = turned[::-1] + [(kind, there, i + n) for kind, there, i in forward]
         return back[::-1][:-1] + ahead, (other, why)
 
-    def _begin(self, value: float, orbit: Orbit, way: float) -> Place:
+    def _begin(self, value: float, orbit: Orbit, way: float) -> ResponsePoint:
         along = np.zeros(orbit.y.size + 1)
         along[-1] = way
         return place(self.road, value, orbit, along)
@@ -212,7 +214,7 @@ class Walk:
     def _at_limit(self, value: float) -> bool:
         return min(abs(value - x) for x in self.road.limits) < 1e-9 * self.road.width
 
-    def _along(self, first: Place, n_places: int) -> tuple[list[Place], str]:
+    def _along(self, first: ResponsePoint, n_places: int) -> tuple[list[ResponsePoint], str]:
         """Places from the first on in the direction of its tangent, until the range, the count or the branch ends."""
         places, ds, turned = [first], 0.25 * self.max_step, False
         while len(places) < n_places:
@@ -246,27 +248,27 @@ class Walk:
             ds = min(1.5 * ds, self.max_step) if self._bend(old, new) < _LITTLE_BEND else ds
         return places, "stops at the number of points asked for"
 
-    def step(self, old: Place, ds: float) -> Place | None:
+    def step(self, old: ResponsePoint, ds: float) -> ResponsePoint | None:
         """The response at a distance along the branch."""
         row = measure(old.orbit, self.road.width) * old.tangent
         found = corrected(self.road, old, row, ds, old.ahead(ds))
         return None if found is None or ds == 0.0 else replace(found, before=(ds, old.tangent, old.singular))
 
-    def _doubtful(self, old: Place, new: Place, ds: float) -> bool:
+    def _doubtful(self, old: ResponsePoint, new: ResponsePoint, ds: float) -> bool:
         """Whether a place may not be the next one of the branch."""
         return self._bend(old, new) > _MOST_BEND or self._missed(old, new, ds) or _passed_by(old, new, ds)
 
-    def _missed(self, old: Place, new: Place, ds: float) -> bool:
+    def _missed(self, old: ResponsePoint, new: ResponsePoint, ds: float) -> bool:
         """Whether a place is not where the last ones foretold it: it may be on another branch close by."""
         away = new.unknowns - old.ahead(ds)
         w = measure(old.orbit, self.road.width)
         return bool(np.sqrt(np.sum(w * away * away)) > _MOST_MISSED * ds)
 
-    def _bend(self, old: Place, new: Place) -> float:
+    def _bend(self, old: ResponsePoint, new: ResponsePoint) -> float:
         """How much the direction turns between two places."""
         return turned(measure(new.orbit, self.road.width), old.tangent, new.tangent)
 
-    def _same(self, one: Place, other: Place) -> bool:
+    def _same(self, one: ResponsePoint, other: ResponsePoint) -> bool:
         """Whether the branch has come back to a place, whatever phase of the input either begins at."""
         if abs(one.value - other.value) > 0.5 * self.max_step * self.road.width:
             return False
@@ -278,7 +280,7 @@ class Walk:
         w, away = measure(one.orbit, self.road.width), np.append(there.x0, there.H0) - one.orbit.y
         return bool(np.sqrt(np.sum(w[:-1] * away * away)) < 0.5 * self.max_step)
 
-    def _moved_away(self, there: Place, before: list[Place]) -> Place:
+    def _moved_away(self, there: ResponsePoint, before: list[ResponsePoint]) -> ResponsePoint:
         """The same response begun at another phase of the input, where an event has come near to its begin."""
         tau = there.orbit.tau
         if tau.size < 3 or min(tau[0], tau[-1]) > _NEAR_EVENT * max(float(tau[1:-1].max()), tau[0] + tau[-1]):
@@ -297,7 +299,7 @@ class Walk:
                 along = np.append(moved.y - np.append(aside.x0, aside.H0), there.value - before[0].value)
         return place(self.road, there.value, moved, along)
 
-    def _special_between(self, old: Place, new: Place, index: int) -> list[Place]:
+    def _special_between(self, old: ResponsePoint, new: ResponsePoint, index: int) -> list[ResponsePoint]:
         """The fold or the change of stability between two places, which is noted as the place of that number."""
         if old.tangent[-1] * new.tangent[-1] < 0:
             # With stable responses on both sides it is a pair of mirror images that meets in a symmetric one.
@@ -313,7 +315,9 @@ class Walk:
         self.special.append((kind, found, index - 1 if found is old else index))
         return [] if found is old or found is new else [found]
 
-    def _located(self, old: Place, new: Place, test: Callable[[Place], float]) -> Place | None:
+    def _located(
+        self, old: ResponsePoint, new: ResponsePoint, test: Callable[[ResponsePoint], float]
+    ) -> ResponsePoint | None:
         """Where a test changes its sign between two places, by regula falsi (Illinois)."""
         row = measure(old.orbit, self.road.width) * old.tangent
         a, f_a, b, f_b = 0.0, test(old), float(row @ (new.unknowns - old.unknowns)), test(new)
@@ -337,13 +341,13 @@ class Walk:
                 a, f_a, b, f_b = b, f_b, c, f_c
         return best
 
-    def _beside(self, old: Place, c: float, width: float) -> Place | None:
+    def _beside(self, old: ResponsePoint, c: float, width: float) -> ResponsePoint | None:
         """The place nearest to a distance that Newton's method reaches: where branches meet, it does not converge."""
         near = (c + way * share * width for share in _BESIDE for way in (1.0, -1.0))
         return next((found for at in near if (found := self.step(old, at)) is not None), None)
 
 
-def _passed_by(old: Place, new: Place, ds: float) -> bool:
+def _passed_by(old: ResponsePoint, new: ResponsePoint, ds: float) -> bool:
     """Whether two branches should have met between two places, and have not: the second may be on the other one.
 
     Where mirror images part from a symmetric response, a step from one of them that misses where they meet ends on the
@@ -353,14 +357,14 @@ def _passed_by(old: Place, new: Place, ds: float) -> bool:
     return alike and old.foretells_zero(ds)
 
 
-def response_at(road: Road, near: Place, u: Array, value: float) -> Place | None:
+def response_at(road: ResponseFamily, near: ResponsePoint, u: Array, value: float) -> ResponsePoint | None:
     """The response at a value, from unknowns u (N + 1,) nearby."""
     row = np.zeros(near.unknowns.size)
     row[-1] = 1.0 / road.width
     return corrected(road, near, row, (value - near.value) / road.width, u)
 
 
-def between(road: Road, one: Place, other: Place, value: float) -> Place | None:
+def between(road: ResponseFamily, one: ResponsePoint, other: ResponsePoint, value: float) -> ResponsePoint | None:
     """The response at a value between two neighbours on a branch."""
     share = (value - one.value) / (other.value - one.value) if other.value != one.value else 0.0
     near = one if share < 0.5 else other
@@ -371,7 +375,7 @@ def between(road: Road, one: Place, other: Place, value: float) -> Place | None:
     return response_at(road, near, u, value)
 
 
-def _crossing(old: Place, new: Place) -> tuple[Turning, Callable[[Place], float]]:
+def _crossing(old: ResponsePoint, new: ResponsePoint) -> tuple[Turning, Callable[[ResponsePoint], float]]:
     """Which way a multiplier crosses the unit circle, and the test function for it."""
     values = (new if not new.stable else old).orbit.multipliers
     # Multipliers are sorted, so that the last one outside is the nearest to the circle: the one that has just crossed.

@@ -11,7 +11,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError, did_you_mean
 from eppanalysis.methods.driven.drive import Drive, drive_of
 from eppanalysis.methods.driven.first_order import Sinusoid, sinusoid_branches
-from eppanalysis.methods.driven.follow import Place, Road, Walk, between
+from eppanalysis.methods.driven.follow import ResponseContinuation, ResponseFamily, ResponsePoint, between
 from eppanalysis.methods.driven.forced import Search, some_responses
 from eppanalysis.methods.driven.result import FrequencyResponse, Over, ResponseBranch, SpecialResponse, Turning
 from eppanalysis.methods.driven.runs import by_runs
@@ -101,7 +101,7 @@ def frequency_response(
     low, high = _range("frequency_response", "frequencies", frequencies)
     require_continuous(system_of(system, "frequency_response"), "frequency_response")
     drive = _closed_exactly(drive_of(system, input, amplitude, low, operating_point, "frequency_response"))
-    road = Road(
+    road = ResponseFamily(
         lambda value: drive.changed(omega=2.0 * np.pi * float(np.exp(value))), (np.log(low), np.log(high)), -1.0
     )
     return _Response(Over.FREQUENCY, drive, road, _output(drive, output), n_points, max_step).found(system)
@@ -170,7 +170,7 @@ def amplitude_response(
     low, high = _range("amplitude_response", "amplitudes", amplitudes)
     require_continuous(system_of(system, "amplitude_response"), "amplitude_response")
     drive = _closed_exactly(drive_of(system, input, low, frequency, operating_point, "amplitude_response"))
-    road = Road(lambda value: drive.changed(amplitude=float(np.exp(value))), (np.log(low), np.log(high)), 0.0)
+    road = ResponseFamily(lambda value: drive.changed(amplitude=float(np.exp(value))), (np.log(low), np.log(high)), 0.0)
     return _Response(Over.AMPLITUDE, drive, road, _output(drive, output), n_points, max_step).found(system)
 
 
@@ -205,11 +205,11 @@ class _Response:
 
     over: Over
     drive: Drive
-    road: Road
+    road: ResponseFamily
     output: str
     n_points: int
     max_step: float
-    walks: list[tuple[list[Place], Walk, tuple[str, str]]] = field(default_factory=list)
+    walks: list[tuple[list[ResponsePoint], ResponseContinuation, tuple[str, str]]] = field(default_factory=list)
     continua: list[float] = field(default_factory=list)
 
     def found(self, subject: LureSystem | CaseLike) -> FrequencyResponse:
@@ -261,14 +261,14 @@ class _Response:
                 self.continua += [value] if value not in self.continua else []
                 continue
             if len(self.walks) < _MOST_BRANCHES and not any(self._passes(w[0], value, orbit) for w in self.walks):
-                walk = Walk(self.road, self.n_points, self.max_step)
+                walk = ResponseContinuation(self.road, self.n_points, self.max_step)
                 try:
                     places, ends = walk.both_ways(value, orbit)
                 except np.linalg.LinAlgError:
                     continue
                 self.walks.append((places, walk, ends))
 
-    def _passes(self, places: list[Place], value: float, orbit: Orbit) -> bool:
+    def _passes(self, places: list[ResponsePoint], value: float, orbit: Orbit) -> bool:
         search = Search(self.road.drive(value), 1)
         for one, other in zip(places[:-1], places[1:], strict=True):
             if (one.value - value) * (other.value - value) <= 0:
@@ -277,7 +277,7 @@ class _Response:
                     return True
         return False
 
-    def _branch(self, places: list[Place], walk: Walk, ends: tuple[str, str]) -> ResponseBranch:
+    def _branch(self, places: list[ResponsePoint], walk: ResponseContinuation, ends: tuple[str, str]) -> ResponseBranch:
         response, size = np.array([self._of(p) for p in places]).T
         special = tuple(
             SpecialResponse(kind, *self._sine(p.value), complex(self._of(p)[0]), i) for kind, p, i in walk.special
@@ -301,7 +301,7 @@ class _Response:
         drive = self.road.drive(value)
         return drive.frequency, drive.amplitude
 
-    def _of(self, there: Place) -> tuple[complex, float]:
+    def _of(self, there: ResponsePoint) -> tuple[complex, float]:
         """Complex gain and peak-to-peak of the output."""
         drive, shape = self.road.drive(there.value), orbit_shape(self.drive.system, there.orbit)
         turn = np.exp(-1j * drive.phase(there.orbit.y))

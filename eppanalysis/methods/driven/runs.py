@@ -98,7 +98,7 @@ def _closed(drive: Drive, periods: int, multiple: int) -> PeriodicResponse | Non
     if found is None:
         return None
     cycle = locked_cycle(drive.system, found)
-    cycle = replace(drive.form.told(cycle, found.start) if drive.form else cycle, operating_point=drive.at)
+    cycle = replace(drive.form.to_user(cycle, found.start) if drive.form else cycle, operating_point=drive.at)
     return PeriodicResponse(multiple, drive.phase(found.start.x0), drive.amplitude, cycle, found.one_of_many)
 
 

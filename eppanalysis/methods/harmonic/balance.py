@@ -96,7 +96,7 @@ def harmonic_balance(
     """
     own, at = standing(system, operating_point, "harmonic_balance")
     if (other := without_held_states(own)) is not None:
-        return other.told(harmonic_balance(other.system, other.asked(guess), order, at))
+        return other.to_user(harmonic_balance(other.system, other.from_user(guess), order, at))
     system = averaged(own)
     if order is not None and (int(order) != order or order < 1):
         raise EppError(f"harmonic_balance: order is {order}; expected a positive integer or None.")

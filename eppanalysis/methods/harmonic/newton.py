@@ -11,7 +11,7 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Place
-from eppanalysis.methods.simulation.effort import spend
+from eppanalysis.methods.simulation.budget import spend
 
 _ITERATIONS = 30
 _LARGEST_STEP, _SMALLEST_SHARE = 0.5, 1 / 1024

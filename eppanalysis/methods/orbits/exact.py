@@ -14,16 +14,16 @@ from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.harmonic.balance import balances_of
 from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.methods.harmonic.path import balance_on_curve
-from eppanalysis.methods.orbits.apart import in_states_of_its_own
-from eppanalysis.methods.orbits.asked import Asked
 from eppanalysis.methods.orbits.balanced import orbit_of_balance
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
+from eppanalysis.methods.orbits.decoupled import in_decoupled_states
 from eppanalysis.methods.orbits.delayed.smooth import closed_behind_delay, is_smooth_delayed
 from eppanalysis.methods.orbits.mirrored import mirrored_orbits
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.samples.locked import locked_orbit, unclosed
 from eppanalysis.methods.orbits.shooting import orbit_from, orbits_near, same_orbit
-from eppanalysis.methods.simulation.effort import Spent, allotted
+from eppanalysis.methods.orbits.target import Target
+from eppanalysis.methods.simulation.budget import BudgetExceeded, budget
 from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import run_hybrid
@@ -103,8 +103,8 @@ def exact_orbit(
     """
     system, at = standing(system, operating_point, "exact_orbit")
     require_own(system, start)
-    if (apart := in_states_of_its_own(system)) is not None:
-        return apart.told(_as_it_is(apart.system, apart.asked(start), at))
+    if (apart := in_decoupled_states(system)) is not None:
+        return apart.to_user(_as_it_is(apart.system, apart.from_user(start), at))
     return _as_it_is(system, start, at)
 
 
@@ -112,19 +112,19 @@ def _as_it_is(system: LureSystem, start: LimitCycle, at: OperatingPoint) -> Limi
     """The exact orbit in the states in which the loop is given."""
     if system.time_step:
         form = InSamples.at(system, at)
-        return form.told(_as_it_is(form.system, form.asked(start), at))
+        return form.to_user(_as_it_is(form.system, form.from_user(start), at))
     hybrid = steady_hybrid(system, at)
     if (strobe := Strobe.of(hybrid)) is not None:
         return replace(locked_orbit(system, hybrid, strobe, start), operating_point=at)
-    found: list[Found] = []
+    found: list[Candidate] = []
     if is_smooth_delayed(hybrid):
         return replace(_behind_delay(system, hybrid, start, at), operating_point=at)
-    with suppress(Spent), allotted(MOST_WORK) as work:
+    with suppress(BudgetExceeded), budget(MOST_WORK) as work:
         found.extend(orbits_of(system, hybrid, start, at))
     orbit = asked_for(found)
     if orbit is not None:
         return replace(to_limit_cycle(system, orbit), operating_point=at)
-    note = start.note if work.left else "the steps allowed ended before an orbit was closed"
+    note = start.note if work.remaining else "the steps allowed ended before an orbit was closed"
     note = f"the orbit that was found {found[-1].difference}" if found else note
     return replace(unclosed(start, note), operating_point=at)
 
@@ -138,14 +138,14 @@ def require_own(system: LureSystem, cycle: LimitCycle) -> None:
 
 
 def _behind_delay(system: LureSystem, hybrid: HybridSystem, start: LimitCycle, at: OperatingPoint) -> LimitCycle:
-    with suppress(Spent), allotted(MOST_WORK):
+    with suppress(BudgetExceeded), budget(MOST_WORK):
         closed, note = closed_behind_delay(system, hybrid, start, at)
         return closed or unclosed(start, note)
     return unclosed(start, "no harmonic balance leads to it within the steps allowed")
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Candidate:
     """An orbit that an approximate cycle led to."""
 
     orbit: Orbit
@@ -153,7 +153,7 @@ class Found:
     as_stable: bool  # whether it is as stable as was predicted, if anything was
 
 
-def asked_for(found: Sequence[Found]) -> Orbit | None:
+def asked_for(found: Sequence[Candidate]) -> Orbit | None:
     """The orbit that was asked for, rather as stable as predicted; what is said of an orbit last counts."""
     last = {id(f.orbit): f for f in found}
     fitting = sorted((f for f in last.values() if not f.difference), key=lambda f: f.as_stable)
@@ -167,14 +167,14 @@ def orbits_of(
     at: OperatingPoint,
     by_balance: bool = True,
     neighbours: bool = False,
-) -> Iterator[Found]:
+) -> Iterator[Candidate]:
     """Closed orbits that an approximate cycle leads to, some of them several times; see :func:`asked_for`.
 
     With `neighbours` runs from the cycle are tried to the end, although what is asked for has been found: there may be
     others near.
     """
     hybrid = _seen(system, hybrid, start, at)
-    asked = Asked.of(system, hybrid, start)
+    asked = Target.of(system, hybrid, start)
     met: list[Orbit] = []
     done = False
     for ways in (_directly, _about):
@@ -198,11 +198,11 @@ def _new(orbits: Iterable[Orbit], met: list[Orbit]) -> Iterator[Orbit]:
             yield orbit
 
 
-def _compared(asked: Asked, orbit: Orbit, stable: bool | None) -> Found:
-    return Found(orbit, asked.difference(orbit), stable in (None, is_stable(orbit.multipliers)))
+def _compared(asked: Target, orbit: Orbit, stable: bool | None) -> Candidate:
+    return Candidate(orbit, asked.difference(orbit), stable in (None, is_stable(orbit.multipliers)))
 
 
-def _directly(hybrid: HybridSystem, asked: Asked, met: Sequence[Orbit]) -> Iterator[Orbit]:
+def _directly(hybrid: HybridSystem, asked: Target, met: Sequence[Orbit]) -> Iterator[Orbit]:
     """Orbits from runs that begin on an approximate cycle."""
     # From an unstable cycle a run departs at once: the half of a symmetric one comes before it (docs/theory/
     # exact_orbits.md, Closing an orbit).
@@ -212,7 +212,7 @@ def _directly(hybrid: HybridSystem, asked: Asked, met: Sequence[Orbit]) -> Itera
     yield from islice(orbits_near(hybrid, x, memory, asked.cycle.period, met), 2)
 
 
-def _about(hybrid: HybridSystem, asked: Asked, met: Sequence[Orbit]) -> Iterator[Orbit]:
+def _about(hybrid: HybridSystem, asked: Target, met: Sequence[Orbit]) -> Iterator[Orbit]:
     """An unstable orbit that Newton's method finds from an approximate one, of the size that it has or may have."""
     cycle = asked.cycle
     if cycle.stable is not False or not cycle.mean_state.size:
@@ -229,7 +229,7 @@ def _about(hybrid: HybridSystem, asked: Asked, met: Sequence[Orbit]) -> Iterator
                 return
 
 
-def _by_balance(asked: Asked, hybrid: HybridSystem, met: list[Orbit], at: OperatingPoint) -> Iterator[Found]:
+def _by_balance(asked: Target, hybrid: HybridSystem, met: list[Orbit], at: OperatingPoint) -> Iterator[Candidate]:
     """Exact orbits that balances of rising order lead to, until one is that of a balance that can be trusted.
 
     What was met before is compared with each balance, too; but only a good one has the word against an orbit.
@@ -239,7 +239,7 @@ def _by_balance(asked: Asked, hybrid: HybridSystem, met: list[Orbit], at: Operat
     loosely = asked.loosened()
     try:
         for balance in _balances(asked, at):
-            wanted = Asked.of(asked.system, hybrid, balance)
+            wanted = Target.of(asked.system, hybrid, balance)
             before = tuple(met)
             for orbit in chain(before, _new(_of_balance(hybrid, wanted, at, met), met)):
                 found = _compared(wanted, orbit, stable)
@@ -253,7 +253,7 @@ def _by_balance(asked: Asked, hybrid: HybridSystem, met: list[Orbit], at: Operat
         return
 
 
-def _balances(asked: Asked, at: OperatingPoint) -> Iterator[LimitCycle]:
+def _balances(asked: Target, at: OperatingPoint) -> Iterator[LimitCycle]:
     """Balances of rising order, and where none of them leads to the orbit, that on the curve from first order."""
     yield from balances_of(asked.system, asked.cycle, at)
     # Low orders may stand far from both first order and the cycle (docs/theory/first_order_quality.md, Does the error
@@ -263,7 +263,7 @@ def _balances(asked: Asked, at: OperatingPoint) -> Iterator[LimitCycle]:
         yield straight
 
 
-def _of_balance(hybrid: HybridSystem, wanted: Asked, at: OperatingPoint, met: Sequence[Orbit]) -> Iterator[Orbit]:
+def _of_balance(hybrid: HybridSystem, wanted: Target, at: OperatingPoint, met: Sequence[Orbit]) -> Iterator[Orbit]:
     """Orbits from runs that begin on a balance, and the one from its own switches where that can be trusted."""
     yield from _directly(hybrid, wanted, met)
     if wanted.cycle.error_estimate < _TRUSTED:

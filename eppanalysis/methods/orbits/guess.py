@@ -14,7 +14,7 @@ from eppanalysis.arrays import Array, IntArray
 from eppanalysis.engine.tables import Model
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import LETS_GO, Arcs, EventSequence
-from eppanalysis.methods.simulation.effort import spend
+from eppanalysis.methods.simulation.budget import spend
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem

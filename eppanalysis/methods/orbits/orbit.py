@@ -17,7 +17,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.delayed.motion import DelayedMotion
 from eppanalysis.methods.orbits.guess import Guess, with_history
-from eppanalysis.methods.simulation.effort import left, spend
+from eppanalysis.methods.simulation.budget import remaining, spend
 from eppanalysis.methods.simulation.stability import multipliers, return_map
 from eppanalysis.models.systems.hybrid import HybridSystem
 
@@ -226,7 +226,7 @@ def room_for(arcs: Arcs, y: Array, tau: Array) -> Motion:
 def effort_of(arcs: Arcs) -> Effort:
     """What sweeps along arcs may cost, and do."""
     p = arcs.n_arcs
-    return Effort(left(), _SWEEP + _ARC * p + _ENTRY * (arcs.free.size + p) ** 2, _SERIES)
+    return Effort(remaining(), _SWEEP + _ARC * p + _ENTRY * (arcs.free.size + p) ** 2, _SERIES)
 
 
 def residual_slope(orbit: Orbit, by: Arcs, start: Array) -> Array:

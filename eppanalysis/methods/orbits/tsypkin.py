@@ -44,7 +44,7 @@ _SAME = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Pulses:
+class TsypkinLocus:
     """The symmetric motions of one relay."""
 
     hybrid: HybridSystem
@@ -65,7 +65,7 @@ class Pulses:
     ends: Array
 
     @classmethod
-    def of(cls, hybrid: HybridSystem) -> Pulses | None:
+    def of(cls, hybrid: HybridSystem) -> TsypkinLocus | None:
         """Of a loop with one relay, odd and without dead time and inputs; None for others."""
         model, image = hybrid.model, mirror(hybrid)
         single = len(hybrid.automata) == len(hybrid.elements) == 1 and hybrid.x0.size == hybrid.n_plant

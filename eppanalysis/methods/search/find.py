@@ -17,31 +17,31 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.predict import predicted_cycles
-from eppanalysis.methods.orbits.apart import in_states_of_its_own
-from eppanalysis.methods.orbits.asked import Asked
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
+from eppanalysis.methods.orbits.decoupled import in_decoupled_states
 from eppanalysis.methods.orbits.delayed.smooth import closed_behind_delay, is_smooth_delayed
-from eppanalysis.methods.orbits.exact import Found, asked_for, orbits_of, steady_hybrid
+from eppanalysis.methods.orbits.exact import Candidate, asked_for, orbits_of, steady_hybrid
 from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.locus import has_locus, orbits_on_locus
 from eppanalysis.methods.orbits.mirrored import mirror
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle
 from eppanalysis.methods.orbits.shooting import close_orbit, orbits_near
-from eppanalysis.methods.search.ends import (
+from eppanalysis.methods.orbits.target import Target
+from eppanalysis.methods.search.outcomes import (
     FOR_ONE,
     MOST_EVENTS,
     NO_CORNERS,
     NO_SAMPLES,
-    End,
     Ray,
-    Reached,
+    RunOutcome,
+    SimulatedCycle,
 )
-from eppanalysis.methods.search.reach import may_be_overcome, pace
+from eppanalysis.methods.search.reach import crossover_frequency, may_be_overcome
+from eppanalysis.methods.search.report import N_RANDOM, SCALES, SearchReport
 from eppanalysis.methods.search.rests import towards_rests
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.sampled import Enough, Starts, search_near, search_sampled
-from eppanalysis.methods.search.told import N_RANDOM, SCALES, Told
-from eppanalysis.methods.simulation.effort import Spent, allotted, left, telling
+from eppanalysis.methods.simulation.budget import BudgetExceeded, budget, remaining, telling
 from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
@@ -130,10 +130,10 @@ def _found(
     enough: Enough | None = None,
 ) -> CycleSearch:
     """See ``find_limit_cycles`` and ``search_from``."""
-    if (apart := in_states_of_its_own(system)) is not None:
+    if (apart := in_decoupled_states(system)) is not None:
         # In the given states: what falls off faster than 1/s may not in others, by rounding, and phases are lost then.
-        given = [apart.asked(cycle) for cycle in (seeds_of(system, at) if predicted is None else predicted)]
-        wanted = None if enough is None else lambda cycle: enough(apart.told(cycle))
+        given = [apart.from_user(cycle) for cycle in (seeds_of(system, at) if predicted is None else predicted)]
+        wanted = None if enough is None else lambda cycle: enough(apart.to_user(cycle))
         return _told(_as_it_is(apart.system, at, by_balance, given, progress, wanted), apart)
     return _as_it_is(system, at, by_balance, predicted, progress, enough)
 
@@ -155,7 +155,7 @@ def _as_it_is(
     hybrid = steady_hybrid(system, at)
     if not np.any(poles(system.A)):
         # Integrators alone have no time scale of their own: steps of a second would never end on a slow cycle.
-        scale = min(c.period for c in seeds) / 20.0 if seeds else 1.0 / pace(system)
+        scale = min(c.period for c in seeds) / 20.0 if seeds else 1.0 / crossover_frequency(system)
         hybrid = replace(hybrid, time_scale=scale)
     search = _Search(system, hybrid, seeds, at, progress, by_balance=by_balance)
     search.run_all()
@@ -166,8 +166,8 @@ def _as_it_is(
     return CycleSearch(
         cycles=tuple(replace(c, operating_point=at) for c in smallest_first(cycles)),
         status=Status.CONVERGED if search.complete else Status.UNDECIDED,
-        settles=End.REST in outcomes,
-        diverges=End.DIVERGENCE in outcomes,
+        settles=RunOutcome.REST in outcomes,
+        diverges=RunOutcome.DIVERGENCE in outcomes,
         search=search.sentence(),
         not_covered=search.not_covered(),
         rest_state=np.zeros(0) if search.rest is None else search.rest[0][: hybrid.n_plant],
@@ -191,9 +191,9 @@ def _in_samples(
         form = InSamples.at(system, at)
         hybrid = steady_hybrid(form.system, at)
         starts = Starts(system, hybrid, known, lambda x, memory: hybrid.begun(*form.start(x, memory)), form.state)
-        found = search(form.system, replace(starts, told=form.told))
+        found = search(form.system, replace(starts, to_user=form.to_user))
         with telling():
-            return found and replace(found, cycles=tuple(map(form.told, found.cycles)))
+            return found and replace(found, cycles=tuple(map(form.to_user, found.cycles)))
     hybrid = steady_hybrid(system, at)
     strobe = Strobe.of(hybrid)
     assert strobe is not None
@@ -209,7 +209,7 @@ def _in_samples(
 
 def _told(found: CycleSearch, apart: OtherStates) -> CycleSearch:
     """What was found in a loop with other states."""
-    cycles, unclosed = (tuple(map(apart.told, part)) for part in (found.cycles, found.unclosed))
+    cycles, unclosed = (tuple(map(apart.to_user, part)) for part in (found.cycles, found.unclosed))
     return replace(found, cycles=cycles, unclosed=unclosed, rest_state=apart.state(found.rest_state))
 
 
@@ -244,26 +244,28 @@ def seeds_of(system: LureSystem | CaseLike, at: OperatingPoint | None = None) ->
 
 
 @dataclass
-class _Search(Told):
+class _Search(SearchReport):
     """State of one search; lives for one call."""
 
     def run_all(self) -> None:
         """Seeds, then runs along rays and from random starts, then the basin boundaries between outcomes."""
-        with allotted(_MOST_WORK) as self.work:
+        with budget(_MOST_WORK) as self.work:
             # In the order of docs/theory/exact_orbits.md, All of them: predictions, rays, random starts, rays to what
             # was found, other periods, mirror images. Basin boundaries are bisected where a ray shows them.
             led_to = self._close_all()
-            with allotted((1.0 if self.pulses is None else _FOR_RUNS) * _MOST_WORK):
+            with budget((1.0 if self.pulses is None else _FOR_RUNS) * _MOST_WORK):
                 if not np.any(self.hybrid.x0[: self.hybrid.n_plant]):  # else the loop's own start is on a ray
                     self.outcome(self.hybrid.x0, self.hybrid.H0)
                 for ray in self.rays:
                     self._scan(ray)
                 for start in self._random():
                     self.outcome(*start)
-                if End.DIVERGENCE not in self.outcomes and may_be_overcome(self.system):
+                if RunOutcome.DIVERGENCE not in self.outcomes and may_be_overcome(self.system):
                     for ray in self.rays[-1:]:
                         self._scan(ray, _AFAR)
-                for x, H, rests_by in towards_rests(self.hybrid, self.met) if End.REST not in self.outcomes else ():
+                for x, H, rests_by in (
+                    towards_rests(self.hybrid, self.met) if RunOutcome.REST not in self.outcomes else ()
+                ):
                     self.n_towards += 1
                     self.outcome(x, H, rests_by)
                 for orbit in list(self.orbits):
@@ -277,7 +279,7 @@ class _Search(Told):
 
     def _close_all(self) -> list[int | None]:
         """For each prediction the number of the orbit that it asks for, None for none."""
-        with allotted(_FOR_PREDICTIONS * _MOST_WORK):
+        with budget(_FOR_PREDICTIONS * _MOST_WORK):
             return [self._close(cycle) for cycle in self.predicted]
 
     def _close(self, cycle: LimitCycle) -> int | None:
@@ -285,13 +287,13 @@ class _Search(Told):
         if is_smooth_delayed(self.hybrid):
             self._close_behind_delay(cycle)
             return None
-        found: list[Found] = []
+        found: list[Candidate] = []
         try:
-            with allotted(FOR_ONE * _MOST_WORK):
+            with budget(FOR_ONE * _MOST_WORK):
                 for step in orbits_of(self.system, self.hybrid, cycle, self.at, self.by_balance, True):
                     found.append(step)
                     self.add(step.orbit)
-        except Spent:
+        except BudgetExceeded:
             self.n_cut += 1
         asked = asked_for(found)
         return None if asked is None else self.add(asked)
@@ -299,15 +301,15 @@ class _Search(Told):
     def _close_behind_delay(self, cycle: LimitCycle) -> None:
         """Keep the cycle that a prediction asks for, or why it is not closed."""
         try:
-            with allotted(FOR_ONE * _MOST_WORK):
+            with budget(FOR_ONE * _MOST_WORK):
                 closed, why = closed_behind_delay(self.system, self.hybrid, cycle, self.at)
-        except Spent:
+        except BudgetExceeded:
             self.n_cut += 1
             return
         if closed is None:
             self.why_unclosed[id(cycle)] = why
         else:
-            self.keep(Reached(closed, NO_CORNERS))
+            self.keep(SimulatedCycle(closed, NO_CORNERS))
 
     def _not_among(self, led_to: Sequence[int | None]) -> list[LimitCycle]:
         """The predictions whose orbits are not among those found, by whatever way; an orbit answers the nearest."""
@@ -335,7 +337,7 @@ class _Search(Told):
 
     def _other_answer(self, cycle: LimitCycle, answers: Mapping[int, LimitCycle]) -> int | None:
         """Number of an orbit that no other prediction asks for and that this one may mean; -1 for a cycle of a run."""
-        asked = Asked.of(self.system, self.hybrid, cycle).widened()
+        asked = Target.of(self.system, self.hybrid, cycle).widened()
         for i, orbit in enumerate(self.orbits):
             if i not in answers and is_stable(orbit.multipliers) == cycle.stable and not asked.difference(orbit):
                 return i
@@ -346,23 +348,23 @@ class _Search(Told):
         if self.pulses is None:
             return
         try:
-            with allotted(_FOR_PREDICTIONS * _MOST_WORK):
+            with budget(_FOR_PREDICTIONS * _MOST_WORK):
                 for guess in self.pulses.guesses():
                     orbit = close_orbit(self.hybrid, guess, self.orbits)
                     if orbit is not None:
                         self.add(orbit)
-        except Spent:
+        except BudgetExceeded:
             self.pulses = None
             self.n_pulses += 1
 
     def _add_on_locus(self, orbit: Orbit) -> None:
         """Add orbits with the switches of one at other periods; on a boundary a run finds the least unstable only."""
         try:
-            with allotted(FOR_ONE * _MOST_WORK):
+            with budget(FOR_ONE * _MOST_WORK):
                 for found in orbits_on_locus(orbit):
                     self.add(found)
             self.n_followed += has_locus(orbit)
-        except Spent:
+        except BudgetExceeded:
             self.n_loci += 1
 
     def _add_mirrored(self, number: int, orbit: Orbit) -> None:
@@ -379,13 +381,13 @@ class _Search(Told):
             y = self.image @ y
             x, memory = y[:n], y[orbit.arcs.memory]
         try:
-            with allotted(FOR_ONE * _MOST_WORK):
+            with budget(FOR_ONE * _MOST_WORK):
                 for found in orbits_near(self.hybrid, x, memory, orbit.period, self.orbits):
                     image = self.add(found)
                     if number in self.bounding:
                         self.bounding[image] += 0  # it bounds what it is the image of, and was not met itself
                     return
-        except Spent:
+        except BudgetExceeded:
             self.n_images += 1
 
     @cached_property
@@ -421,19 +423,19 @@ class _Search(Told):
             if end_a != end_b:
                 self._bisect(ray, a, b, end_a, end_b)
 
-    def _bisect(self, ray: Ray, a: float, b: float, end_a: End | int, end_b: End | int) -> None:
+    def _bisect(self, ray: Ray, a: float, b: float, end_a: RunOutcome | int, end_b: RunOutcome | int) -> None:
         """Bisect a basin boundary between two outcomes; close orbits from the run that stays near it longest."""
-        if self.n_boundaries >= _MOST_BOUNDARIES or not left():
+        if self.n_boundaries >= _MOST_BOUNDARIES or not remaining():
             self.n_left += 1
             return
         self.n_boundaries += 1
         try:
-            with allotted(_FOR_BOUNDARY * _MOST_WORK):
+            with budget(_FOR_BOUNDARY * _MOST_WORK):
                 self._halve(ray, a, b, end_a, end_b)
-        except Spent:
+        except BudgetExceeded:
             self.n_left += 1
 
-    def _halve(self, ray: Ray, a: float, b: float, end_a: End | int, end_b: End | int) -> None:
+    def _halve(self, ray: Ray, a: float, b: float, end_a: RunOutcome | int, end_b: RunOutcome | int) -> None:
         centre, direction, H = ray
         for i in range(48):
             c = 0.5 * (a + b)

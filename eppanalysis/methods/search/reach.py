@@ -62,10 +62,12 @@ def may_be_overcome(system: LureSystem) -> bool:
 def _middle_frequencies(system: LureSystem) -> Array:
     """Some frequencies from the slowest to the fastest of the linear part [rad/s], none of them just on a pole."""
     scales = frequency_scales(system)
-    return 1.2345 * (np.geomspace(scales.min(), scales.max(), 5) if scales.size else np.array([pace(system)]))
+    return 1.2345 * (
+        np.geomspace(scales.min(), scales.max(), 5) if scales.size else np.array([crossover_frequency(system)])
+    )
 
 
-def pace(system: LureSystem) -> float:
+def crossover_frequency(system: LureSystem) -> float:
     """Highest frequency at which the gain of a loop of integrators passes one [rad/s], which have none of their own.
 
     One where thresholds do not tell: of a relay without any, behind integrators alone, cycles have all frequencies.

@@ -29,11 +29,11 @@ from eppanalysis.methods.orbits.samples.locked import (
     samples_of,
     starts_on,
 )
-from eppanalysis.methods.search.ends import End
+from eppanalysis.methods.search.outcomes import RunOutcome
 from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_elements
 from eppanalysis.methods.search.result import CycleSearch, exists, undecided
 from eppanalysis.methods.search.unmet import MANY, more_of, unmet
-from eppanalysis.methods.simulation.effort import Spent, Work, allotted, telling
+from eppanalysis.methods.simulation.budget import Budget, BudgetExceeded, budget, telling
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.samples import extent_of, is_locked
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid
@@ -77,7 +77,7 @@ _SAME = 1e-7
 _ALIKE, _LASTS = 0.1, 10.0
 
 #: What a run comes to: the number of a locked orbit, or how else it ends.
-Outcome = int | End
+OutcomeOrCycle = int | RunOutcome
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class Starts:
     #: Cycles that they may not lead to, in words.
     misses: str = "with small basins"
     #: A cycle as its user has it.
-    told: Callable[[LimitCycle], LimitCycle] = lambda cycle: cycle
+    to_user: Callable[[LimitCycle], LimitCycle] = lambda cycle: cycle
 
     @property
     def slowest(self) -> float:
@@ -150,28 +150,28 @@ class SampledSearch:
     rounds: list[LockedOrbit] = field(default_factory=list)
     others: list[LimitCycle] = field(default_factory=list)
     extents: list[Array] = field(default_factory=list)
-    ends: Counter[End] = field(default_factory=Counter)
+    ends: Counter[RunOutcome] = field(default_factory=Counter)
     lengths: set[int] = field(default_factory=set)
     rest: Array = field(default_factory=lambda: np.zeros(0))
-    begun: list[tuple[Array, Outcome]] = field(default_factory=list)
+    begun: list[tuple[Array, OutcomeOrCycle]] = field(default_factory=list)
     boundaries: int = 0
     refused: int = 0
-    work: Work = field(default_factory=lambda: Work(_MOST_WORK))
+    work: Budget = field(default_factory=lambda: Budget(_MOST_WORK))
     ended: bool = False
     stopped: bool = False
 
     def run_all(self) -> None:
         """Runs, boundaries between their starts, then orbits of other numbers of samples."""
-        with allotted(_MOST_WORK) as self.work:
+        with budget(_MOST_WORK) as self.work:
             try:
-                with allotted(_FOR_RUNS * _MOST_WORK):
+                with budget(_FOR_RUNS * _MOST_WORK):
                     if self._runs() or self._between() or self._mirrored():
                         return
-            except Spent:
+            except BudgetExceeded:
                 self.ended = True
             try:
                 self._seek()
-            except Spent:
+            except BudgetExceeded:
                 self.ended = True
 
     def _runs(self) -> bool:
@@ -199,15 +199,15 @@ class SampledSearch:
     @property
     def suffices(self) -> bool:
         """Whether a cycle that was found is all that is wanted."""
-        return self.enough is not None and any(self.enough(self.starts.told(cycle)) for cycle in self.cycles())
+        return self.enough is not None and any(self.enough(self.starts.to_user(cycle)) for cycle in self.cycles())
 
     @property
     def unmet(self) -> float:
         """At least how many cycles more there probably are that runs end on; a continuum counts as one cycle."""
-        met = Counter(on for _, on in self.begun if not isinstance(on, End))
+        met = Counter(on for _, on in self.begun if not isinstance(on, RunOutcome))
         return unmet(n for on, n in met.items() if not self.rounds[on].one_of_many)
 
-    def outcome(self, start: HybridSystem) -> Outcome:
+    def outcome(self, start: HybridSystem) -> OutcomeOrCycle:
         """What a run from a start comes to; the cycle that it ends on is kept."""
         before = len(self.rounds) + len(self.others)
         end, on = self.end_of(start)
@@ -234,7 +234,7 @@ class SampledSearch:
         want = _TURNS * turn if turn else 30.0 / slow if slow else 0.0
         return float(np.clip(want, _FEWEST * T, _MOST * T))
 
-    def end_of(self, start: HybridSystem) -> tuple[End, int | None]:
+    def end_of(self, start: HybridSystem) -> tuple[RunOutcome, int | None]:
         """How a run from a start ends, and on which of the locked orbits."""
         t = self.horizon
         for _ in range(_LONGER):
@@ -247,15 +247,17 @@ class SampledSearch:
             if status is Status.EVENT_LIMIT and _FACTOR * run.stats[0] < t:
                 break
             t *= _FACTOR
-        return (End.OUT_OF_EVENTS if status is Status.EVENT_LIMIT else End.UNDECIDED), None
+        return (RunOutcome.OUT_OF_EVENTS if status is Status.EVENT_LIMIT else RunOutcome.UNDECIDED), None
 
-    def _come_to(self, start: HybridSystem, run: Run, status: Status, found: Array) -> tuple[End, int | None] | None:
+    def _come_to(
+        self, start: HybridSystem, run: Run, status: Status, found: Array
+    ) -> tuple[RunOutcome, int | None] | None:
         """What a run has come to; None where it is on its way."""
         if status is Status.SETTLED:
             self.rest = self._rest_of(run) if not self.rest.size else self.rest
-            return End.REST, None
+            return RunOutcome.REST, None
         if status is Status.DIVERGED:
-            return End.DIVERGENCE, None
+            return RunOutcome.DIVERGENCE, None
         return self._keep(start, run, found) if status is Status.LIMIT_CYCLE else None
 
     def _rest_of(self, run: Run) -> Array:
@@ -269,35 +271,35 @@ class SampledSearch:
         run = run_hybrid(start, t, np.zeros(0), step, most, most if n_kept is None else n_kept)
         return run, *judge(start, run, t)
 
-    def _keep(self, start: HybridSystem, run: Run, found: Array) -> tuple[End, int | None]:
+    def _keep(self, start: HybridSystem, run: Run, found: Array) -> tuple[RunOutcome, int | None]:
         if is_locked(found) and not self.strobe.forgets:
             n = round(found[1] / self.strobe.period)
             begin = next(starts_on(self.strobe, run, n, 1))
             known = self._known(begin, n, float(found[3]))
             if known is not None:
-                return End.CYCLE, known
+                return RunOutcome.CYCLE, known
             orbit = close_locked(self.strobe, begin, n)
-            return (End.UNDECIDED, None) if orbit is None else (End.CYCLE, self._add(orbit))
+            return (RunOutcome.UNDECIDED, None) if orbit is None else (RunOutcome.CYCLE, self._add(orbit))
         if (on := self._on_its_way(run, float(found[2]))) is not None:
-            return End.CYCLE, on
+            return RunOutcome.CYCLE, on
         # The period of a slow cycle has ten thousand samples: its harmonics take ten times as long as the run.
         if self._is_met(run, found):
-            return End.OF_RUNS, None
+            return RunOutcome.OF_RUNS, None
         if not is_locked(found):
             # No closing tells of turns that differ whether they creep to another size: many times as long a run does.
             longer = self._judged(start, _LASTS * float(run.time[run.order[-1]]), run.n_kept)
             if longer[1] is not Status.LIMIT_CYCLE or is_locked(longer[2]):
-                return self._come_to(start, *longer) or (End.UNDECIDED, None)
+                return self._come_to(start, *longer) or (RunOutcome.UNDECIDED, None)
             if not _are_alike(extent_of(self.strobe, run, found), extent_of(self.strobe, longer[0], longer[2])):
-                return End.UNDECIDED, None
+                return RunOutcome.UNDECIDED, None
         facts = Provenance("event-exact simulation", {"system": self.system.name})
         cycle = cycle_of_run(self.system, start, run, found, facts)
         if cycle is None:
-            return End.UNDECIDED, None
+            return RunOutcome.UNDECIDED, None
         self.extents.append(extent_of(self.strobe, run, found))
         if not any(away(cycle, known) < _ALIKE for known in self.others):
             self.others.append(cycle)
-        return End.OF_RUNS, None
+        return RunOutcome.OF_RUNS, None
 
     def _on_its_way(self, run: Run, differs: float) -> int | None:
         """The stable locked orbit to which a run comes whose turns still differ so much; None for none."""
@@ -354,7 +356,7 @@ class SampledSearch:
         """
         rng = np.random.default_rng(_SEED)
         self._left = _MOST_BETWEEN // self.strobe.samples_in(self.horizon)
-        ended = [start for start in self.begun if start[1] not in (End.UNDECIDED, End.OUT_OF_EVENTS)]
+        ended = [start for start in self.begun if start[1] not in (RunOutcome.UNDECIDED, RunOutcome.OUT_OF_EVENTS)]
         while self._left > 0 and len({on for _, on in ended}) > 1:
             self._say(self.boundaries, None, "boundaries between starts of different ends")
             (a, on_a), (b, on_b) = (ended[k] for k in rng.choice(len(ended), 2, replace=False))
@@ -363,7 +365,7 @@ class SampledSearch:
                 return True
         return False
 
-    def _bisect(self, a: Array, on_a: Outcome, b: Array) -> bool:
+    def _bisect(self, a: Array, on_a: OutcomeOrCycle, b: Array) -> bool:
         """Halve the way between two starts that end differently, and close the orbit there; whether it is enough."""
         for _ in range(_HALVINGS):
             self._left -= 1
@@ -498,7 +500,7 @@ class SampledSearch:
                 " Cycles that are not locked to the samples, and those through a dead time, are listed as runs have "
                 "them, stable ones only."
             )
-        if self.ends[End.UNDECIDED]:
+        if self.ends[RunOutcome.UNDECIDED]:
             text += " Motions of runs that neither settle nor repeat themselves may fill a curve."
         text += " The search ended before it had come to its end." * self.ended
         return text + " It ended at the first cycle that was enough." * self.stopped
@@ -574,18 +576,18 @@ def _result(search: SampledSearch, at: OperatingPoint) -> CycleSearch:
     with telling():
         cycles = search.cycles()
     unclosed = () if search.stopped else not_among(cycles, search.starts.predicted)
-    open_runs = search.ends[End.UNDECIDED]
+    open_runs = search.ends[RunOutcome.UNDECIDED]
     left = [undecided(open_runs)] * bool(open_runs) + [
         f"the search ended when it had taken {_MOST_WORK:.0e} steps"
     ] * search.ended
     left += more_of("cycles that runs end on", search.unmet)
-    if used_up := search.ends[End.OUT_OF_EVENTS]:
+    if used_up := search.ends[RunOutcome.OUT_OF_EVENTS]:
         left.append(f"{count(used_up, 'run')} had used up all events before anything settled or repeated itself")
     return CycleSearch(
         cycles=tuple(replace(c, operating_point=at) for c in smallest_first(cycles)),
         status=Status.UNDECIDED if left or any(map(exists, unclosed)) else Status.CONVERGED,
-        settles=search.ends[End.REST] > 0,
-        diverges=search.ends[End.DIVERGENCE] > 0,
+        settles=search.ends[RunOutcome.REST] > 0,
+        diverges=search.ends[RunOutcome.DIVERGENCE] > 0,
         search=search.sentence(),
         not_covered=f"Cycles {search.starts.misses} may be missed",
         rest_state=search.starts.state(search.rest) if search.rest.size else search.rest,

@@ -55,7 +55,7 @@ class InSamples:
         """State and memories of :attr:`system` at a state of the user's with what his elements remember."""
         return self.clocked.start(state, memory)
 
-    def asked(self, cycle: LimitCycle) -> LimitCycle:
+    def from_user(self, cycle: LimitCycle) -> LimitCycle:
         """A cycle in the user's states as one of the loop; the mean of its states stays untold."""
         state, memory = self.start(cycle.require_state(len(self.clocked.given.A)).state, cycle.memory)
         return replace(cycle, state=state, memory=memory, mean_state=np.zeros(0))
@@ -76,7 +76,7 @@ class InSamples:
 
     def range_of(self, cycle: LimitCycle) -> Array:
         """How far each of the user's states moves on a cycle in them, shape (n,)."""
-        asked = self.asked(cycle)
+        asked = self.from_user(cycle)
         start = HybridSystem.from_lure(self.system).held.begun(asked.state, asked.memory)
         return np.ptp(self._samples(start, int(np.ceil(cycle.period / self.clocked.time_step)))[0], axis=0)
 
@@ -90,7 +90,7 @@ class InSamples:
         """Where the states of the last sample stand among the memory values: behind the controller's own."""
         return slice(self._own, self._own + len(self.clocked.given.A))
 
-    def told(self, cycle: LimitCycle, start: HybridSystem | None = None) -> LimitCycle:
+    def to_user(self, cycle: LimitCycle, start: HybridSystem | None = None) -> LimitCycle:
         """A cycle of the loop as its samples have it: states, signals at samples, and their discrete Fourier series.
 
         It is run from its own state, with the inputs held, or from a `start` on it.
@@ -177,7 +177,7 @@ def _at_samples(form: InSamples, made: Trajectory, t: Array, at: OperatingPoint,
     early, status, again = n < wanted, made.status, made.again
     if early and status is Status.SETTLED:  # what stops before its time has not shown that it rests
         status = Status.EVENT_LIMIT
-    cycle = made.limit_cycle and replace(form.told(made.limit_cycle), operating_point=at)
+    cycle = made.limit_cycle and replace(form.to_user(made.limit_cycle), operating_point=at)
 
     def at_times(times: Array) -> Mapping[str, Array]:
         assert again is not None

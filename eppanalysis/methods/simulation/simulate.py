@@ -23,7 +23,7 @@ from eppanalysis.engine.workspace import (
     make_samples,
 )
 from eppanalysis.errors import EppError
-from eppanalysis.methods.simulation.effort import left, spend
+from eppanalysis.methods.simulation.budget import remaining, spend
 from eppanalysis.methods.simulation.kept import EARLY, VERDICTS, Run, from_event
 from eppanalysis.methods.simulation.period import advance, advances, analyse_period, moves_until, resting, tendency
 from eppanalysis.methods.simulation.rounding import (
@@ -34,7 +34,7 @@ from eppanalysis.methods.simulation.rounding import (
     watched,
 )
 from eppanalysis.methods.simulation.samples import is_locked, judge_samples, locked_or_not, rests_since
-from eppanalysis.methods.simulation.states import unread_apart
+from eppanalysis.methods.simulation.states import unobservable_apart
 from eppanalysis.methods.simulation.times import base_step, sample_times
 from eppanalysis.methods.simulation.workspaces import of_thread
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
@@ -137,7 +137,7 @@ def simulate(
         from eppanalysis.methods.simulation.in_samples import simulate_in_samples  # which runs this one
 
         return simulate_in_samples(system, input, t_end, None if t_eval is None else times, max_events, max_steps)
-    if (apart := unread_apart(system)) is not None:
+    if (apart := unobservable_apart(system)) is not None:
         system = apart.system
     given = input_signals_by_name(system.input_names, input)
     for observed in (False, True):  # curved elements may repeat themselves without a switch: extrema tell it
@@ -169,7 +169,7 @@ def simulate(
         signals=signals,
         events=_events(hybrid, run),
         status=status,
-        limit_cycle=apart.told(cycle) if apart and cycle else cycle,
+        limit_cycle=apart.to_user(cycle) if apart and cycle else cycle,
         settled_at=rest,
         settled_since=max(_since(hybrid, run, found), moves_until(times, signals, rest)) if status.ok else float("nan"),
         n_events=run.count,
@@ -277,7 +277,7 @@ def run_hybrid(
         workspace.x[:n] = hybrid.x0
         lines_before(hybrid.model, compiled, workspace, before["q"])
         _begin(hybrid, workspace, np.where(_without_memory(hybrid), settled, hybrid.modes0))
-    most = min(float(max_steps), left() / cost)
+    most = min(float(max_steps), remaining() / cost)
     samples = make_samples(times, n_y) if times.size else _without_samples(n_y)
     now = make_progress(t_end, base, max_events, most)
     now["past_known"] = past_known or past is not None

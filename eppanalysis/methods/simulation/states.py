@@ -18,7 +18,7 @@ from eppanalysis.models.systems.means import equilibrate, without_rounding
 from eppanalysis.results import LimitCycle
 
 #: Share of the largest number of a loop, in units that suit it, below which one is none.
-_UNREAD = 1e-11
+_UNOBSERVABLE = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +33,10 @@ class OtherStates:
     def of(self, system: LureSystem) -> LureSystem:
         """A loop with the same states as the user's, such as his own at other values, in these."""
         apart = system.in_coordinates(self.T, self.inverse)
-        unread = ~(np.any(self.system.A, axis=0) | np.any(self.system.C, axis=0))
+        unobservable = ~(np.any(self.system.A, axis=0) | np.any(self.system.C, axis=0))
         inverse, T = np.abs(self.inverse), np.abs(self.T)
-        A = np.where((np.abs(apart.A) <= _UNREAD * (inverse @ np.abs(system.A) @ T)) & unread, 0.0, apart.A)
-        C = np.where((np.abs(apart.C) <= _UNREAD * (np.abs(system.C) @ T)) & unread, 0.0, apart.C)
+        A = np.where((np.abs(apart.A) <= _UNOBSERVABLE * (inverse @ np.abs(system.A) @ T)) & unobservable, 0.0, apart.A)
+        C = np.where((np.abs(apart.C) <= _UNOBSERVABLE * (np.abs(system.C) @ T)) & unobservable, 0.0, apart.C)
         return replace(apart, A=A, C=C)
 
     def beside(self, system: LureSystem) -> OtherStates:
@@ -52,18 +52,18 @@ class OtherStates:
         """A state of the user's, or rows of them; none stays none."""
         return y @ self.T.T + self.held if y.size else y
 
-    def told(self, cycle: LimitCycle) -> LimitCycle:
+    def to_user(self, cycle: LimitCycle) -> LimitCycle:
         """A cycle of the loop in the user's states; what it does not tell stays untold."""
         state, mean_state, event_states = map(self.state, (cycle.state, cycle.mean_state, cycle.event_states))
         return replace(cycle, state=state, mean_state=mean_state, event_states=event_states)
 
-    def asked(self, cycle: LimitCycle) -> LimitCycle:
+    def from_user(self, cycle: LimitCycle) -> LimitCycle:
         """A cycle in the user's states as one of the loop."""
-        return OtherStates(self.system, self.inverse, self.T, np.zeros(len(self.inverse))).told(cycle)
+        return OtherStates(self.system, self.inverse, self.T, np.zeros(len(self.inverse))).to_user(cycle)
 
 
 @lru_cache(maxsize=16)  # a loop is run again and again
-def unread_apart(system: LureSystem) -> OtherStates | None:
+def unobservable_apart(system: LureSystem) -> OtherStates | None:
     """The loop with integrals that nothing reads as states of their own; None where they are, or there are none.
 
     The angles of two inertias on a shaft go on for ever where it turns, and their difference does not.
@@ -73,14 +73,14 @@ def unread_apart(system: LureSystem) -> OtherStates | None:
     read = np.vstack([system.A, system.C])
     row, column = equilibrate(read)
     _, s, vt = np.linalg.svd(row[:, None] * read * column)
-    still = column[:, None] * vt[int(np.sum(s > _UNREAD * s.max(initial=0.0))) :].T
+    still = column[:, None] * vt[int(np.sum(s > _UNOBSERVABLE * s.max(initial=0.0))) :].T
     if not still.size:
         return None
     from scipy.linalg import qr
 
     places = qr((still / column[:, None]).T, mode="r", pivoting=True)[-1][: still.shape[1]]
     still = still @ np.linalg.inv(still[places])
-    beside = np.where(np.abs(still) <= _UNREAD * np.outer(column, 1.0 / column[places]), 0.0, still)
+    beside = np.where(np.abs(still) <= _UNOBSERVABLE * np.outer(column, 1.0 / column[places]), 0.0, still)
     beside[places] = 0.0
     if not np.any(beside):
         return None
@@ -123,7 +123,7 @@ def without_held_states(system: LureSystem) -> OtherStates | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class Subsystem:
     """Elements of a loop that swing without the others, which do not follow them."""
 
     elements: BoolArray  # (m,): which are its own
@@ -133,7 +133,7 @@ class Part:
     inputs: BoolArray  # (nz,)
 
     @classmethod
-    def with_elements(cls, system: LureSystem, reach: BoolArray, own: BoolArray) -> Part:
+    def with_elements(cls, system: LureSystem, reach: BoolArray, own: BoolArray) -> Subsystem:
         """Of these elements, where `reach` tells what states and elements act on which, through others too."""
         n = len(system.A)
         followed = reach[:n, n:]
@@ -172,7 +172,7 @@ class Part:
             given=None,
         )
 
-    def told(self, cycle: LimitCycle, system: LureSystem, state: Array) -> LimitCycle:
+    def to_user(self, cycle: LimitCycle, system: LureSystem, state: Array) -> LimitCycle:
         """A cycle of its loop as one of the whole, where the others have this state."""
         x, mean = state.copy(), state.copy()
         x[self.states], mean[self.states] = cycle.state, cycle.mean_state
@@ -182,7 +182,7 @@ class Part:
         return replace(cycle, state=x, mean_state=mean, memory=tuple(memory), elements=still | dict(cycle.elements))
 
 
-def parts_apart(system: LureSystem) -> list[tuple[Part, list[Part]]]:
+def parts_apart(system: LureSystem) -> list[tuple[Subsystem, list[Subsystem]]]:
     """Groups of elements that swing without others, each with these others, by what acts on one another.
 
     A closed loop swings with all that follows it. None where every loop makes all elements swing.
@@ -211,6 +211,6 @@ def parts_apart(system: LureSystem) -> list[tuple[Part, list[Part]]]:
         rest = np.flatnonzero(~own)
         number, label = connected_components(between[np.ix_(rest, rest)], directed=True, connection="weak")
         blocks = [np.isin(np.arange(m), rest[label == k]) for k in range(number)]
-        made = [Part.with_elements(system, reach, which) for which in (own, *blocks)]
+        made = [Subsystem.with_elements(system, reach, which) for which in (own, *blocks)]
         out.append((made[0], made[1:]))
     return out

@@ -73,7 +73,7 @@ def _nearer(now: SteadyMotion, given: bool) -> SteadyMotion | None:
 def newton(now: SteadyMotion, given: bool) -> tuple[Array, float]:
     """Newton's step in what repeats (k, m), and in the logarithm of the duration; nan where there is none."""
     k, m = len(now.passes), now.sought.size
-    A, b = np.zeros((k * m, k * m)), -(now.misses[:, now.sought] / now.scale).ravel()
+    A, b = np.zeros((k * m, k * m)), -(now.misses / now.scale).ravel()
     # Each pass has to end where the next one begins.
     for i, block in enumerate(now.blocks):
         rows, following = slice(i * m, (i + 1) * m), (i + 1) % k * m + np.arange(m)
@@ -83,7 +83,7 @@ def newton(now: SteadyMotion, given: bool) -> tuple[Array, float]:
         along = now.passes[0].rate_at_start - advances(now.start)
         row = np.zeros(k * m)
         row[:m] = along[now.sought] / now.scale * now.duration
-        last = (now.slope[:, now.sought] / now.scale).ravel()
+        last = (now.slope / now.scale).ravel()
         A, b = np.block([[A, last[:, None]], [row[None], np.zeros((1, 1))]]), np.append(b, 0.0)
     if not np.all(np.isfinite(A)):
         return np.full((k, m), np.nan), np.nan

@@ -80,17 +80,19 @@ class SteadyMotion:
         return (*inner, turned_back(last, self.start, self.duration))
 
     @cached_property
-    def misses(self) -> Array:
-        """By how much each pass misses the begin of the next one, the last that of the first, shape (k, N)."""
-        ends = np.array([stacked(end) for end in self.ends])
-        if self.image is not None:
-            ends[-1] = self.image @ ends[-1]
-        return ends - np.array([one.y for one in (*self.passes[1:], self.passes[0])])
-
-    @cached_property
     def sought(self) -> IntArray:
         """Places of y that repeat on a steady motion, in their order."""
         return repeating(self.start)
+
+    @cached_property
+    def misses(self) -> Array:
+        """By how much each pass misses the begin of the next one, the last that of the first, shape (k, m)."""
+        ends, begins = [stacked(end) for end in self.ends], [one.y for one in self.passes]
+        if self.image is not None:
+            ends[-1] = self.image @ ends[-1]
+        return np.array([end - begin for end, begin in zip(ends, (*begins[1:], begins[0]), strict=True)])[
+            :, self.sought
+        ]
 
     @cached_property
     def _ranges(self) -> Array:
@@ -121,7 +123,7 @@ class SteadyMotion:
         return self._gap_in(other.scale) < share * other.gap and self.gap < share * other.gap
 
     def _gap_in(self, scale: Array) -> float:
-        return float((np.abs(self.misses[:, self.sought]) / scale).max(initial=0.0))
+        return float((np.abs(self.misses) / scale).max(initial=0.0))
 
     @cached_property
     def ends_in_its_modes(self) -> bool:
@@ -164,13 +166,13 @@ class SteadyMotion:
 
     @cached_property
     def slope(self) -> Array:
-        """Derivative of `misses` by the logarithm of the duration, shape (k, N)."""
-        n, slope = self.start.x0.size, np.zeros_like(self.misses)
+        """Derivative of `misses` by the logarithm of the duration, shape (k, m)."""
+        n, slope = self.start.x0.size, np.zeros((len(self.passes), self.passes[0].y.size))
         slope[:, :n] = [one.duration * one.run.rate_end for one in self.passes]
         slope[-1] -= self.duration * advances(self.start)
         if self.image is not None:
             slope[-1] = self.image @ slope[-1]
-        return slope
+        return slope[:, self.sought]
 
     def moved(self, step: Array, longer: float) -> SteadyMotion | None:
         """Passes from starts after a step (k, m) in what repeats, their durations `longer` by a logarithm.

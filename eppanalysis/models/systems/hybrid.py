@@ -268,7 +268,7 @@ class _Packer:
         A, B, S, K = model.A, model.B, model.S, model.K
         # A clock never comes back, nor need an input or an integral that nothing reads: the angle behind a speed loop.
         clock = ~np.any(A, axis=1) & ~np.any(B, axis=1) & ~np.any(S, axis=1) & (K[:, -1] != 0)
-        unread = ~np.any(A, axis=0) & ~np.any(model.C, axis=0)
+        unobservable = ~np.any(A, axis=0) & ~np.any(model.C, axis=0)
         return HybridSystem(
             elements=tuple(system.elements),
             automata=tuple(self.automata),
@@ -277,7 +277,7 @@ class _Packer:
             H0=np.append(np.zeros(self.n_H - 1), 1.0),
             modes0=np.array([a.start_mode for a in self.automata], np.int64),
             n_plant=self.n,
-            compared=~(clock | unread | (np.arange(len(A)) >= self.n)),
+            compared=~(clock | unobservable | (np.arange(len(A)) >= self.n)),
             element_names=tuple(self.names),
             time_scale=2.0 / fastest if fastest > 0 else self._sample_time(),
         )

@@ -15,8 +15,8 @@ from eppanalysis.methods.bounds.design import Settings, bound_of_branch, checked
 from eppanalysis.methods.bounds.equations import write
 from eppanalysis.methods.bounds.exact import ExactBound, correct
 from eppanalysis.methods.bounds.fold import Cycle, unknowns_of
-from eppanalysis.methods.bounds.harmonic import Finding, HarmonicSweep, Question, look, steady_loop
-from eppanalysis.methods.bounds.numbers import Numbers, gather, plan_of
+from eppanalysis.methods.bounds.harmonic import BoundProblem, Finding, HarmonicSweep, look, steady_loop
+from eppanalysis.methods.bounds.numbers import ParametricModel, gather, plan_of
 from eppanalysis.methods.bounds.result import BoundCell, Known
 from eppanalysis.methods.bounds.tolerances.bound import quantile, tolerance_bound
 from eppanalysis.methods.bounds.verify import verify
@@ -107,7 +107,7 @@ def test_bounds_and_elasticities_of_harmonic_balance_do_not_depend_on_where_they
 def test_a_bound_that_is_wrong_is_not_verified(case: epp.Case, found: epp.DesignBounds) -> None:
     orbit = found[0].orbit
     assert orbit is not None
-    question = Question(case, "lock_pin.backlash", 0.002, 0.09)
+    question = BoundProblem(case, "lock_pin.backlash", 0.002, 0.09)
     test = verify(question, 1.03 * FOLD, 1.0, orbit, margin=0.01, n_starts=40, seed=1)
     assert not test.verified
     assert test.n_settled < 40 and len(test.search) == 2
@@ -121,7 +121,7 @@ def test_cycles_that_only_runs_find_lead_to_the_true_bound(
     assert orbit is not None
     nothing = epp.CycleSearch((), epp.Status.CONVERGED, True, False, "blind")
     monkeypatch.setattr("eppanalysis.methods.bounds.verify.find_limit_cycles", lambda *_, **__: nothing)
-    question = Question(case, "lock_pin.backlash", 0.002, 0.09)
+    question = BoundProblem(case, "lock_pin.backlash", 0.002, 0.09)
     wrong = ExactBound(1.03 * FOLD, orbit.period, orbit, "fold")
     first = verify(question, wrong.value, 1.0, orbit, margin=0.01, n_starts=40, seed=1)
     assert len(first.cycles) == 1 and first.cycles[0].stable and not first.verified
@@ -139,7 +139,7 @@ def test_a_bound_at_a_border_collision_is_exact_and_verified() -> None:
     pulley = epp.case("fig6a_original_pulley").value("pulley.friction")
     changed = epp.case("fig8a_original").with_values({"pulley.friction": pulley})
     branch = epp.continue_branch(changed, "lock_pin.backlash", start="1.2 deg", stop="0.7 deg", n_others=0)
-    question = Question(changed, "lock_pin.backlash", 0.7 * DEGREE, 1.2 * DEGREE)
+    question = BoundProblem(changed, "lock_pin.backlash", 0.7 * DEGREE, 1.2 * DEGREE)
     cell = bound_of_branch(question, changed.value("bands.range"), branch, Settings(starts=40))
     assert cell is not None
     assert cell.verified, cell.message
@@ -176,7 +176,7 @@ def test_expressions_hold_for_cycles_of_the_harmonic_balance(name: str) -> None:
 
 
 def test_numbers_as_polynomials_of_the_parameter(case: epp.Case) -> None:
-    numbers = Numbers(lambda v: steady_loop(case.with_values({"bands.range": v})), 4.0, 30.0)
+    numbers = ParametricModel(lambda v: steady_loop(case.with_values({"bands.range": v})), 4.0, 30.0)
     loop = numbers.loop(12.0)
     cycle = next(c for c in epp.predict_limit_cycles(loop.system, case.operating_point) if c.stable)
     plan, _, _ = plan_of(loop, inputs_of(loop, cycle), cycle.omega)
@@ -193,7 +193,7 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_loop_whose_cycles_scale_with_the_gap_has_no_bound_on_it(coarse: None) -> None:
-    sweep = HarmonicSweep(Question(epp.case("backlash_servo"), "play.gap", 0.2, 5.0))
+    sweep = HarmonicSweep(BoundProblem(epp.case("backlash_servo"), "play.gap", 0.2, 5.0))
     _, bound = sweep.bound(0.0)
     assert bound.finding is Finding.SCALES
     assert "scale with this parameter alone" in bound.finding.sentence
@@ -243,7 +243,7 @@ def test_cycles_that_first_order_misses_everywhere_are_found_everywhere(integral
     for value in (1.8, 2.6):
         there = case.with_values({"friction.static": value})
         assert epp.simulate(there.to_system(), t_end=400.0).status is epp.Status.LIMIT_CYCLE
-    assert look(Question(case, "friction.static", 1.5, 3.0)).finding is Finding.ALWAYS
+    assert look(BoundProblem(case, "friction.static", 1.5, 3.0)).finding is Finding.ALWAYS
 
 
 def test_a_search_that_cannot_tell_is_no_answer(wheelchair: epp.Case, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -257,7 +257,7 @@ def test_a_search_that_cannot_tell_is_no_answer(wheelchair: epp.Case, monkeypatc
 @pytest.mark.slow
 def test_every_slow_run_beside_a_bound_is_looked_at_to_its_end(wheelchair: epp.Case) -> None:
     """Of a thousand runs 1 % beside the fold more than two hundred are slow, and none of them stays."""
-    question = Question(wheelchair, "loop.gain", 0.05, 2.0)
+    question = BoundProblem(wheelchair, "loop.gain", 0.05, 2.0)
     there = wheelchair.with_values({"loop.gain": 0.85})
     orbit = epp.find_limit_cycles(there.to_system())[0]
     test = verify(question, 0.8462571577, 1.0, orbit, margin=0.01, n_starts=1000, seed=20050901)
@@ -265,7 +265,7 @@ def test_every_slow_run_beside_a_bound_is_looked_at_to_its_end(wheelchair: epp.C
 
 
 def test_runs_that_keep_moving_are_not_all_waited_for(wheelchair: epp.Case) -> None:
-    question = Question(wheelchair, "loop.gain", 0.05, 2.0)
+    question = BoundProblem(wheelchair, "loop.gain", 0.05, 2.0)
     orbit = epp.find_limit_cycles(wheelchair.to_system()).stable[0]
     test = verify(question, 1.0, 1.0, orbit, margin=0.01, n_starts=200, seed=1)
     assert not test.verified and "of " in test.message
@@ -280,7 +280,7 @@ def test_of_the_two_sides_of_cycles_that_is_bounded_which_the_own_value_is_on(mo
     seen = [harmonic._Seen(v, exact=[cycle] * (2.0 < v < 10.0), complete=True) for v in (1.25, 3.0, 7.0, 19.0, 50.0)]
     for own, sign, note in (("25 rad/s", -1.0, "below 1.25 rad/s either"), ("2 rad/s", 1.0, "above 19 rad/s either")):
         case = epp.case("x15_flare").with_values({"bandwidth": own})
-        outlook = harmonic._outlook(Question(case, "bandwidth", 1.25, 50.0), seen)
+        outlook = harmonic._outlook(BoundProblem(case, "bandwidth", 1.25, 50.0), seen)
         assert (outlook.finding, outlook.sign) == (Finding.BOUND, sign) and note in outlook.note
 
 
@@ -288,7 +288,7 @@ def test_of_the_two_sides_of_cycles_that_is_bounded_which_the_own_value_is_on(mo
 def test_first_order_is_not_believed_that_cycles_are_everywhere(case: epp.Case) -> None:
     # Little and much inertia oscillate; the elbow's own does not: its fold stands at 0.979 degrees (first order: 0.74).
     own = case.with_values({"lock_pin.backlash": "0.95 deg"})
-    assert look(Question(own, "drive.inertia", 0.0015, 0.06), n_scan=2).finding is Finding.BETWEEN
+    assert look(BoundProblem(own, "drive.inertia", 0.0015, 0.06), n_scan=2).finding is Finding.BETWEEN
 
 
 @pytest.mark.parametrize(
@@ -343,7 +343,7 @@ def test_tolerances(wheelchair: epp.Case) -> None:
 
 
 def test_correction_says_why_there_is_no_orbit(case: epp.Case) -> None:
-    question = Question(case, "lock_pin.backlash", 0.0005, 0.006)
+    question = BoundProblem(case, "lock_pin.backlash", 0.0005, 0.006)
     loop = steady_loop(case)
     cycle = next(c for c in epp.predict_limit_cycles(loop.system, case.operating_point) if c.stable)
     from eppanalysis.methods.bounds.fold import Cycle

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 import eppanalysis as epp
 from eppanalysis.methods.bounds.exact import farthest_turn
-from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.harmonic import BoundProblem
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Known, Turn
 from tests import made_bounds
 
@@ -73,7 +73,7 @@ def test_where_nothing_continues_a_branch_its_family_ends(damping, static):
     case = _belt(damping, static).with_values({"v": 0.21})
     cycle = epp.simulate(case).limit_cycle
     assert cycle is not None
-    bound = farthest_turn(Question(case, "v", 0.2, 0.42), 0.21, [cycle], -1.0)
+    bound = farthest_turn(BoundProblem(case, "v", 0.2, 0.42), 0.21, [cycle], -1.0)
     assert bound is not None and bound.kind is Turn.BREAK
     # The branch is halved to a millionth of a step.
     assert bound.value == pytest.approx(_last_to_stick(damping, static), rel=1e-6)

@@ -17,18 +17,18 @@ from eppanalysis.methods.bounds.elasticity import exact_slopes
 from eppanalysis.methods.bounds.exact import correct, searched
 from eppanalysis.methods.bounds.fold import Cycle
 from eppanalysis.methods.bounds.harmonic import (
+    BoundProblem,
     Finding,
     HarmonicBound,
     HarmonicSweep,
-    Question,
     idle,
     look,
     steady_loop,
 )
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.verify import verify
-from eppanalysis.methods.design import frontier
-from eppanalysis.methods.design.frontier import first_turn
+from eppanalysis.methods.design import bound_curve
+from eppanalysis.methods.design.bound_curve import first_turn
 from eppanalysis.methods.harmonic.loop import inputs_of
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
 from eppanalysis.methods.simulation.simulate import judge, run_hybrid
@@ -66,12 +66,12 @@ def orbit(case: epp.Case) -> LimitCycle:
     return min(branch.folds, key=lambda f: f.value).cycle
 
 
-def question_at(case: epp.Case, limit: str, backlash: float) -> Question:
+def question_at(case: epp.Case, limit: str, backlash: float) -> BoundProblem:
     own = case.value(limit)
-    return Question(case.with_values({BACKLASH: f"{backlash} deg"}), limit, 0.8 * own, 1.3 * own)
+    return BoundProblem(case.with_values({BACKLASH: f"{backlash} deg"}), limit, 0.8 * own, 1.3 * own)
 
 
-def ends(question: Question, value: float, orbit: LimitCycle) -> Status:
+def ends(question: BoundProblem, value: float, orbit: LimitCycle) -> Status:
     """Where an event-exact run from a state of the orbit ends at a value of the limit."""
     case = question.case_at(value)
     system = case.to_system()
@@ -117,7 +117,7 @@ def test_friction_of_the_pulley_at_high_gain() -> None:
     here = epp.case("fig8a_original").with_values({"bands.range": "1.5 lbf", BACKLASH: "0.5 deg", limit: own})
     cycle = epp.find_limit_cycles(here).stable[-1]
     branch = epp.continue_branch(here, limit, own, 0.01, cycle=cycle, max_step=0.05, n_others=0)
-    cell = bound_of_branch(Question(here, limit, 0.01, own), here.value(BACKLASH), branch, Settings(starts=40))
+    cell = bound_of_branch(BoundProblem(here, limit, 0.01, own), here.value(BACKLASH), branch, Settings(starts=40))
     assert cell is not None and cell.verified, cell
     assert cell.exact == pytest.approx(0.0252, abs=5e-5)
     # The bound on backlash of the elbow with that friction is half a degree.
@@ -129,10 +129,10 @@ def test_friction_of_the_pulley_at_high_gain() -> None:
 @pytest.mark.slow
 def test_bound_from_exact_orbits_alone(wheelchair: epp.Case) -> None:
     """What is done where harmonic balance is of no help: the search, the branch, the fold."""
-    found = searched(Question(wheelchair, "loop.gain", 0.6, 1.2), 0.6, 1.0)
+    found = searched(BoundProblem(wheelchair, "loop.gain", 0.6, 1.2), 0.6, 1.0)
     assert found.kind == "fold" and found.value == pytest.approx(made_bounds.GAIN, rel=1e-6)
     # Where no cycle exists none is found.
-    none = searched(Question(wheelchair, "loop.gain", 0.6, 0.8), 0.8, 1.0)
+    none = searched(BoundProblem(wheelchair, "loop.gain", 0.6, 0.8), 0.8, 1.0)
     assert none.kind == "" and none.cycle is None and none.message.endswith("finds no limit cycle at 0.6, 0.8")
 
 
@@ -156,9 +156,9 @@ def test_a_cell_without_harmonic_balance_is_bound_exactly(
 def test_parameters_without_effect_are_named_so(case: epp.Case) -> None:
     for limit in ("forearm.prehensor_distance", "pulley.kinetic_ratio", "sensor.gain"):
         own = case.value(limit)
-        assert look(Question(case, limit, 0.5 * own, own)).finding is Finding.IDLE
+        assert look(BoundProblem(case, limit, 0.5 * own, own)).finding is Finding.IDLE
     massive = case.with_values({"forearm.prehensor_mass": "0.45 kg"})
-    assert not idle(Question(massive, "forearm.prehensor_distance", 0.2, 0.3), (0.2, 0.3))
+    assert not idle(BoundProblem(massive, "forearm.prehensor_distance", 0.2, 0.3), (0.2, 0.3))
 
 
 @pytest.mark.parametrize(
@@ -190,7 +190,7 @@ def test_where_cycles_begin_at_the_linear_limit_the_bound_moves_as_the_undamped_
     """Against the characteristic polynomial p(s) = (s + b) den(s) + b K num(s), zero at jw: K and w over b."""
     case = epp.case("x15_flare")
     unstable = next(cycle for cycle in epp.find_limit_cycles(case) if not cycle.stable)
-    question = Question(case, "Kp", 1.5, 3.0)
+    question = BoundProblem(case, "Kp", 1.5, 3.0)
     found = first_turn(question, 1.5, unstable, -1.0)
     assert found is not None and found.kind is Turn.LINEAR and found.point is not None
     num, den, b = np.poly1d([3.476, 3.1708072, 0.0896237936]), np.poly1d([1, 0.8608, 5.3159942, 0.108928, 0.0529]), 25.0
@@ -211,13 +211,13 @@ def test_a_walk_that_is_begun_anew_ends_as_the_one_walk_does(
     monkeypatch: pytest.MonkeyPatch, at_once: int, step: float
 ) -> None:
     """At a linear limit orbits of two unequal visits exist, too: a step that lands on one is not taken for a change."""
-    monkeypatch.setattr(frontier, "_AT_ONCE", at_once)
-    monkeypatch.setattr(frontier, "_STEP", step)
-    monkeypatch.setattr(frontier, "_MOST", 600)
+    monkeypatch.setattr(bound_curve, "_AT_ONCE", at_once)
+    monkeypatch.setattr(bound_curve, "_STEP", step)
+    monkeypatch.setattr(bound_curve, "_MOST", 600)
     case = epp.case("x15_flare")
     unstable = next(cycle for cycle in epp.find_limit_cycles(case) if not cycle.stable)
     branch = epp.continue_branch(case, "Kp", 1.5, 3.0, cycle=unstable, n_others=0)
     [limit] = branch.special
-    found = first_turn(Question(case, "Kp", 1.5, 3.0), 1.5, unstable, -1.0)
+    found = first_turn(BoundProblem(case, "Kp", 1.5, 3.0), 1.5, unstable, -1.0)
     assert limit.kind == "linear limit" and found is not None and found.kind is Turn.LINEAR
     assert found.value == pytest.approx(limit.value, rel=1e-11)

@@ -10,9 +10,9 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.cli.bounds import bounds_columns, sentences
 from eppanalysis.methods.bounds import searched
-from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.harmonic import BoundProblem
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
-from eppanalysis.methods.bounds.searched import Answer, Asking, searched_cell
+from eppanalysis.methods.bounds.searched import Answer, SearchedProblem, searched_cell
 from studies.virtual_spring import Haptic, comes_to_rest
 from tests.sampled_relay import patterns, sampled_relay
 
@@ -69,21 +69,21 @@ def test_a_bound_by_harmonic_balance_alone_is_refused(case: epp.Case) -> None:
 
 
 @dataclass(frozen=True)
-class Told(Asking):
+class Told(SearchedProblem):
     """The answers of a loop that has cycles from one value on, and whose search is complete up to another one."""
 
     cycle: epp.LimitCycle | None = None
     cycles_from: float = 0.0
     free_to: float = 0.0
 
-    def answer(self, question: Question, value: float, known: object = ()) -> Answer:
+    def answer(self, question: BoundProblem, value: float, known: object = ()) -> Answer:
         opened = () if value <= self.free_to else ("a run was left undecided",)
         cycles = () if value < self.cycles_from or self.cycle is None else (self.cycle,)
         return Answer(value, cycles, opened, 7)
 
 
 def cell_of(case: epp.Case, told: Told) -> BoundCell:
-    return searched_cell(Question(case, "dead", 0.1, 0.2, "T"), 0.5, told)
+    return searched_cell(BoundProblem(case, "dead", 0.1, 0.2, "T"), 0.5, told)
 
 
 def test_where_runs_are_left_undecided_before_the_next_cycle_the_bound_is_not_verified(case, bounds) -> None:
@@ -118,7 +118,7 @@ def test_where_the_answer_does_not_change_there_is_no_bound(case, bounds, cycles
 class OpenFromOthers(Told):
     """The answers of a loop whose runs from known cycles are left undecided where it has none."""
 
-    def answer(self, question: Question, value: float, known: object = ()) -> Answer:
+    def answer(self, question: BoundProblem, value: float, known: object = ()) -> Answer:
         answer = super().answer(question, value, known)
         return answer if self.first or answer.cycles else replace(answer, open_ends=("a run was left undecided",))
 
@@ -131,7 +131,7 @@ def test_starts_that_leave_the_end_of_the_range_open_are_no_cycles_there(case, b
 
 def test_a_bound_at_zero_is_found_in_few_steps(case, bounds) -> None:
     told = Told(cycle=bounds[0].other_orbit, cycles_from=1e-300)
-    question = Question(case, "dead", 0.0, 0.2)
+    question = BoundProblem(case, "dead", 0.0, 0.2)
     safe, beyond = (told.answer(question, value) for value in (0.0, 0.2))
     (safe, beyond, _), count = searched._narrowed(question, (safe, beyond, beyond), told)
     assert safe.value == 0.0 and 0.0 < beyond.value < 1e-4 and count < 25

@@ -12,7 +12,7 @@ import eppanalysis as epp
 from eppanalysis import workers
 from eppanalysis.methods.bounds import elasticity, fold
 from eppanalysis.methods.bounds.design import design_bounds
-from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question
+from eppanalysis.methods.bounds.harmonic import BoundProblem, HarmonicSweep
 from eppanalysis.methods.bounds.tolerances import exact
 from eppanalysis.methods.harmonic.loop import inputs_of
 from eppanalysis.results import Status
@@ -49,7 +49,7 @@ def test_a_neighbouring_case_takes_over_programmes_and_has_the_same_bound(monkey
     case, given = epp.case(RELAY), {"at": [1.0], "within": (1.0, 3.0), "exact": False}
     other = case.with_values({LEVEL: 1.05})
     (alone,) = design_bounds(other, SCALE, THRESHOLD, **given)
-    sweep = HarmonicSweep(Question(case, THRESHOLD, *given["within"], SCALE))
+    sweep = HarmonicSweep(BoundProblem(case, THRESHOLD, *given["within"], SCALE))
     design_bounds(case, SCALE, THRESHOLD, sweep=sweep, **given)
     written = Counted(monkeypatch, fold, "write")
     (found,) = design_bounds(other, SCALE, THRESHOLD, sweep=sweep, **given)
@@ -72,7 +72,7 @@ def test_variants_of_a_guideline_share_the_processes_and_have_the_same_rows(monk
 @pytest.mark.slow
 def test_where_the_switches_change_a_bound_is_sought_next_to_the_last_one(monkeypatch: pytest.MonkeyPatch) -> None:
     low, high = (math.radians(angle) for angle in (0.1, 5.0))
-    question = Question(epp.case("fig8a_original"), "lock_pin.backlash", low, high, "bands.range")
+    question = BoundProblem(epp.case("fig8a_original"), "lock_pin.backlash", low, high, "bands.range")
     sweep, first, then = HarmonicSweep(question), 6.672332422890751, 7.071531798619257  # 1.5 lbf and 1.59 lbf
     sweep.bound(first)
     written = Counted(monkeypatch, fold, "write")
@@ -86,7 +86,7 @@ def test_where_the_switches_change_a_bound_is_sought_next_to_the_last_one(monkey
 
 
 def test_sizes_of_equations_are_their_largest_changes() -> None:
-    question = Question(epp.case(RELAY), THRESHOLD, 1.0, 3.0)
+    question = BoundProblem(epp.case(RELAY), THRESHOLD, 1.0, 3.0)
     numbers, value = question.numbers(), 1.2
     predicted = epp.predict_limit_cycles(question.case_at(value))[0]
     cycle = fold.Cycle(value, inputs_of(numbers.loop(value), predicted)[:, :2], predicted.omega)
@@ -103,7 +103,7 @@ def test_sizes_of_equations_are_their_largest_changes() -> None:
 
 
 def test_a_draw_that_oscillates_is_run_no_further_and_has_the_same_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
-    question = Question(epp.case(RELAY), THRESHOLD, 1.0, 3.0)
+    question = BoundProblem(epp.case(RELAY), THRESHOLD, 1.0, 3.0)
     box = exact.ExactBox.of(question, {LEVEL: 0.1}, None)
     values = box.centre.value * np.array([0.7, 0.95, 1.05, 1.3])
     cases = [question.case] * values.size
@@ -120,7 +120,7 @@ def test_a_draw_that_oscillates_is_run_no_further_and_has_the_same_verdict(monke
 
 
 def test_a_corner_that_is_only_checked_is_asked_for_no_slopes(monkeypatch: pytest.MonkeyPatch) -> None:
-    question = Question(epp.case(RELAY), THRESHOLD, 1.0, 3.0)
+    question = BoundProblem(epp.case(RELAY), THRESHOLD, 1.0, 3.0)
     widths, slopes = {LEVEL: 0.1, SCALE: 0.1}, Counted(monkeypatch, exact, "exact_slopes")
     box = exact.ExactBox.of(question, widths, None)
     worst, message, n_corners = box.worst()

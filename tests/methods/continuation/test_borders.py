@@ -13,7 +13,7 @@ import scipy.optimize
 
 import eppanalysis as epp
 from eppanalysis.methods.bounds.elasticity import exact_elasticities
-from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.harmonic import BoundProblem
 from eppanalysis.methods.continuation.result import SpecialPoint
 from tests.reference.elbow_reference import DEG, nominal, simulate_reference
 
@@ -76,7 +76,7 @@ def test_an_independent_integrator_agrees_on_both_sides(case: epp.Case, share: f
 @pytest.mark.slow
 def test_elasticities_of_a_border_collision_against_moved_ones(case: epp.Case, branch: epp.Branch) -> None:
     h, point = 1e-3, collision_of(branch).point
-    known = exact_elasticities(Question(case, LIMIT, 0.01, 0.02), point)
+    known = exact_elasticities(BoundProblem(case, LIMIT, 0.01, 0.02), point)
     for name in ("bands.range", "pulley.friction"):
         moved = []
         for share in (-h, h):

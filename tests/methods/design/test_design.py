@@ -12,10 +12,10 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.cli.common import within_of
 from eppanalysis.cli.design import design_columns, tuned, values_of, write_design
-from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.harmonic import BoundProblem
 from eppanalysis.methods.bounds.result import Turn
+from eppanalysis.methods.design.bound_curve import first_turn
 from eppanalysis.methods.design.design import Task, described
-from eppanalysis.methods.design.frontier import first_turn
 from eppanalysis.methods.design.goal import Goal, Sense
 from eppanalysis.methods.design.result import Optimum
 from eppanalysis.methods.design.shrinking import shrinks
@@ -70,7 +70,7 @@ def sought(servo: epp.Case) -> epp.Design:
 def turn_from(case: epp.Case, low: float, value: float) -> float:
     """The fold below a value of the gain at which there is a cycle."""
     (cycle,) = epp.find_limit_cycles(case.with_values({"k": value}), by_balance=False)
-    bound = first_turn(Question(case, "k", low, value), value, cycle, 1.0)
+    bound = first_turn(BoundProblem(case, "k", low, value), value, cycle, 1.0)
     assert bound is not None and bound.kind is Turn.FOLD
     return bound.value
 
@@ -124,7 +124,7 @@ def test_one_parameter_is_a_bound_that_is_confirmed() -> None:
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cycles are looked for at four values of a range, where there is nothing to see between them."""
-    for module in ("programme", "design", "search", "frontier"):
+    for module in ("programme", "design", "search", "bound_curve"):
         monkeypatch.setattr(f"eppanalysis.methods.design.{module}.N_SCAN", 4, raising=False)
 
 

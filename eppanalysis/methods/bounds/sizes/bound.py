@@ -16,14 +16,14 @@ import numpy as np
 
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds.exact import BORN, ExactBound
-from eppanalysis.methods.bounds.harmonic import N_SCAN, Question, idle, spread, value_of
+from eppanalysis.methods.bounds.harmonic import N_SCAN, BoundProblem, idle, spread, value_of
 from eppanalysis.methods.bounds.result import Finding, Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
-from eppanalysis.methods.continuation.branch import Walk
+from eppanalysis.methods.continuation.branch import Continuation
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.seeds import steady_case
-from eppanalysis.methods.continuation.steps import Point, make_point
+from eppanalysis.methods.continuation.steps import BranchPoint, make_point
 from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import start_of
@@ -56,7 +56,7 @@ class Scan:
 _Seen = tuple[float, tuple[LimitCycle, ...], bool]
 
 
-def scan(question: Question, allowed: Allowed) -> Scan:
+def scan(question: BoundProblem, allowed: Allowed) -> Scan:
     """Search the range of the limiting parameter for stable cycles that are larger than allowed.
 
     Parameters
@@ -80,14 +80,14 @@ def scan(question: Question, allowed: Allowed) -> Scan:
     return Scan(Finding.BOUND, sign, ordered[i - 1][0], ordered[i][0], ordered[i][1], above)
 
 
-def tried_values(question: Question) -> list[float]:
+def tried_values(question: BoundProblem) -> list[float]:
     """Values of the limiting parameter over its range, and the case's own, lowest first [SI]."""
     values = spread(question.low, question.high, N_SCAN)
     own = value_of(question.case, question.limit)
     return sorted({*values, own}) if own is not None and question.low < own < question.high else values
 
 
-def without_bound(question: Question, seen: Sequence[_Seen], what: str, asked: str = "The exact search") -> Scan:
+def without_bound(question: BoundProblem, seen: Sequence[_Seen], what: str, asked: str = "The exact search") -> Scan:
     """Why there is no place where such cycles begin."""
     some, free, unknown = (
         question.in_words(value for value, cycles, complete in seen if holds(bool(cycles), complete))
@@ -106,13 +106,13 @@ def without_bound(question: Question, seen: Sequence[_Seen], what: str, asked: s
     return Scan(Finding.BETWEEN, note=note)
 
 
-def _seen_at(question: Question, allowed: Allowed, value: float) -> _Seen:
+def _seen_at(question: BoundProblem, allowed: Allowed, value: float) -> _Seen:
     """A value, the cycles that are too large there, and whether the search left nothing open."""
     search = find_limit_cycles(question.case_at(value))
     return value, tuple(c for c in search if allowed.exceeded_by(c)), not search.left_open
 
 
-def first_order_bound(question: Question, allowed: Allowed, found: Scan) -> float:
+def first_order_bound(question: BoundProblem, allowed: Allowed, found: Scan) -> float:
     """Where the largest stable cycle of first order becomes larger than allowed [SI]; nan where it does not nearby.
 
     It is sought over the whole range, from the far end of it, by halving: where cycles of first order are too large
@@ -135,7 +135,7 @@ def first_order_bound(question: Question, allowed: Allowed, found: Scan) -> floa
     return other
 
 
-def bound_of_size(question: Question, allowed: Allowed, found: Scan) -> ExactBound:
+def bound_of_size(question: BoundProblem, allowed: Allowed, found: Scan) -> ExactBound:
     """The exact bound next to the safe side of a scan."""
     return farthest_passage(question, allowed, found.value, found.cycles, found.sign) or ExactBound(
         message="the branches of the cycles that are too large do not show where they begin to be"
@@ -143,14 +143,16 @@ def bound_of_size(question: Question, allowed: Allowed, found: Scan) -> ExactBou
 
 
 def farthest_passage(
-    question: Question, allowed: Allowed, value: float, cycles: Iterable[LimitCycle], sign: float
+    question: BoundProblem, allowed: Allowed, value: float, cycles: Iterable[LimitCycle], sign: float
 ) -> ExactBound | None:
     """The bound, farthest to the safe side, of families of which too large cycles at a value are known."""
     bounds = [_passage(question, allowed, value, cycle, sign) for cycle in cycles]
     return min((b for b in bounds if b is not None), key=lambda b: sign * b.value, default=None)
 
 
-def _passage(question: Question, allowed: Allowed, value: float, cycle: LimitCycle, sign: float) -> ExactBound | None:
+def _passage(
+    question: BoundProblem, allowed: Allowed, value: float, cycle: LimitCycle, sign: float
+) -> ExactBound | None:
     """Where the family of one cycle begins to be too large; None where its branch does not show it."""
     end = question.low if sign > 0 else question.high
     case, system = question.case, question.case_at(value).to_system()
@@ -158,7 +160,7 @@ def _passage(question: Question, allowed: Allowed, value: float, cycle: LimitCyc
     family = Family(lambda v: steady_case(question.case_at(v)), limits)
 
     @cache  # each point is asked several times on its way
-    def excess(point: Point) -> float:
+    def excess(point: BranchPoint) -> float:
         return allowed.of_orbit(system, point.orbit) / allowed.size - 1.0
 
     try:
@@ -166,7 +168,7 @@ def _passage(question: Question, allowed: Allowed, value: float, cycle: LimitCyc
         orbit = next(orbits_near(hybrid, *start_of(hybrid, cycle), cycle.period), None)
         if orbit is None or orbit.motion is not None:
             return None
-        walk = Walk(case, question.limit, family, limits, _MOST, _STEP, passes=excess)
+        walk = Continuation(case, question.limit, family, limits, _MOST, _STEP, passes=excess)
         begin = make_point(family, value, orbit, None, -sign)
         points, _ = walk.along(begin, _MOST)
     except (EppError, np.linalg.LinAlgError):
@@ -191,7 +193,7 @@ def _passage(question: Question, allowed: Allowed, value: float, cycle: LimitCyc
     return ExactBound(point.value, point.orbit.period, to_limit_cycle(system, point.orbit), kind, point)
 
 
-def _turn(change: Change, point: Point, excess: Callable[[Point], float]) -> Turn:
+def _turn(change: Change, point: BranchPoint, excess: Callable[[BranchPoint], float]) -> Turn:
     """What a special point is to the bound; UNKNOWN where it is nothing to it."""
     if change is Change.PASSAGE:
         return Turn.SIZE if is_stable(point.multipliers) else Turn.UNKNOWN

@@ -22,8 +22,8 @@ from eppanalysis.arguments import check_counts
 from eppanalysis.arrays import Array
 from eppanalysis.errors import CaseError, EppError
 from eppanalysis.methods.bounds.elasticity import parameters_of
-from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question
-from eppanalysis.methods.bounds.searched import Asking, why_by_search
+from eppanalysis.methods.bounds.harmonic import BoundProblem, HarmonicSweep
+from eppanalysis.methods.bounds.searched import SearchedProblem, why_by_search
 from eppanalysis.methods.bounds.tolerances.box import ROUNDS, Box
 from eppanalysis.methods.bounds.tolerances.distribution import Distribution
 from eppanalysis.methods.bounds.tolerances.exact import ExactBox
@@ -70,7 +70,7 @@ def half_widths_of(case: CaseLike, given: Mapping[str, object] | None) -> dict[s
     return found
 
 
-def check_tolerances(question: Question, tolerances: Mapping[str, object] | None) -> dict[str, float]:
+def check_tolerances(question: BoundProblem, tolerances: Mapping[str, object] | None) -> dict[str, float]:
     """Half-widths of the tolerances [SI], if a bound under them can be asked for.
 
     Parameters
@@ -182,14 +182,16 @@ def tolerance_bound(
     low, high = (case.si(limit, v) for v in within)
     if not low < high:
         raise EppError(f"tolerance_bound: {limit} is sought within {within[0]} to {within[1]}; expected low < high.")
-    question = Question(in_own_states(case), limit, low, high)
+    question = BoundProblem(in_own_states(case), limit, low, high)
     widths = check_tolerances(question, tolerances)
     # How far the bounded parameter is itself off does not move the bound: that is taken off in the end.
     own = widths.pop(limit, 0.0)
     tell = progress or (lambda done, of, doing: None)
     tell(0, ROUNDS, "worst corner")
     why = why_by_search(case.to_system())
-    box: Box = SearchedBox.of(question, widths, Asking(why=why)) if why else ExactBox.of(question, widths, sweep)
+    box: Box = (
+        SearchedBox.of(question, widths, SearchedProblem(why=why)) if why else ExactBox.of(question, widths, sweep)
+    )
     worst, message, n_corners = box.worst()
     draws, offset = np.zeros(0), float("nan")
     if samples:

@@ -11,7 +11,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray
-from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.harmonic import BoundProblem
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.progress import Progress
 
@@ -42,7 +42,7 @@ P = TypeVar("P", bound=Place)
 class Box(ABC, Generic[P]):
     """The box of tolerances round a case, and the bounds in it; lives for one call."""
 
-    question: Question
+    question: BoundProblem
     widths: dict[str, float]
     sign: float
     centre: P
@@ -65,7 +65,7 @@ class Box(ABC, Generic[P]):
         case = self.question.case
         return {name: case.value(name) + s * width for (name, width), s in zip(self.widths.items(), place, strict=True)}
 
-    def at(self, place: Sequence[float]) -> Question:
+    def at(self, place: Sequence[float]) -> BoundProblem:
         """The question at a place."""
         return replace(self.question, case=self.question.case.with_values(self.values(place)))
 

@@ -15,10 +15,10 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.elasticity import exact_slopes
 from eppanalysis.methods.bounds.exact import ExactBound, correct
 from eppanalysis.methods.bounds.fold import Cycle, Programmes, extreme
-from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question
+from eppanalysis.methods.bounds.harmonic import BoundProblem, HarmonicSweep
 from eppanalysis.methods.bounds.result import Finding
 from eppanalysis.methods.bounds.tolerances.box import PERIODS, Box, Place
-from eppanalysis.methods.continuation.steps import Point
+from eppanalysis.methods.continuation.steps import BranchPoint
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -46,7 +46,7 @@ class ExactBox(Box[ExactPlace]):
     orbit: LimitCycle
 
     @classmethod
-    def of(cls, question: Question, widths: dict[str, float], sweep: HarmonicSweep | None) -> ExactBox:
+    def of(cls, question: BoundProblem, widths: dict[str, float], sweep: HarmonicSweep | None) -> ExactBox:
         """The box round a case, with its nominal bound.
 
         Raises
@@ -166,7 +166,7 @@ class ExactBox(Box[ExactPlace]):
         return out
 
 
-def _slopes(question: Question, point: Point | None, names: Iterable[str]) -> Mapping[str, float]:
+def _slopes(question: BoundProblem, point: BranchPoint | None, names: Iterable[str]) -> Mapping[str, float]:
     """Derivative of an exact bound by parameters [SI]; most corners are asked for their bound alone."""
     sizes = {name: abs(question.case.value(name)) for name in names}
     return {} if point is None else Deferred(partial(exact_slopes, question, point, sizes))

@@ -15,9 +15,9 @@ import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.harmonic import BoundProblem
 from eppanalysis.methods.bounds.result import BoundCell, Finding
-from eppanalysis.methods.bounds.searched import Asking, bound_by_runs, oscillates, searched_cell
+from eppanalysis.methods.bounds.searched import SearchedProblem, bound_by_runs, oscillates, searched_cell
 from eppanalysis.methods.bounds.tolerances.box import Box, Place
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import LimitCycle
@@ -27,12 +27,12 @@ from eppanalysis.results import LimitCycle
 class SearchedBox(Box[Place]):
     """Bounds in the box that the search says."""
 
-    asking: Asking
+    asking: SearchedProblem
     cycles: tuple[LimitCycle, ...]  # beyond the nominal bound
     cells: list[BoundCell]  # all that the search was asked for
 
     @classmethod
-    def of(cls, question: Question, widths: dict[str, float], asking: Asking) -> SearchedBox:
+    def of(cls, question: BoundProblem, widths: dict[str, float], asking: SearchedProblem) -> SearchedBox:
         """The box round a case, with its nominal bound.
 
         Raises

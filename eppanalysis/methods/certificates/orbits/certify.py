@@ -32,7 +32,7 @@ from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.orbit import Orbit, solve
 from eppanalysis.methods.orbits.shooting import orbits_near
 from eppanalysis.methods.simulation.simulate import run_hybrid
-from eppanalysis.methods.simulation.states import unread_apart
+from eppanalysis.methods.simulation.states import unobservable_apart
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, facts_of, standing
@@ -107,7 +107,7 @@ def certify_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> Certified
     same = (o for o in _closed(hybrid, cycle) if abs(o.period / cycle.period - 1.0) < _SAME_PERIOD)
     orbit = next(same, None)
     if orbit is None:
-        why = "" if unread_apart(loop) is None else ", for an integral that nothing reads goes on"
+        why = "" if unobservable_apart(loop) is None else ", for an integral that nothing reads goes on"
         reason = f"From the state of the cycle the loop does not come back to it after its period{why}."
         return CertifiedOrbit(Proof.NOT_DECIDED, reason, operating_point=at, provenance=_provenance(loop, facts))
     return replace(certified(orbit), operating_point=at, provenance=_provenance(loop, facts))

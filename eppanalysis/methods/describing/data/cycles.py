@@ -14,9 +14,9 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Balance
-from eppanalysis.methods.describing.blind import near_misses
 from eppanalysis.methods.describing.data.intervals import Noise
 from eppanalysis.methods.describing.error import Estimate
+from eppanalysis.methods.describing.neglected_harmonics import near_misses
 from eppanalysis.methods.describing.quality import Point
 from eppanalysis.methods.describing.search import Found
 from eppanalysis.methods.harmonic.averaged import of_samples

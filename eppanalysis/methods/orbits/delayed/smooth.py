@@ -26,10 +26,10 @@ from eppanalysis.methods.harmonic.balance import balances_of, cycle_of, settled
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Loop, inputs_of
 from eppanalysis.methods.harmonic.series import TURN, orders, values as waves
-from eppanalysis.methods.orbits.asked import Asked
 from eppanalysis.methods.orbits.delayed.mesh import Mesh, basis
 from eppanalysis.methods.orbits.delayed.motion import COARSE, FINE, agrees, by_turns, multipliers_of
-from eppanalysis.methods.simulation.effort import spend
+from eppanalysis.methods.orbits.target import Target
+from eppanalysis.methods.simulation.budget import spend
 from eppanalysis.methods.simulation.period import analyse_period
 from eppanalysis.methods.simulation.stability import describe, is_stable
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
@@ -64,7 +64,7 @@ def closed_behind_delay(
     system: LureSystem, hybrid: HybridSystem, start: LimitCycle, at: OperatingPoint
 ) -> tuple[LimitCycle | None, str]:
     """The exact cycle that an approximate one asks for, and where it is not closed how far a balance came."""
-    asked, best, loop = Asked.of(system, hybrid, start), None, None
+    asked, best, loop = Target.of(system, hybrid, start), None, None
     with suppress(ModelError):
         loop = Loop.of(system, at.vector(system))
         for balance in balances_of(system, start, at):
@@ -77,7 +77,7 @@ def closed_behind_delay(
     if best.error_estimate < _TRUSTED and at_once:
         with suppress(ModelError, Unsettled):
             closed = _closed(loop, best)
-    if closed is not None and not Asked.of(system, hybrid, best).shape_difference(closed):
+    if closed is not None and not Target.of(system, hybrid, best).shape_difference(closed):
         return closed, ""
     method = best.method.replace("harmonic balance,", "balanced at")
     return None, f"{method}, not closed: {best.size}, within {percent(best.error_estimate)}"

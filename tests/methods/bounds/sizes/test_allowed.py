@@ -12,7 +12,7 @@ import eppanalysis as epp
 from eppanalysis.cli.bounds import bounds_columns, sentences
 from eppanalysis.methods.bounds.elasticity import size_elasticities
 from eppanalysis.methods.bounds.exact import ExactBound
-from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.harmonic import BoundProblem
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed, Measure
 from eppanalysis.methods.bounds.sizes.bound import Scan, bound_of_size, scan
@@ -58,7 +58,7 @@ def test_the_elasticity_obeys_the_scaling_law(by_gap: epp.DesignBounds) -> None:
 
 def bound_from(case: epp.Case, limit: str, within: tuple[float, float], allow: str) -> ExactBound:
     """The bound next to the low end of a range, from the cycles at its high end."""
-    question = Question(case, limit, *within)
+    question = BoundProblem(case, limit, *within)
     allowed = Allowed.read(case.to_system(), allow)
     cycles = tuple(c for c in epp.find_limit_cycles(question.case_at(within[1])) if allowed.exceeded_by(c))
     found = bound_of_size(question, allowed, Scan(Finding.BOUND, 1.0, within[0], within[1], cycles))
@@ -75,7 +75,7 @@ def test_the_bound_on_a_gain_is_where_searches_say(servo: epp.Case) -> None:
         sizes.append(max(c.peak_to_peak["x"] for c in epp.find_limit_cycles(there).stable))
     assert sizes[0] < 4.0 < sizes[2]
     assert sizes[1] == pytest.approx(4.0, rel=1e-8)
-    known = size_elasticities(Question(servo, "loop.gain", 0.5, 1.5), found.point, Allowed("x", 4.0))
+    known = size_elasticities(BoundProblem(servo, "loop.gain", 0.5, 1.5), found.point, Allowed("x", 4.0))
     slope = math.log(1.01 / 0.99) / math.log(sizes[2] / sizes[0])
     assert known["allowed"] == pytest.approx(slope, rel=2e-3)
     # All sizes are proportional to the gap: the bound feels the ratio of both only.
@@ -93,7 +93,7 @@ def test_within_a_band_the_bound_is_where_the_cycle_comes_into_it(servo: epp.Cas
     allowed = Allowed.read(servo.to_system(), f"x 0.5 {band}")
     assert not allowed.exceeded_by(replace(entering, period=1.001 * entering.period))
     assert allowed.exceeded_by(replace(entering, period=0.999 * entering.period))
-    known = size_elasticities(Question(servo, "loop.gain", 0.5, 1.5), found.point, allowed)
+    known = size_elasticities(BoundProblem(servo, "loop.gain", 0.5, 1.5), found.point, allowed)
     # Frequencies feel neither what is allowed nor the play, with which the sizes scale.
     assert known["allowed"] == 0.0 and known["play.gap"] == pytest.approx(0.0, abs=1e-10)
     # In the band the size counts as without it.
@@ -163,11 +163,11 @@ def test_what_a_scan_says(
     servo: epp.Case, monkeypatch: pytest.MonkeyPatch, sizes: list[float], done: bool, finding: str, words: str
 ) -> None:
     """Sizes at the low end of the range, in its middle and at its high end, as a search might have them."""
-    question = Question(servo, "play.gap", 0.1, 4.0)
+    question = BoundProblem(servo, "play.gap", 0.1, 4.0)
     allowed = Allowed("x", 1.5)
     cycle = epp.predict_limit_cycles(servo)[1]
 
-    def seen(_: Question, asked: Allowed, value: float) -> tuple[float, tuple[epp.LimitCycle, ...], bool]:
+    def seen(_: BoundProblem, asked: Allowed, value: float) -> tuple[float, tuple[epp.LimitCycle, ...], bool]:
         size = sizes[0 if value < 0.11 else 2 if value > 3.9 else 1]
         return value, tuple(c for c in [replace(cycle, peak_to_peak={"x": size})] if asked.exceeded_by(c)), done
 

@@ -17,16 +17,16 @@ import numpy as np
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds.elasticity import exact_slopes, size_elasticities
 from eppanalysis.methods.bounds.exact import BORN, ExactBound
-from eppanalysis.methods.bounds.harmonic import Question, spread
+from eppanalysis.methods.bounds.harmonic import BoundProblem, spread
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import farthest_passage
 from eppanalysis.methods.bounds.verify import Verification, verify
-from eppanalysis.methods.continuation.branch import Walk
+from eppanalysis.methods.continuation.branch import Continuation
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.folds import fold_in
 from eppanalysis.methods.continuation.seeds import steady_case
-from eppanalysis.methods.continuation.steps import Point, make_point, step
+from eppanalysis.methods.continuation.steps import BranchPoint, make_point, step
 from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.design.machines import machines_at_rest
 from eppanalysis.methods.design.programme import N_SCAN, Place, Programme, distance
@@ -67,10 +67,10 @@ class Known:
 
 
 @dataclass(eq=False)
-class Frontier:
+class BoundCurve:
     """The bound on a parameter over other ones; lives for one design and its front."""
 
-    question: Question  # with the parameter that is bounded, and its range
+    question: BoundProblem  # with the parameter that is bounded, and its range
     widths: dict[str, float]  # the parameters that run, and how far each does [SI]
     sign: float  # {1, -1}: 1 where the parameter is to be large, so that cycles are sought above its bound
     allowed: Allowed | None = None
@@ -79,9 +79,9 @@ class Frontier:
     #: run.
     bounds: dict[Place, ExactBound] = field(default_factory=dict)
     first: dict[Place, float | None] = field(default_factory=dict)
-    questions: dict[Place, Question] = field(default_factory=dict)
+    questions: dict[Place, BoundProblem] = field(default_factory=dict)
     #: Of exact bounds, by parameters with their sizes.
-    derivatives: dict[tuple[Point, str, float], float] = field(default_factory=dict)
+    derivatives: dict[tuple[BranchPoint, str, float], float] = field(default_factory=dict)
 
     @property
     def is_foretold(self) -> bool:
@@ -93,7 +93,7 @@ class Frontier:
         """What the bounds do not cover, in a sentence; empty where they are exact."""
         return ""
 
-    def over(self, low: float, high: float) -> Frontier:
+    def over(self, low: float, high: float) -> BoundCurve:
         """The same over another range of the bounded parameter."""
         question = replace(self.question, low=low, high=high)
         return replace(self, question=question, families=[], bounds={}, first={}, questions={}, derivatives={})
@@ -104,7 +104,7 @@ class Frontier:
         low, high = self.question.low, self.question.high
         return (low, high) if self.sign > 0 else (high, low)
 
-    def here(self, place: Place) -> Question:
+    def here(self, place: Place) -> BoundProblem:
         """The question at values of the parameters that run."""
         if place not in self.questions:
             values = dict(zip(self.widths, place, strict=True))
@@ -141,7 +141,7 @@ class Frontier:
         """How many cases come to rest, or to a cycle that is allowed, from starts of their own about the cycle."""
         return machines_at_rest(cases, cycle, self.allowed, rng)
 
-    def slopes(self, place: Place, point: Point, sizes: Mapping[str, float]) -> dict[str, float]:
+    def slopes(self, place: Place, point: BranchPoint, sizes: Mapping[str, float]) -> dict[str, float]:
         """Derivative of an exact bound at a place by parameters, as :func:`exact_slopes` has it."""
         new = {n: s for n, s in sizes.items() if (point, n, s) not in self.derivatives}
         for name, slope in exact_slopes(self.here(place), point, new).items() if new else ():
@@ -219,7 +219,7 @@ class Frontier:
         change = sum(slopes[name] * move for name, move in moves.items())
         return value + change if abs(change) < _MOST_FORETOLD * abs(value) else value
 
-    def _moved(self, near: Known, here: Question, foretold: float) -> Known | None:
+    def _moved(self, near: Known, here: BoundProblem, foretold: float) -> Known | None:
         """The fold that the one at a place nearby leads to, with a cycle beyond it."""
         fold = near.bound.point
         if self.allowed is not None or near.bound.kind is not Turn.FOLD or fold is None or _aside(fold) is None:
@@ -238,14 +238,14 @@ class Frontier:
         return Known((), aside.value, cycle, _at_turn(here, found, Turn.FOLD))
 
     def _keep(
-        self, here: Question, place: Place, value: float, cycle: LimitCycle, bound: ExactBound, family: list[Known]
+        self, here: BoundProblem, place: Place, value: float, cycle: LimitCycle, bound: ExactBound, family: list[Known]
     ) -> None:
         """Remember the exact cycle at a value, from which neighbours go on."""
         closed = _closed(here, value, cycle)
         if closed is not None and bound.cycle is not None:
             family.append(Known(place, value, closed, bound))
 
-    def _sought(self, here: Question, place: Place) -> ExactBound:
+    def _sought(self, here: BoundProblem, place: Place) -> ExactBound:
         """The bound by searches: around the one of first order, then over the whole range."""
         wanted, grows = self.ends[1], float("nan")
         for value in self._places(here, place):
@@ -269,7 +269,7 @@ class Frontier:
             return ExactBound(message=f"motions grow without bound at {self.question.limit} = {grows:.6g}")
         return ExactBound(wanted, kind=Turn.END)
 
-    def _beyond(self, here: Question) -> ExactBound:
+    def _beyond(self, here: BoundProblem) -> ExactBound:
         """The bound where cycles exist down to the safe end: the wanted one, if it is free itself."""
         wanted, name = self.ends[1], self.question.limit
         search = find_limit_cycles(here.case_at(wanted))
@@ -279,7 +279,7 @@ class Frontier:
             return ExactBound(message=f"the search leaves runs undecided at {name} = {wanted:.6g}")
         return ExactBound(wanted, kind=Turn.END)
 
-    def _places(self, here: Question, place: Place) -> Iterator[float]:
+    def _places(self, here: BoundProblem, place: Place) -> Iterator[float]:
         """Where cycles are searched for: around the bound of first order, then over the range, the wanted end last."""
         safe, wanted = self.ends
         proposed = self.first_order(place)
@@ -303,7 +303,7 @@ class Frontier:
             self.first[place] = self._first_order(self.here(place))
         return self.first[place]
 
-    def _first_order(self, here: Question) -> float | None:
+    def _first_order(self, here: BoundProblem) -> float | None:
         safe, wanted = self.ends
         before = safe
         for value in spread(safe, wanted, N_SCAN):
@@ -315,20 +315,20 @@ class Frontier:
             before = value
         return None
 
-    def _predicted(self, here: Question, value: float) -> bool:
+    def _predicted(self, here: BoundProblem, value: float) -> bool:
         try:
             cycles = predicted_cycles(here.case_at(value))
         except ModelError:  # an element without a describing function
             return False
         return any(self.allowed is None or self.allowed.exceeded_by(c) for c in cycles)
 
-    def _followed(self, here: Question, value: float, cycle: LimitCycle) -> ExactBound | None:
+    def _followed(self, here: BoundProblem, value: float, cycle: LimitCycle) -> ExactBound | None:
         if self.allowed is not None:
             return farthest_passage(here, self.allowed, value, [cycle], self.sign)
         return first_turn(here, value, cycle, self.sign)
 
 
-def first_turn(question: Question, value: float, cycle: LimitCycle, sign: float) -> ExactBound | None:
+def first_turn(question: BoundProblem, value: float, cycle: LimitCycle, sign: float) -> ExactBound | None:
     """Where the branch of a cycle at a value first turns back on its way to the safe end; None where it shows no end.
 
     Parameters
@@ -362,7 +362,7 @@ def first_turn(question: Question, value: float, cycle: LimitCycle, sign: float)
         orbit = next(orbits_near(hybrid, *start_of(hybrid, cycle), cycle.period), None)
         if orbit is None or orbit.motion is not None:
             return None
-        walk = Walk(question.case, question.limit, family, limits, _MOST, _STEP)
+        walk = Continuation(question.case, question.limit, family, limits, _MOST, _STEP)
         point, why = make_point(family, value, orbit, None, -sign), ""
         for _ in range(_MOST // (_AT_ONCE - 1)):
             points, why = walk.along(point, _AT_ONCE)
@@ -377,13 +377,13 @@ def first_turn(question: Question, value: float, cycle: LimitCycle, sign: float)
     return ExactBound(kind=Turn.END) if abs(point.value - end) <= 1e-9 * family.width else None
 
 
-def _at_turn(question: Question, found: Point, kind: Turn) -> ExactBound:
+def _at_turn(question: BoundProblem, found: BranchPoint, kind: Turn) -> ExactBound:
     """The bound where a branch turns back."""
     cycle = to_limit_cycle(question.case_at(found.value).to_system(), found.orbit)
     return ExactBound(found.value, found.orbit.period, cycle, kind, found)
 
 
-def _aside(fold: Point) -> Point | None:
+def _aside(fold: BranchPoint) -> BranchPoint | None:
     """A cycle beside a fold; None where the branch does not turn back, but the parameter stands still along it.
 
     There the period grows without end, and before it does another fold may come up at places nearby.
@@ -395,7 +395,7 @@ def _aside(fold: Point) -> Point | None:
     return None
 
 
-def _closed(question: Question, value: float, cycle: LimitCycle) -> LimitCycle | None:
+def _closed(question: BoundProblem, value: float, cycle: LimitCycle) -> LimitCycle | None:
     """The exact cycle near a known one at a value."""
     system = question.case_at(value).to_system()
     hybrid = steady_case(question.case_at(value))

@@ -7,7 +7,7 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.methods.orbits import exact
-from eppanalysis.methods.orbits.apart import in_states_of_its_own
+from eppanalysis.methods.orbits.decoupled import in_decoupled_states
 from eppanalysis.methods.simulation.states import OtherStates
 
 
@@ -24,7 +24,7 @@ def cascade(n: int, seed: int) -> epp.LureSystem:
 def test_changes_of_states_come_to_an_end(n: int, seed: int) -> None:
     """What is found in the new states is told in those given: the changes are inverse to each other."""
     loop = cascade(n, seed)
-    own = in_states_of_its_own(loop)
+    own = in_decoupled_states(loop)
     assert own is not None
     y = np.ones(own.T.shape[1])
     assert own.inverse @ (own.T @ y) == pytest.approx(y, abs=1e-6 * np.linalg.cond(own.T))
@@ -43,11 +43,11 @@ def test_the_states_of_a_cascade_are_asked_for_once(monkeypatch: pytest.MonkeyPa
     def ask(loop: epp.LureSystem) -> OtherStates | None:
         asked.append(loop)
         assert len(asked) < 10, "the states are changed to and fro"
-        return in_states_of_its_own(loop)
+        return in_decoupled_states(loop)
 
-    monkeypatch.setattr(exact, "in_states_of_its_own", ask)
+    monkeypatch.setattr(exact, "in_decoupled_states", ask)
     monkeypatch.setattr(exact, "orbits_of", lambda *given: iter(()))
     loop = cascade(33, 0)
-    assert in_states_of_its_own(in_states_of_its_own(loop).system) is not None
+    assert in_decoupled_states(in_decoupled_states(loop).system) is not None
     assert not epp.exact_orbit(loop, epp.predict_limit_cycles(loop)[0]).status.ok
     assert len(asked) == 1

@@ -21,7 +21,7 @@ from eppanalysis.methods.search.continua import at_end, has_period_of, on_rim, s
 from eppanalysis.methods.search.decay import DRIFT, decays, died_out, dwindles
 from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_elements
 from eppanalysis.methods.search.rests import Met, note_modes
-from eppanalysis.methods.simulation.effort import Spent, Work, allotted, left
+from eppanalysis.methods.simulation.budget import Budget, BudgetExceeded, budget, remaining
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, repeats_undecided, run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
@@ -71,7 +71,7 @@ _ASIDE = 1e-6
 FOR_ONE = 0.1
 
 
-class End(StrEnum):
+class RunOutcome(StrEnum):
     """Where a run of a search ends, in words that follow their number."""
 
     REST = "at rest"
@@ -93,7 +93,7 @@ NO_CORNERS = np.zeros(0, np.int64), np.zeros((0, 0)), np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
-class Reached:
+class SimulatedCycle:
     """A cycle that a run is on, whose orbit could not be closed."""
 
     cycle: LimitCycle  # as the run has it, or closed by collocation behind a dead time
@@ -101,7 +101,7 @@ class Reached:
     corners: tuple[IntArray, Array, Array]
 
     @classmethod
-    def of(cls, system: LureSystem, start: HybridSystem, run: Run, facts: Array) -> Reached | None:
+    def of(cls, system: LureSystem, start: HybridSystem, run: Run, facts: Array) -> SimulatedCycle | None:
         """From the end of a run, and what the verdict says of it; None where its period cannot be computed again."""
         events, period = run.order[-int(facts[0]) - 1 : -1], float(facts[1])
         states = run.state[events]
@@ -113,7 +113,7 @@ class Reached:
 
 
 @dataclass
-class Ends:
+class RunOutcomes:
     """The runs of a search and how they end; what they end on is kept."""
 
     system: LureSystem
@@ -122,14 +122,14 @@ class Ends:
     at: OperatingPoint
     progress: Progress | None = None
     orbits: list[Orbit] = field(default_factory=list)
-    reached: list[Reached] = field(default_factory=list)
-    outcomes: Counter[End] = field(default_factory=Counter)
+    reached: list[SimulatedCycle] = field(default_factory=list)
+    outcomes: Counter[RunOutcome] = field(default_factory=Counter)
     times: Counter[int] = field(default_factory=Counter)
     bounding: Counter[int] = field(default_factory=Counter)
     n_runs: int = 0
     n_boundaries: int = 0
     n_ended: int = 0
-    work: Work = field(default_factory=lambda: Work(float("inf")))
+    work: Budget = field(default_factory=lambda: Budget(float("inf")))
     rest: tuple[Array, Array] | None = None
     met: Met = field(default_factory=dict)
 
@@ -174,50 +174,50 @@ class Ends:
         self.orbits.append(orbit)
         return len(self.orbits) - 1
 
-    def outcome(self, x: Array, H: Array, rests_by: float = 0.0) -> End | int:
+    def outcome(self, x: Array, H: Array, rests_by: float = 0.0) -> RunOutcome | int:
         """Where a run from (x, H) ends, a cycle by its number; rest by `rests_by` [s] counts though it be left."""
         try:
             found = self._outcome(x, H, rests_by)
-        except Spent:
+        except BudgetExceeded:
             self.n_ended += 1
-            found = End.NOT_RUN
-        self.outcomes[found if isinstance(found, End) else End.CYCLE] += 1
-        if not isinstance(found, End):
+            found = RunOutcome.NOT_RUN
+        self.outcomes[found if isinstance(found, RunOutcome) else RunOutcome.CYCLE] += 1
+        if not isinstance(found, RunOutcome):
             self.times[found] += 1
         return found
 
-    def _outcome(self, x: Array, H: Array, rests_by: float = 0.0) -> End | int:
+    def _outcome(self, x: Array, H: Array, rests_by: float = 0.0) -> RunOutcome | int:
         self._tell()
         start = self.hybrid.at(x, H, self.hybrid.modes0)
         try:
-            with allotted(FOR_ONE * self.work.most):
+            with budget(FOR_ONE * self.work.most):
                 if rests_by and judge(start, run := self._run(start, rests_by), rests_by)[0] is Status.SETTLED:
                     return self._rested(start, run)
                 return self._beside(x, H, self._end_of(start))
         except EppError:  # a dead time with more switches than its history holds
-            return End.UNDECIDED
-        except Spent:
-            if not left():  # of what lies around this start
+            return RunOutcome.UNDECIDED
+        except BudgetExceeded:
+            if not remaining():  # of what lies around this start
                 raise
-            return End.UNDECIDED
+            return RunOutcome.UNDECIDED
 
-    def _beside(self, x: Array, H: Array, end: End | int) -> End | int:
+    def _beside(self, x: Array, H: Array, end: RunOutcome | int) -> RunOutcome | int:
         """The end of a run, but that of one beside it where a run stays at its very start: no motion settles there."""
-        if end is not End.REST or self.rest is None or not np.array_equal(self.rest[0], x):
+        if end is not RunOutcome.REST or self.rest is None or not np.array_equal(self.rest[0], x):
             return end
         rest, moved = self.rest, self.hybrid.compared * _ASIDE * self._sizes()
         beside = self._end_of(self.hybrid.at(x + moved, H, self.hybrid.modes0))
-        self.rest = rest if beside is End.REST else None
+        self.rest = rest if beside is RunOutcome.REST else None
         return beside
 
-    def _end_of(self, start: HybridSystem) -> End | int:
+    def _end_of(self, start: HybridSystem) -> RunOutcome | int:
         t, peak = self.horizon, np.zeros(start.x0.size)
         for turn in range(8):
             run = self._run(start, t)
             before, peak = peak, _peak(run)
             status, facts = judge(start, run, t)
             if repeats_undecided(status, facts):
-                return End.BENEATH_ROUNDING
+                return RunOutcome.BENEATH_ROUNDING
             ended = self._ended(status, start, run)
             if ended is not None:
                 return ended
@@ -226,27 +226,27 @@ class Ends:
             elif decays(start, run, t, self.horizon, self._sizes()):
                 known = self._late_cycle(start, run, t)
                 # What rides on a belt seems to have decayed until it slips: a few turns more tell.
-                if known is not End.UNDECIDED or not self.hybrid.model.smooth_kind.size:
+                if known is not RunOutcome.UNDECIDED or not self.hybrid.model.smooth_kind.size:
                     return known
             else:
                 known = self._recognise(start, run, None)
-                if known is End.UNDECIDED and (turn == _QUIET_TURN or self.hybrid.may_be_quiet):
+                if known is RunOutcome.UNDECIDED and (turn == _QUIET_TURN or self.hybrid.may_be_quiet):
                     known = self._quiet_cycle(run, t)
-            if known is not End.UNDECIDED:
+            if known is not RunOutcome.UNDECIDED:
                 return known
             # Each turn is three times as long.
             last = self._at_last(start, run, t, before) if turn >= 3 and status is not Status.LIMIT_CYCLE else None
             if last is not None:
                 return last
             t *= 3.0
-        return End.DIVERGENCE if self._has_gone(start, run, t, before) else End.UNDECIDED
+        return RunOutcome.DIVERGENCE if self._has_gone(start, run, t, before) else RunOutcome.UNDECIDED
 
-    def _at_last(self, start: HybridSystem, run: Run, t: float, before: Array) -> End | int | None:
+    def _at_last(self, start: HybridSystem, run: Run, t: float, before: Array) -> RunOutcome | int | None:
         """The outcome of a long run where a longer one would tell nothing: far out, where elements switch by rounding
         alone, or after many switches that do not become smaller, as they do for long beside a fold. None where it may.
         """
         if self._has_gone(start, run, t, before):
-            return End.DIVERGENCE
+            return RunOutcome.DIVERGENCE
         if run.count <= _ENOUGH_EVENTS or dwindles(start, run)[0]:
             return None
         # A motion that is slow beside its switches, as a drive under a switched current, nears its cycle for long.
@@ -256,17 +256,17 @@ class Ends:
                 self.add(closed)
             if any(is_stable(o.multipliers) and abs(period / o.period - 1.0) < _NEARS for o in self.orbits):
                 return None
-        return End.UNDECIDED
+        return RunOutcome.UNDECIDED
 
-    def _ended(self, status: Status, start: HybridSystem, run: Run) -> End | None:
+    def _ended(self, status: Status, start: HybridSystem, run: Run) -> RunOutcome | None:
         """Where a run ends that goes on no longer; None for one that does."""
         if status is Status.SETTLED:
             return self._rested(start, run)
         if status is Status.EVENT_LIMIT:
             # Where an element slides in a way that no run can follow, the run stops wherever it is.
             dies = died_out(start, run) and self._keeps_piled and not self.hybrid.chatters
-            return self._rested(start, run) if dies else End.UNDECIDED
-        return End.DIVERGENCE if status is Status.DIVERGED else None
+            return self._rested(start, run) if dies else RunOutcome.UNDECIDED
+        return RunOutcome.DIVERGENCE if status is Status.DIVERGED else None
 
     @cached_property
     def _keeps_piled(self) -> bool:
@@ -276,12 +276,12 @@ class Ends:
         s = self.system
         return len(s.elements) > 1 or bool(np.all(zeros(s.A, s.B, s.C[:1], s.D[:1]).real <= 0.0))
 
-    def _quiet_cycle(self, run: Run, t: float) -> End | int:
+    def _quiet_cycle(self, run: Run, t: float) -> RunOutcome | int:
         """Number of the cycle that a run without switches is on at its end: of a linear part that does not damp it, or
         of curved elements.
         """
         if not run.is_quiet_at(t):
-            return End.UNDECIDED
+            return RunOutcome.UNDECIDED
         observed = steady_hybrid(self.system, self.at, observed=True)
         end = run.end(self.hybrid)
         modes = np.append(end.modes0, observed.modes0[end.modes0.size :])
@@ -291,16 +291,20 @@ class Ends:
         if status is Status.LIMIT_CYCLE and (known := self._listed(again)) is not None:
             return known
         orbit = orbit_of(start, again, float(facts[1])) if status is Status.LIMIT_CYCLE else None
-        return End.UNDECIDED if orbit is None else self.add(orbit)
+        return RunOutcome.UNDECIDED if orbit is None else self.add(orbit)
 
-    def _late_cycle(self, start: HybridSystem, run: Run, t: float) -> End | int:
+    def _late_cycle(self, start: HybridSystem, run: Run, t: float) -> RunOutcome | int:
         """What a run that seemed to decay by time t is on much later: rest, or the number of a cycle.
 
         A stuck element may creep towards its next slip far more slowly than the linear part moves.
         """
         smooth = self.hybrid.model.smooth_kind
         if smooth.size:  # without long steps that would take minutes
-            return End.REST if np.all(smooth == DELAY_LINE) or not self._drifts_evenly(start, run, t) else End.UNDECIDED
+            return (
+                RunOutcome.REST
+                if np.all(smooth == DELAY_LINE) or not self._drifts_evenly(start, run, t)
+                else RunOutcome.UNDECIDED
+            )
         # What decays is at rest soon. An even drift reaches its next slip in the time `way`, not too long for a run.
         late, reached = _LATE * t, 0.0
         while late > reached:
@@ -310,7 +314,7 @@ class Ends:
             if (ended := self._ended(status, start, run)) is not None:
                 return ended
             known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
-            if known is not End.UNDECIDED:
+            if known is not RunOutcome.UNDECIDED:
                 return known
             with np.errstate(all="ignore"):
                 way = (self._sizes() / np.abs(run.rate_end))[start.compared]
@@ -321,12 +325,12 @@ class Ends:
                 if swings:
                     known = self._quiet_cycle(run, t)
                 elif grows:
-                    known = End.UNDECIDED
+                    known = RunOutcome.UNDECIDED
                 else:  # far from all thresholds no switch is on its way
                     gone = self._drifts_evenly(start, run, reached, _ALL_GONE)
-                    known = End.DIVERGENCE if gone else self._rested(start, run)
+                    known = RunOutcome.DIVERGENCE if gone else self._rested(start, run)
                 # What grows out of a gap from almost nothing does so for long.
-                late = 3.0 * reached if grows and known is End.UNDECIDED and reached < _GROWING * t else 0.0
+                late = 3.0 * reached if grows and known is RunOutcome.UNDECIDED and reached < _GROWING * t else 0.0
         return known
 
     def _drifts_evenly(self, start: HybridSystem, run: Run, t: float, beyond: float = 0.0) -> bool:
@@ -345,12 +349,12 @@ class Ends:
         least = np.maximum(share * swing[0], _ASIDE * np.maximum(self._sizes(), np.abs(start.x0)))
         return bool(np.any((swing[1] > least)[start.compared]))
 
-    def _rested(self, start: HybridSystem, run: Run) -> End:
+    def _rested(self, start: HybridSystem, run: Run) -> RunOutcome:
         """Keep the state of rest of the first run that settles."""
         if self.rest is None:
             end = run.end(start)
             self.rest = end.x0, end.H0
-        return End.REST
+        return RunOutcome.REST
 
     def _has_gone(self, start: HybridSystem, run: Run, t: float, before: Array) -> bool:
         """Whether a run has diverged: it is far beyond all cycles, farther than a third of it came, and still moves.
@@ -372,14 +376,14 @@ class Ends:
         swings = np.abs(oscillations_at_reach(self.system)[0]).min(axis=1, initial=np.inf)
         return np.where(np.isfinite(swings), swings, 0.0)
 
-    def _recognise(self, start: HybridSystem, run: Run, period: float | None) -> End | int:
+    def _recognise(self, start: HybridSystem, run: Run, period: float | None) -> RunOutcome | int:
         """Number of the cycle that a run is on at its end."""
         if run.n_kept == 0:
-            return End.UNDECIDED
+            return RunOutcome.UNDECIDED
         if (known := self._listed(run)) is not None:
             return known
         if period is None:
-            return End.UNDECIDED
+            return RunOutcome.UNDECIDED
         orbit = orbit_of(self.hybrid, run, period)
         if orbit is not None:
             return self.add(orbit)
@@ -387,10 +391,10 @@ class Ends:
             if has_period_of(other, period):  # it only touches a guard, now and then
                 return i
         if dwindles(start, run)[0]:
-            return End.UNDECIDED
+            return RunOutcome.UNDECIDED
         return self._reach(start, float(run.stats[0]))
 
-    def _listed(self, run: Run) -> End | int | None:
+    def _listed(self, run: Run) -> RunOutcome | int | None:
         """The outcome of a run on a cycle that is listed; None on another one."""
         n = self.hybrid.x0.size
         for i, known in enumerate(self.orbits):
@@ -407,7 +411,7 @@ class Ends:
         away = np.abs(states[guards == run.guard[last]] - run.state[last])[:, compared]
         return bool(len(away)) and float((away / scale[compared]).max(axis=1).min()) < 1e-3
 
-    def _reach(self, start: HybridSystem, t: float) -> End | int:
+    def _reach(self, start: HybridSystem, t: float) -> RunOutcome | int:
         """List the cycle that a run is on at time t as the run has it, once it is on it to many digits."""
         for longer in 3.0 ** np.arange(_MOST_LONGER if len(self.reached) < MOST_REACHED else 0):
             run = self._run(start, longer * t)
@@ -418,11 +422,11 @@ class Ends:
                 # Beside a doubled period the run was not near enough before.
                 if (orbit := orbit_of(self.hybrid, run, float(facts[1]))) is not None:
                     return self.add(orbit)
-                reached = Reached.of(self.system, start, run, facts)
-                return End.UNCLOSED if reached is None else self.keep(reached)
-        return End.UNCLOSED
+                reached = SimulatedCycle.of(self.system, start, run, facts)
+                return RunOutcome.UNCLOSED if reached is None else self.keep(reached)
+        return RunOutcome.UNCLOSED
 
-    def keep(self, reached: Reached) -> End | int:
+    def keep(self, reached: SimulatedCycle) -> RunOutcome | int:
         """List a cycle as it is, or closed where that comes out; one that is listed already learns its corners."""
         closed = None
         if is_smooth_delayed(self.hybrid) and reached.cycle.method != EXACT_ORBIT:
@@ -466,9 +470,9 @@ def _peak(run: Run) -> Array:
     return np.maximum(np.abs(run.low), np.abs(run.high))
 
 
-def _outcome_on(number: int, reached: Reached) -> End | int:
+def _outcome_on(number: int, reached: SimulatedCycle) -> RunOutcome | int:
     """The outcome of a run on a cycle without an orbit of arcs: below zero the number of a closed one."""
-    return -1 - number if reached.cycle.method == EXACT_ORBIT else End.UNCLOSED
+    return -1 - number if reached.cycle.method == EXACT_ORBIT else RunOutcome.UNCLOSED
 
 
 def _same(one: LimitCycle, other: LimitCycle) -> bool:

@@ -34,7 +34,7 @@ _ODD, _SKEW = 1e-6, 1e-2
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class Target:
     """What is asked for."""
 
     system: LureSystem
@@ -45,7 +45,7 @@ class Asked:
     tolerance: float  # how far frequency and sizes may be away, relative
 
     @classmethod
-    def of(cls, system: LureSystem, hybrid: HybridSystem, cycle: LimitCycle) -> Asked:
+    def of(cls, system: LureSystem, hybrid: HybridSystem, cycle: LimitCycle) -> Target:
         """By the cycle's own estimate of its error."""
         image = mirror(hybrid)
         skew = 0.0 if image is None else _skew(system, hybrid, cycle, image[: hybrid.n_plant, -1] / 2.0)
@@ -53,11 +53,11 @@ class Asked:
         tolerance = float(np.clip(_TIMES * estimate, _LEAST, _MOST)) if np.isfinite(estimate) else _MOST
         return cls(system, cycle, image if skew <= _ODD else None, image if skew > _SKEW else None, tolerance)
 
-    def loosened(self) -> Asked:
+    def loosened(self) -> Target:
         """The same for an orbit that a better estimate vouches for, too."""
         return replace(self, tolerance=min(_LOOSER * self.tolerance, _MOST))
 
-    def widened(self) -> Asked:
+    def widened(self) -> Target:
         """The same for orbits that are known: of a relaxation oscillation more than a factor of two may be promised."""
         estimate = self.cycle.error_estimate
         if not np.isfinite(estimate):

@@ -24,9 +24,9 @@ import numpy as np
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Balance, unit_at_input
+from eppanalysis.methods.describing.equilibrium import no_rest
 from eppanalysis.methods.describing.error import BalancedOscillation, Estimate
 from eppanalysis.methods.describing.quality import Point
-from eppanalysis.methods.describing.rest import no_rest
 from eppanalysis.methods.describing.search import (
     Found,
     amplitude_nodes,

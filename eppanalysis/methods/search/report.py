@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from eppanalysis.methods.orbits.delayed.smooth import is_smooth_delayed
-from eppanalysis.methods.orbits.tsypkin import Pulses
-from eppanalysis.methods.search.ends import MOST_REACHED, End, Ends
+from eppanalysis.methods.orbits.tsypkin import TsypkinLocus
+from eppanalysis.methods.search.outcomes import MOST_REACHED, RunOutcome, RunOutcomes
 from eppanalysis.methods.search.result import exists, undecided
 from eppanalysis.methods.search.unmet import more_of, unmet
 from eppanalysis.methods.simulation.stability import is_stable
@@ -23,7 +23,7 @@ N_RANDOM = 48
 
 
 @dataclass
-class Told(Ends):
+class SearchReport(RunOutcomes):
     """The runs of a search, and what was done with them."""
 
     by_balance: bool = True
@@ -44,7 +44,9 @@ class Told(Ends):
 
     def left_open(self) -> tuple[str, ...]:
         """What keeps the search from being complete, unclosed predictions aside."""
-        aimless, unclosed, beneath = (self.outcomes[e] for e in (End.UNDECIDED, End.UNCLOSED, End.BENEATH_ROUNDING))
+        aimless, unclosed, beneath = (
+            self.outcomes[e] for e in (RunOutcome.UNDECIDED, RunOutcome.UNCLOSED, RunOutcome.BENEATH_ROUNDING)
+        )
         why = self.hybrid.chatters.rstrip(".")
         parts = {
             f"{undecided(aimless)}{f' ({why[0].lower()}{why[1:]})' if why else ''}": aimless,
@@ -83,9 +85,9 @@ class Told(Ends):
         return f"No basin boundary leads to {which}: others like {alike} may be missed where no prediction is near"
 
     @cached_property
-    def pulses(self) -> Pulses | None:
+    def pulses(self) -> TsypkinLocus | None:
         """The symmetric motions of the relay, where the loop has one alone."""
-        return Pulses.of(self.hybrid)
+        return TsypkinLocus.of(self.hybrid)
 
     def sentence(self) -> str:
         """How completeness was sought."""
@@ -132,7 +134,7 @@ class Told(Ends):
 
     def _left(self) -> str:
         """Sentence on the starts and basin boundaries that were left out."""
-        if self.n_ended or not self.work.left:
+        if self.n_ended or not self.work.remaining:
             return (
                 f" The search ended after {self.work.most:.0e} steps of the engine; "
                 f"{count(self.n_ended, 'start')} and {count(self.n_left, 'basin boundary')} were left."
@@ -155,7 +157,7 @@ class Told(Ends):
 
     def _unclosed(self) -> str:
         """Why there are runs on cycles that are not among those found."""
-        if End.UNCLOSED not in self.outcomes:
+        if RunOutcome.UNCLOSED not in self.outcomes:
             return ""
         if np.any(self.hybrid.model.smooth_kind == DELAY_LINE):
             why = "from none of their events, with what was on its way through the dead time, was an orbit closed"

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg
 
 from eppanalysis.arrays import Array, ComplexArray
-from eppanalysis.methods.simulation.states import OtherStates, unread_apart, without_held_states
+from eppanalysis.methods.simulation.states import OtherStates, unobservable_apart, without_held_states
 from eppanalysis.models.systems.linear import balanced, poles
 from eppanalysis.models.systems.lure import LureSystem
 
@@ -33,7 +33,7 @@ _CANCELS = 20.0
 _FADES = 0.1
 
 
-def in_states_of_its_own(system: LureSystem) -> OtherStates | None:
+def in_decoupled_states(system: LureSystem) -> OtherStates | None:
     """The loop without states that nothing drives, with those apart that nothing reads, and in those of its own
     motions; None where it needs none.
 
@@ -43,19 +43,19 @@ def in_states_of_its_own(system: LureSystem) -> OtherStates | None:
     Examples
     --------
     >>> import eppanalysis as epp
-    >>> in_states_of_its_own(epp.case("elbow").to_system()) is None  # as it is given
+    >>> in_decoupled_states(epp.case("elbow").to_system()) is None  # as it is given
     True
     """
     turns: list[Callable[[LureSystem], OtherStates | None]]
     turns = [] if system.time_step else [motions_apart, evenly_driven, integrators_apart]
-    left: list[Callable[[LureSystem], OtherStates | None]] = [without_held_states, unread_apart, *turns]
+    left: list[Callable[[LureSystem], OtherStates | None]] = [without_held_states, unobservable_apart, *turns]
     found: OtherStates | None = None
     while made := next(((change, own) for change in left if (own := change(system)) is not None), None):
         change, own = made
         found, system = own if found is None else found.then(own), own.system
         if change in turns:
             turns.remove(change)
-            left = [without_held_states, unread_apart, *turns]
+            left = [without_held_states, unobservable_apart, *turns]
         else:
             left.remove(change)
     return found
