@@ -13,7 +13,7 @@ import eppanalysis as epp
 from benchmarks.maps import T_END, make_stack
 from benchmarks.timing import Contender, alternate
 from eppanalysis.methods.simulation.batch import simulate_batch
-from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.runs import run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 Array = NDArray[np.float64]

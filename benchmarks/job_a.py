@@ -16,7 +16,7 @@ import eppanalysis as epp
 from benchmarks import fixed_step, mode_steps
 from benchmarks.libraries import TIGHT, Job, Way, installed
 from benchmarks.timing import Contender, Timing, alternate, once
-from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.runs import run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from tests.reference import elbow_reference, events
 from tests.reference.elbow_reference import Elbow, row, simulate_reference

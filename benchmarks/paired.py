@@ -18,7 +18,7 @@ _WORKER = """
 import sys, time
 import numpy as np
 import eppanalysis as epp
-from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.runs import run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import input_signals_by_name
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.runs import run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.signals import SignalMap
 from tests.random_loops import random_loop

@@ -16,7 +16,7 @@ from eppanalysis.identify.columns import ELBOW, Layout, Role
 from eppanalysis.identify.intervals import rounding
 from eppanalysis.identify.reading import Recording
 from eppanalysis.methods.simulation.kept import Run
-from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.runs import run_hybrid
 from eppanalysis.models.devices.elbow.loop import elbow
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import InputSignal, Recorded, Sine, input_signals_by_name

@@ -22,7 +22,7 @@ from eppanalysis.engine.harmonics import answer, settle
 from eppanalysis.engine.workspace import STEP_LIMIT
 from eppanalysis.errors import EppError
 from eppanalysis.methods.harmonic.elements import PeriodicElement
-from eppanalysis.methods.simulation.simulate import judge, run_hybrid
+from eppanalysis.methods.simulation.runs import judge, run_hybrid
 from eppanalysis.models.elements.automaton import SMOOTH_KINDS, Automaton, AutomatonBuilder, Smooth
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.systems.hybrid import HybridSystem

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.runs import run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.signals import SignalMap
 

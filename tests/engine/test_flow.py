@@ -13,7 +13,7 @@ from scipy.linalg import expm
 import eppanalysis as epp
 from eppanalysis.engine._engine import parts
 from eppanalysis.engine.tables import padded
-from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.runs import run_hybrid
 from eppanalysis.methods.simulation.workspaces import of_thread
 from eppanalysis.models.systems.hybrid import HybridSystem
 

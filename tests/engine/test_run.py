@@ -10,7 +10,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.engine import workspace
 from eppanalysis.engine.tables import make_combinations
-from eppanalysis.methods.simulation import simulate
+from eppanalysis.methods.simulation import runs
 from eppanalysis.models.systems.signals import SignalMap
 from eppanalysis.results import Status
 
@@ -163,12 +163,12 @@ def test_stribeck_friction_breaks_away_alike_in_both_directions(way: float) -> N
 
 def test_a_full_table_of_mode_combinations_leaves_no_trace(monkeypatch) -> None:
     """An encoder has more levels than the table has places: what differs in constants alone takes over matrices."""
-    case, runs = epp.case("azimuth_servo"), []
+    case, made = epp.case("azimuth_servo"), []
     for places in (256, 6, 2):
         monkeypatch.setattr(workspace, "make_combinations", lambda model, _, n=places: make_combinations(model, n))
-        monkeypatch.setattr(simulate, "of_thread", type(simulate.of_thread)())
-        runs.append(epp.simulate(case, t_end=2.0))
-    whole, *others = runs
+        monkeypatch.setattr(runs, "of_thread", type(runs.of_thread)())
+        made.append(epp.simulate(case, t_end=2.0))
+    whole, *others = made
     assert len(whole.events) > 40
     for run in others:
         assert run.events == whole.events

@@ -15,7 +15,7 @@ from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import orbit_of
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.simulation.budget import BudgetExceeded, budget
-from eppanalysis.methods.simulation.simulate import judge, run_hybrid
+from eppanalysis.methods.simulation.runs import judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status

@@ -15,7 +15,7 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.methods.continuation.seeds import steady_case
-from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.runs import run_hybrid
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import LimitCycle
 

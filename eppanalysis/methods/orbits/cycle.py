@@ -10,7 +10,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle, sample_arcs
 from eppanalysis.methods.orbits.shooting import restarted
 from eppanalysis.methods.simulation.period import PeriodShape, advance, advances, analyse_period, free_of
-from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
+from eppanalysis.methods.simulation.runs import named_events, run_hybrid
 from eppanalysis.methods.simulation.stability import describe, is_stable
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.starts import remembered

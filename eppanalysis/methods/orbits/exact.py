@@ -26,7 +26,7 @@ from eppanalysis.methods.orbits.target import Target
 from eppanalysis.methods.simulation.budget import BudgetExceeded, budget
 from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.simulation.kept import Run
-from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.runs import run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem

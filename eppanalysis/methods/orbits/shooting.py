@@ -20,7 +20,7 @@ from eppanalysis.methods.orbits.guess import Guess, guess_along, make_guess, rec
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, middle, sample_arcs, solve
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.rounding import SAMPLES, is_lost, left_by_rounding, watched
-from eppanalysis.methods.simulation.simulate import loses_elements, run_hybrid
+from eppanalysis.methods.simulation.runs import loses_elements, run_hybrid
 from eppanalysis.methods.steady.closing import close
 from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem

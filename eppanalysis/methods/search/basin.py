@@ -17,7 +17,7 @@ from eppanalysis.methods.orbits.samples.locked import away
 from eppanalysis.methods.search.decay import decays
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.simulation.batch import BatchResult, HybridStack, simulate_batch
-from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid
+from eppanalysis.methods.simulation.runs import cycle_of_run, judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import slowest_pole
 from eppanalysis.models.systems.lure import LureSystem

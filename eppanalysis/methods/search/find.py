@@ -43,7 +43,7 @@ from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.sampled import Enough, Starts, search_near, search_sampled
 from eppanalysis.methods.simulation.budget import BudgetExceeded, budget, remaining, telling
 from eppanalysis.methods.simulation.in_samples import InSamples
-from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.runs import run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.methods.simulation.states import OtherStates
 from eppanalysis.models.systems.hybrid import HybridSystem

@@ -23,7 +23,7 @@ from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_ele
 from eppanalysis.methods.search.rests import Met, note_modes
 from eppanalysis.methods.simulation.budget import Budget, BudgetExceeded, budget, remaining
 from eppanalysis.methods.simulation.kept import Run
-from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, repeats_undecided, run_hybrid
+from eppanalysis.methods.simulation.runs import cycle_of_run, judge, repeats_undecided, run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.systems.linear import slowest_pole, zeros

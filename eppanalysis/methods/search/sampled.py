@@ -35,8 +35,8 @@ from eppanalysis.methods.search.result import CycleSearch, exists, undecided
 from eppanalysis.methods.search.unmet import MANY, more_of, unmet
 from eppanalysis.methods.simulation.budget import Budget, BudgetExceeded, budget, telling
 from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.simulation.runs import cycle_of_run, judge, run_hybrid
 from eppanalysis.methods.simulation.samples import extent_of, is_locked
-from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import poles, slowest_pole
 from eppanalysis.models.systems.lure import LureSystem

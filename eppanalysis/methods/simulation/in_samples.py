@@ -10,7 +10,8 @@ import numpy as np
 
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError
-from eppanalysis.methods.simulation.simulate import run_hybrid, simulate
+from eppanalysis.methods.simulation.runs import run_hybrid, run_in_time
+from eppanalysis.methods.simulation.times import sample_times
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import InputSignal, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
@@ -167,7 +168,8 @@ def simulate_in_samples(
     counts = np.arange(n + 1) if t_eval is None else whole_samples(system, "a time of t_eval", t_eval)
     counts = counts[counts <= n]
     # Nothing moves between samples, so that all that a sample brings about is seen half a sample later.
-    made = simulate(form.system, given, (n + 0.5) * T, T * (counts + 0.5), max_events=max_events)
+    end = (n + 0.5) * T
+    made = run_in_time(form.system, given, end, sample_times(end, T * (counts + 0.5)), False, max_events)
     return _at_samples(form, made, np.asarray(T * counts, float), OperatingPoint.of(system, input, t_end), n, wanted)
 
 

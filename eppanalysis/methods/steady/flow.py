@@ -17,7 +17,7 @@ from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.engine.orbits import READY, TOUCHES, derivative_of_run
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.kept import Run
-from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.runs import run_hybrid
 from eppanalysis.methods.simulation.workspaces import of_thread
 from eppanalysis.models.systems.hybrid import HybridSystem, of_model
 from eppanalysis.models.systems.sampled.strobe import Strobe

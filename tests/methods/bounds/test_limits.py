@@ -31,7 +31,7 @@ from eppanalysis.methods.design import bound_curve
 from eppanalysis.methods.design.bound_curve import first_turn
 from eppanalysis.methods.harmonic.loop import inputs_of
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
-from eppanalysis.methods.simulation.simulate import judge, run_hybrid
+from eppanalysis.methods.simulation.runs import judge, run_hybrid
 from eppanalysis.results import LimitCycle, Status
 from tests import made_bounds
 

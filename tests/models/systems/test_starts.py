@@ -63,7 +63,7 @@ def test_cycle_of_a_run_goes_on_from_wherever_it_is_cut(kind: str) -> None:
 
 def state_at(hybrid: HybridSystem, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """State, memory values and modes a moment after t, as the engine has them."""
-    from eppanalysis.methods.simulation.simulate import run_hybrid
+    from eppanalysis.methods.simulation.runs import run_hybrid
 
     run = run_hybrid(hybrid, t * (1.0 + 1e-12), np.zeros(0), 2.0 * hybrid.time_scale, 10_000, 10_000)
     last = run.order[-1] if run.n_kept else None

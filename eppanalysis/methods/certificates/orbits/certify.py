@@ -31,7 +31,7 @@ from eppanalysis.methods.orbits.exact import exact_orbit, start_of, steady_hybri
 from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.orbit import Orbit, solve
 from eppanalysis.methods.orbits.shooting import orbits_near
-from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.runs import run_hybrid
 from eppanalysis.methods.simulation.states import unobservable_apart
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem

@@ -18,7 +18,7 @@ from eppanalysis.methods.orbits.samples.continua import joined
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.period import advance, advances, analyse_period
 from eppanalysis.methods.simulation.rounding import left_by_rounding
-from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
+from eppanalysis.methods.simulation.runs import named_events, run_hybrid
 from eppanalysis.methods.simulation.stability import describe, drifts, verdict
 from eppanalysis.methods.steady.closing import CLOSED, close
 from eppanalysis.methods.steady.flow import MOST_EVENTS, run_over
