@@ -66,7 +66,7 @@ def written(folder, mine) -> Path:
 
 @pytest.fixture(scope="module")
 def html(written) -> str:
-    return page.to_html(nbformat.read(written, 4))
+    return page.to_html(nbformat.read(written, 4), written)
 
 
 def outputs(notebook, heading: str) -> list:
