@@ -54,3 +54,19 @@ def test_a_delay_of_many_samples_leaves_open_what_it_leaves_out() -> None:
     loop = epp.LureSystem.build([[0.9]], [[0.1]], [[-20.0]], [epp.Saturation()], time_step=0.01, delays=[1e3])
     found = epp.predict_limit_cycles(loop)
     assert found.status is Status.INCOMPLETE and "are open, because" in found.search and len(found) > 10
+
+
+def test_a_run_with_more_samples_on_their_way_than_a_matrix_holds_is_refused() -> None:
+    loop = epp.LureSystem.build([[0.9]], [[0.1]], [[-20.0]], [epp.Saturation()], time_step=0.01, delays=[1e3])
+    for analysis in (epp.simulate, epp.find_limit_cycles):
+        with pytest.raises(epp.EppError, match="its dead times hold 100000 samples.*expected at most 4000"):
+            analysis(loop, **({"t_end": 1.0} if analysis is epp.simulate else {}))
+
+
+@pytest.mark.slow
+def test_a_search_goes_on_where_a_run_has_more_switches_than_its_history_holds() -> None:
+    loop = epp.LureSystem.from_tf(([20.0], [1e-4, 1.0]), epp.Saturation(), delay=100.0)
+    begun = time.process_time()
+    found = epp.find_limit_cycles(loop)
+    assert time.process_time() - begun < 60.0
+    assert found.status is Status.UNDECIDED and "no orbit was closed for the cycles predicted" in str(found)
