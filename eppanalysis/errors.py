@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Iterable
+from datetime import date, time
 from functools import partial
 from importlib import util
 from typing import Any, NamedTuple
@@ -130,6 +131,33 @@ class DrivenTwice(NamedTuple):
 Fault = UnknownName | OpenInput | IdleInput | AlgebraicLoop | DrivenTwice
 
 
+def _typed(value: Any) -> Any:
+    """What is shown of a value of a file as the file has it: true, dates and tables are not Python's."""
+    if isinstance(value, bool):
+        return _Text("true" if value else "false")
+    if isinstance(value, date | time):
+        return _Text(value.isoformat())
+    if isinstance(value, list):
+        return [_typed(part) for part in value]
+    if isinstance(value, dict):
+        return _Text(f"{{{', '.join(f'{key} = {_typed(part)!r}' for key, part in value.items())}}}")
+    return value
+
+
+def _in_file(value: Any) -> str:
+    try:
+        return shown(_typed(value))
+    except RecursionError:  # tables without end
+        return shown(value)
+
+
+class _Text(str):
+    """A text that is shown without quotation marks."""
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
 class EppError(Exception):
     """A request that cannot be carried out, in one sentence that says why and what was expected."""
 
@@ -184,7 +212,7 @@ class CaseError(EppError):
         self.source, self.field, self.value, self.expected, self.fault = source, field, value, expected, fault
         self.also = also
         where = f"{source}: {_cut(visible(field))}" if field else source
-        super().__init__(f"{where} is {shown(value)}; expected {expected}{'' if expected.endswith('?') else '.'}")
+        super().__init__(f"{where} is {_in_file(value)}; expected {expected}{'' if expected.endswith('?') else '.'}")
 
     def __reduce__(self) -> tuple[type[CaseError], tuple[Any, ...]]:
         """Made again from its fields, so that another process can send it back."""

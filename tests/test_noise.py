@@ -37,7 +37,10 @@ LONG = """
 OPEN = {
     ("simulate", "azimuth_servo"): "whether a sample that falls on the end of a run counts as an event is rounding",
     ("simulate", "virtual_spring"): "whether a sample that falls on the end of a run counts as an event is rounding",
-    ("simulate", "buck_converter"): "an irregular motion is told by the turns of one run: no orbit is closed to confirm it",
+    (
+        "simulate",
+        "buck_converter",
+    ): "an irregular motion is told by turns of one run: no orbit is closed to confirm it",
     ("cycles", "buck_converter"): "which members of a continuum are listed is what runs happen to come to",
     ("cycles", "stiction_deadband_none"): "how many runs a search makes depends on where its bisections end",
 }

@@ -243,11 +243,17 @@ def _read_text(path: Path, source: str) -> str:
             raise CaseError(source, "", there, "a case file")
         if path.stat().st_size > LARGEST_FILE:
             raise CaseError(source, "", f"{path.stat().st_size} bytes long", f"at most {LARGEST_FILE} bytes")
-        return path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise CaseError(source, "", f"not UTF-8 at byte {error.start}", "a TOML file in UTF-8") from None
     except (OSError, ValueError) as error:
         raise CaseError(source, "", getattr(error, "strerror", None) or str(error), "a readable case file") from None
+    # Letters of two or four bytes are valid UTF-8 with zeros between, which no text holds.
+    if "\0" in text:
+        raise CaseError(
+            source, "", f"not UTF-8 text, as it has a zero at byte {text.encode().index(0)}", "a TOML file in UTF-8"
+        )
+    return text
 
 
 def _parse_toml(text: str, source: str) -> dict[str, Any]:

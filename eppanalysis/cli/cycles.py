@@ -115,11 +115,15 @@ def _show_cycles(case: Case, search: CycleSearch, triggers: Sequence[Trigger], w
 
 def _trigger_text(case: Case, hit: Trigger) -> str:
     """The threshold between its two sides, with as many digits as tell them apart."""
+    from eppanalysis.methods.search.trigger import GROWS
+
     external = hit.name in case.to_system().input_names
     unit, factor = readable(hit.unit or (case.input_unit if external else ""))
     name, tail = words(hit.name), f" {unit}" if unit else " (SI unit)"
     if math.isnan(hit.size):
         return f"{name} by up to {number(hit.tried * factor)}{tail} starts no cycle."
+    if hit.size == 0.0:
+        return f"{name} by any size starts a cycle: {GROWS}."
     for digits in range(DIGITS, 18):
         starts, settles = (f"{value * factor:.{digits}g}" for value in (hit.starts, hit.settles))
         if starts != settles:

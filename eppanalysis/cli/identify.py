@@ -4,7 +4,7 @@ which element of a loop explains a recorded oscillation.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -108,7 +108,7 @@ def identify(
     if not benches:
         expected = "--tray, --backlash or --step" if base.kind == "elbow" else "--step"
         raise EppError(f"identify: no measured file is given; expected {expected}.")
-    chosen = _choices(columns, "column", ("time", *layout_of(base).units)) if columns else {}
+    chosen = _choices(columns, "column", {"time": "s", **layout_of(base).units}) if columns else {}
     tray, backlash, step = (None if path is None else own_or_shipped(path) for path in (tray, backlash, step))
     with progress("identify") as advance:
         found = run(
@@ -124,8 +124,8 @@ def identify(
         _write(found, output, benches)
 
 
-def _choices(texts: Sequence[str], what: str, names: Collection[str]) -> dict[str, tuple[str, str]]:
-    """Header and unit of each role (or signal, as `what` calls it) that ``--column`` names."""
+def _choices(texts: Sequence[str], what: str, names: Mapping[str, str]) -> dict[str, tuple[str, str]]:
+    """Header and unit of each role (or signal, as `what` calls it) that ``--column`` names, of those with a unit."""
     from eppanalysis.identify.columns import parse_choice
 
     out: dict[str, tuple[str, str]] = {}
@@ -221,7 +221,7 @@ def diagnose(
 
     check_output(output)
     found = load_case(case, settings)
-    chosen = _choices(columns, "signal", ("time", *found.to_system().signals.names))
+    chosen = _choices(columns, "signal", {"time": "s", **found.to_system().signals.units_by_name()})
     with progress(f"diagnose {found.name}") as advance:
         result = run(
             found,

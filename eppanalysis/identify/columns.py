@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 from eppanalysis.errors import CaseError
+from eppanalysis.readable import readable, written
 from eppanalysis.units import QuantityError, parse_any, parse_quantity
 
 
@@ -58,8 +59,13 @@ class Column:
     header: str
 
 
-def parse_choice(text: str, roles: Collection[str] = ROLES) -> tuple[str, str, str]:
+def parse_choice(text: str, roles: Mapping[str, str] = ROLES) -> tuple[str, str, str]:
     """Role, header and unit ("" where the header gives it) of ``force=F (lbf):lbf``, as ``--column`` takes it.
+
+    Parameters
+    ----------
+    roles : mapping of str to str
+        SI unit of every role.
 
     Raises
     ------
@@ -76,11 +82,18 @@ def parse_choice(text: str, roles: Collection[str] = ROLES) -> tuple[str, str, s
     role, equals, rest = text.partition("=")
     role = role.strip() if role.strip() in roles else role.strip().lower()
     if not equals or not rest.strip():
-        raise CaseError("--column", "", text, 'ROLE="HEADER:UNIT", such as force="F (lbf):lbf"')
+        raise CaseError("--column", "", text, f'ROLE="HEADER:UNIT", such as {_example(roles)}')
     if role not in roles:
         raise CaseError("--column", "", text, f"a role that is one of {', '.join(dict.fromkeys(roles))}")
     header, colon, unit = rest.rpartition(":")
     return (role, header.strip(), unit.strip()) if colon else (role, rest.strip(), "")
+
+
+def _example(roles: Mapping[str, str]) -> str:
+    """How a column is named for the first of some roles that is not the time."""
+    role = next((role for role in roles if role != Role.TIME), Role.TIME)
+    unit = _EXAMPLES.get(role) or written(readable(roles[role])[0])
+    return f'{role}="channel 1{f":{unit}" if unit else ""}"'
 
 
 def find_columns(

@@ -46,6 +46,7 @@ class Recording:
     resolution: dict[str, float]  # smallest step between different readings of a column, in SI units
     timed: bool  # whether the file has times
     unused: tuple[str, ...] = ()  # headers of the other columns
+    header: tuple[str, ...] = ()  # of all columns, as typed
 
     def __len__(self) -> int:
         return len(self.columns[Role.TIME])
@@ -141,7 +142,10 @@ def _read(
     if not timed:
         columns[Role.TIME] = np.arange(float(len(rows)))
     unused = tuple(cell.strip() for i, cell in enumerate(header) if i not in {c.place for c in found})
-    return Recording(source, columns, table.n_rows, table.n_holes, blocks.block, table.resolution(), timed, unused)
+    return Recording(
+        source, columns, table.n_rows, table.n_holes, blocks.block, table.resolution(), timed, unused,
+        tuple(cell.strip() for cell in header),
+    )  # fmt: skip
 
 
 def read_signals(
@@ -173,7 +177,7 @@ def read_signals(
     units = {**units, Role.TIME: "s"}
     found = read_recording(path, (Role.TIME,), others, columns, fewest=fewest, progress=progress, units=units)
     if not any(name in found for name in signals):
-        shown = ", ".join(("time", *found.unused))
+        shown = ", ".join(found.header)
         hint = did_you_mean(found.unused[0].partition("[")[0].strip() if found.unused else "", signals)
         raise CaseError(found.source, "line 1", shown, f"a column of a signal of the loop: {hint}")
     return found
@@ -251,6 +255,7 @@ class _Table:
         self.factors = np.array([c.factor for c in columns])
         self.time = next((i for i, c in enumerate(columns) if c.role == Role.TIME), None)
         self.last = -math.inf
+        self.begun: float | None = None
         self.n_rows = self.n_holes = 0
         self.steps = np.full(len(columns), math.inf)
 
@@ -330,6 +335,10 @@ class _Table:
         return value
 
     def _check_size(self, rows: Array, text: str, line: int) -> None:
+        if self.time is not None and len(rows):
+            # Stamps count from some day long ago: how large a time is says when the record begins, and nothing else.
+            self.begun = float(rows[0, self.time]) if self.begun is None else self.begun
+            rows = rows - self.begun * (np.arange(len(self.columns)) == self.time)
         wrong = np.argwhere(np.abs(rows) > LARGEST)
         if len(wrong):
             i, j = (int(k) for k in wrong[0])

@@ -27,14 +27,16 @@ def check(path: Path) -> None:
     Raises
     ------
     EppError
-        If the suffix is not one of a report, the folder does not exist, a library is missing, or a PDF is asked for and
-        there is no browser that prints it.
+        If the suffix is not one of a report, the folder does not exist, a library or its templates are missing, or a
+        PDF is asked for and there is no browser that prints it.
     """
-    from eppanalysis.report.page import find_browser
+    from eppanalysis.report.page import exporter, find_browser
     from eppanalysis.tables.files import check_target
 
     check_target(path, SUFFIXES)
     require_packages(f"{path}: a report", "report", *_NEEDED)
+    if path.suffix.lower() != ".ipynb":
+        exporter(path)
     if path.suffix.lower() == ".pdf":
         find_browser(path)
 

@@ -15,6 +15,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.writing import atomic
 
 if TYPE_CHECKING:
+    from nbconvert import HTMLExporter
     from nbformat import NotebookNode
 
 #: Browsers that print a page without a window, by the names of their programs.
@@ -46,18 +47,37 @@ def write(notebook: NotebookNode, path: Path) -> None:
             nbformat.validate(notebook)
             part.write_text(nbformat.writes(notebook) + "\n", encoding="utf-8")
         elif path.suffix.lower() == ".html":
-            part.write_text(to_html(notebook), encoding="utf-8")
+            part.write_text(to_html(notebook, path), encoding="utf-8")
         else:
-            print_page(to_html(notebook), part, path)
+            print_page(to_html(notebook, path), part, path)
 
 
-def to_html(notebook: NotebookNode) -> str:
-    """The page: one file without scripts and without links to anything outside."""
+def to_html(notebook: NotebookNode, path: Path) -> str:
+    """The page for a file: without scripts and without links to anything outside."""
+    return str(exporter(path).from_notebook_node(notebook)[0])
+
+
+def exporter(path: Path) -> HTMLExporter:
+    """What makes pages of notebooks.
+
+    Raises
+    ------
+    EppError
+        If the templates that nbconvert brings beside its modules are not there; it names `path`.
+    """
+    from jinja2 import TemplateNotFound
     from nbconvert import HTMLExporter
 
-    exporter = HTMLExporter(template_name="eppanalysis", extra_template_basedirs=[str(_TEMPLATES)])
-    exporter.register_filter("unbroken", unbroken)
-    return str(exporter.from_notebook_node(notebook)[0])
+    try:
+        made = HTMLExporter(template_name="eppanalysis", extra_template_basedirs=[str(_TEMPLATES)])
+        made.register_filter("unbroken", unbroken)
+        made.template  # noqa: B018  # is read when it is first asked for, which is where one that is missing shows
+    except (ValueError, TemplateNotFound):
+        how = "'pip install --force-reinstall nbconvert' installs, or a report that ends in .ipynb"
+        raise EppError(
+            f"{path}: a page needs the templates of nbconvert, which are missing; expected what {how}."
+        ) from None
+    return made
 
 
 def unbroken(text: str) -> str:

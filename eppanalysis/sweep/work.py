@@ -250,13 +250,13 @@ class _Cell:
                 found = [
                     k for k in trigger(self.case, cycles=self.search, states=states) if k.name == self.task.disturbed
                 ]
-                starts = [k.size for k in found if np.isfinite(k.size)]
+                starts = [k for k in found if np.isfinite(k.size)]
                 kind = TriggerOutcome.HOLDS if found else TriggerOutcome.UNKNOWN
-                for size in starts:
-                    self.put("trigger_up" if size > 0 else "trigger_down", abs(size))
+                for k in starts:
+                    self.put("trigger_up" if k.tried > 0 else "trigger_down", abs(k.size))
                 if starts:
                     kind = TriggerOutcome.STARTS
-                    self.put("trigger", min(map(abs, starts)))
+                    self.put("trigger", min(abs(k.size) for k in starts))
             except NoRest:
                 kind = TriggerOutcome.NO_REST
         self.put("trigger_outcome", kind)

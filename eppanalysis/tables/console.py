@@ -221,7 +221,7 @@ def triggers_table(triggers: Sequence[Trigger]) -> Table:
     for trigger in triggers:
         unit, factor = readable(trigger.unit)
         none = math.isnan(trigger.size)
-        size = "nothing tried starts one" if none else cell(trigger.size * factor)
+        size = "nothing tried starts one" if none else "any" if trigger.size == 0.0 else cell(trigger.size * factor)
         name = _STATE.sub(r"state \g<0>", words(trigger.name))
         table.add_row(with_unit(name, unit or "SI unit"), size, cell(trigger.tried * factor))
     return table

@@ -356,3 +356,31 @@ gap = { element = "play", gap = 2.0 }
     assert found.expected.endswith("such as 'my_relay' here and wherever it is named")
     path.write_text(path.read_text(encoding="utf-8").replace('"my-relay"', "# my-relay"), encoding="utf-8")
     assert "Motor/Angle 1" in epp.read_case(path).to_system().signals.names
+
+
+@pytest.mark.parametrize(
+    ("typed", "shown"),
+    [
+        ("true", "true"),
+        ("false", "false"),
+        ("2024-01-31", "2024-01-31"),
+        ("12:30:00", "12:30:00"),
+        ("2024-01-31T12:30:00", "2024-01-31T12:30:00"),
+        ("[1, true]", "[1, true]"),
+        ('{ m = true, n = "a" }', "{m = true, n = 'a'}"),
+    ],
+)
+def test_a_value_is_shown_as_it_was_typed(typed: str, shown: str) -> None:
+    text = epp.case("relay_deadzone").to_toml()
+    title = next(line for line in text.splitlines() if line.startswith("title"))
+    with pytest.raises(epp.EppError) as caught:
+        epp.case_from_text(text.replace(title, f"title = {typed}"), name="mine")
+    assert f"title is {shown}; expected" in str(caught.value)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32-le"])
+def test_a_file_in_another_encoding_is_called_that(encoding: str, tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_bytes(epp.case("relay_deadzone").to_toml().encode(encoding))
+    with pytest.raises(epp.EppError, match=r"is 'not UTF-8 .*byte [013].*expected a TOML file in UTF-8"):
+        epp.read_case(file)

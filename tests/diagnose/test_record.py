@@ -6,8 +6,10 @@ import re
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import eppanalysis as epp
+from eppanalysis.cli.commands import app
 from eppanalysis.diagnose.record import Oscillation, Record, oscillation_of, record_of
 from eppanalysis.errors import EppError
 
@@ -173,3 +175,29 @@ def test_a_data_frame_that_is_no_record_is_one_sentence(wrong: str) -> None:
             frame = frame[["time", "x", "x"]]
     with pytest.raises(epp.EppError, match="expected|must"):
         epp.diagnose(loop, frame)
+
+
+def test_stamps_of_a_clock_that_counts_from_1970_are_times(tmp_path):
+    """What is told of a record does not depend on when it began."""
+    t = np.arange(400) * 0.05
+    file = tmp_path / "log.csv"
+    for begun in (0.0, 1.7e9):
+        rows = "".join(f"{begun + s:.2f},{np.sin(2.0 * s) + 0.2 * np.sin(6.0 * s):.6f}\n" for s in t)
+        file.write_text(f"time [s],x\n{rows}", encoding="utf-8")
+        assert oscillation_of(record_of(file, UNITS)).omega == pytest.approx(2.0, rel=1e-5)
+
+
+def test_a_time_that_jumps_out_of_all_range_is_refused(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("time [s],x\n" + "".join(f"{s},1\n" for s in range(40)) + "2e9,1\n", encoding="utf-8")
+    with pytest.raises(EppError, match=r"time is '2e9'; expected an ordinary magnitude"):
+        record_of(file, UNITS)
+
+
+def test_headers_and_examples_are_those_of_the_record(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("time [s],speed\n" + "".join(f"{s},1\n" for s in range(40)), encoding="utf-8")
+    with pytest.raises(EppError, match=r"line 1 is 'time \[s\], speed'; expected a column of a signal of the loop"):
+        record_of(file, UNITS)
+    ran = CliRunner().invoke(app, ["diagnose", "two_mass_damped_shaft", str(file), "--column", "speed"])
+    assert 'such as twist="channel 1:deg"' in " ".join(ran.output.split())

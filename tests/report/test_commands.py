@@ -198,3 +198,14 @@ def test_commands_of_a_file_of_ones_own_run(mine: epp.Case) -> None:
     for text in printed(mine.with_values({"K": "20 rpm"})):
         done = CliRunner().invoke(app, shlex.split(text)[1:])
         assert done.exit_code == 0, f"{text}: {done.output}"
+
+
+def test_a_page_without_the_templates_of_nbconvert_is_refused_before_anything_is_computed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """As where they were not installed: they lie beside its modules, under share/jupyter."""
+    target = "nbconvert.exporters.templateexporter.TemplateExporter.get_prefix_root_dirs"
+    monkeypatch.setattr(target, lambda _: [])
+    with pytest.raises(epp.EppError, match="needs the templates of nbconvert.*pip install --force-reinstall nbconvert"):
+        epp.report(epp.case("sat_am165"), tmp_path / "x.html")
+    assert not [*tmp_path.iterdir()]

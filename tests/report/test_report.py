@@ -66,7 +66,7 @@ def written(folder, mine) -> Path:
 
 @pytest.fixture(scope="module")
 def html(written) -> str:
-    return page.to_html(nbformat.read(written, 4))
+    return page.to_html(nbformat.read(written, 4), written)
 
 
 def outputs(notebook, heading: str) -> list:
@@ -246,7 +246,7 @@ def test_an_old_report_outlives_a_failure(folder, monkeypatch):
     path = folder / "old.html"
     path.write_text("old")
     monkeypatch.setattr(making, "SECTIONS", (sections.Section("Broken", "", lambda case: "exit(3)"),))
-    monkeypatch.setattr(page, "to_html", lambda notebook: 1 / 0)
+    monkeypatch.setattr(page, "to_html", lambda notebook, path: 1 / 0)
     with pytest.raises((EppError, ZeroDivisionError)):
         epp.report(epp.case("fig8a_original"), path)
     assert path.read_text() == "old" and not list(folder.glob(".old*"))

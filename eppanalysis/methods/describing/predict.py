@@ -39,7 +39,7 @@ from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.own_states import ports
 from eppanalysis.models.systems.sampled.averaged import AveragedSystem, averaged
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
-from eppanalysis.readable import listed
+from eppanalysis.readable import count, listed
 from eppanalysis.results import DESCRIBING_FUNCTION, LimitCycle, Prediction, Status
 from eppanalysis.results.deferred import Deferred
 from eppanalysis.results.measured import MeasuredCycle
@@ -47,6 +47,8 @@ from eppanalysis.results.provenance import Provenance
 
 #: Relative residual of the balance up to which a cycle is one.
 _RESIDUAL = 1e-9
+#: Sum of the cubes of the phases [rad^3] that a dead time turns at the cycles of a loop, up to which they are kept.
+_MOST_MODES = 5e7
 #: Share below which a part of an input is rounding, as in coordinates that were turned.
 _SAME = 1e-9
 #: Amplitude of an input that stands still.
@@ -277,8 +279,28 @@ def search_balance(system: LureSystem, value: Array) -> tuple[Balance, Found, li
     single = is_one_loop(system)
     balance = Balance.of(system, 0 if single else choose_pivot(system), value)
     found = search_one(balance) if single else search_several(balance)
-    points = sorted((point(balance, x) for x in found.cycles), key=lambda p: float(p.amplitude[0]))
+    found, cycles = _slowest(system, found)
+    points = sorted((point(balance, x) for x in cycles), key=lambda p: float(p.amplitude[0]))
     return balance, found, [p for p in points if p.residual < _RESIDUAL and np.all(p.amplitude > 0)]
+
+
+def _slowest(system: LureSystem, found: Found) -> tuple[Found, Array]:
+    """The slowest of the modes that a dead time makes, as many as can be judged, and what is said of the others."""
+    if isinstance(system, DataSystem) or not np.any(system.delays) or not len(found.cycles):
+        return found, found.cycles
+    omega = np.exp(found.cycles[:, 1])
+    order = np.argsort(omega, kind="stable")
+    # Poles beside a cycle are those of a matrix as large as the phase that the dead time turns.
+    work = np.cumsum((omega[order] * system.delays.max()) ** 3)
+    kept = order[work <= _MOST_MODES]
+    if kept.size == order.size:
+        return found, found.cycles
+    open_ones = np.sort(omega)[kept.size :] / (2.0 * np.pi)
+    text = (
+        f" The dead time makes {count(order.size, 'cycle')}: those from {open_ones[0]:.3g} to {open_ones[-1]:.3g} Hz "
+        "are open, because the dead time turns their phase so often that their stability takes too long to decide."
+    )
+    return replace(found, search=found.search + text, complete=False), found.cycles[np.sort(kept)]
 
 
 @np.errstate(all="ignore")

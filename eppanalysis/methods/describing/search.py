@@ -30,7 +30,8 @@ from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.readable import count
 from eppanalysis.roots import stretches
 
-_MOST_NODES = 4000
+#: Phase of the dead time [rad] up to which frequencies are searched, and between two of them.
+_MOST_PHASE, _PHASE_STEP = 800.0, 0.2
 #: Places beside a frequency at which the linear part changes, relative to it.
 _BESIDE = np.concatenate([-np.geomspace(1e-7, 0.1, 8), [1e-10], np.geomspace(1e-7, 0.1, 8)])
 #: Amplitudes at which gains are held against what the linear part asks for, relative to a threshold.
@@ -155,10 +156,16 @@ def frequency_nodes(system: LureSystem, per_decade: int, lowest_gain: float = 0.
     if np.any(system.delays):
         bounded = lowest_gain > 0
         top = _gain_limit(system, np.concatenate(nodes), lowest_gain) if bounded else 2 * np.pi / system.delays.max()
-        step = 0.2 / system.delays.max()
-        nodes.append(np.arange(1, min(_MOST_NODES, int(top / step) + 2)) * step)
+        step, top = _PHASE_STEP / system.delays.max(), min(top, dead_time_reach(system))
+        nodes.append(np.arange(1, int(top / step) + 2) * step)
     out = np.unique(np.concatenate(nodes))
     return out[(out > 0) & (out <= top)]
+
+
+def dead_time_reach(system: LureSystem) -> float:
+    """Frequency [rad/s] up to which the phase of the dead time is searched; infinite without one."""
+    latest = 0.0 if isinstance(system, DataSystem) else float(system.delays.max(initial=0.0))
+    return _MOST_PHASE / latest if latest else np.inf
 
 
 def _gain_limit(system: LureSystem, omega: Array, lowest_gain: float) -> float:
@@ -233,9 +240,9 @@ def search_one(balance: Balance) -> Found:
     finder = _on_crossings if real else _on_phase_curves
     cycles, curves, unsolved = finder(balance, list(zip(lines, gains, strict=True)), omega, L)
     text = _sentence(system, real, omega, amplitude, len(lines))
-    few = pieces <= _MOST_CENTRES
+    few, whole = pieces <= _MOST_CENTRES, _is_whole(system, omega)
     text += _MANY_STEPS * (not few) + _MANY_BRANCHES * (not followed) + _FEW_PLACES * coarse
-    complete = few and followed and not coarse
+    complete = few and followed and whole and not coarse
     return Found(distinct(balance, cycles), tuple(curves), text, complete, unsolved=unsolved)
 
 
@@ -256,7 +263,8 @@ def _search_single(single: SingleBias, amplitude: Array) -> Found:
     for w in phase_crossings(balance, omega, L):
         gain = float(balance.linear(np.array([w]))[0, 0, 0].real)
         cycles.append(_roots_in_amplitude(balance, amplitude, N * gain, w, gain, single.at))
-    return Found(distinct(balance, np.concatenate(cycles)), (), _sentence(balance.system, True, omega, amplitude, 1))
+    text = _sentence(balance.system, True, omega, amplitude, 1)
+    return Found(distinct(balance, np.concatenate(cycles)), (), text, _is_whole(balance.system, omega))
 
 
 def thresholds_of(balance: Balance) -> Array:
@@ -495,6 +503,11 @@ def _may_pass_one(loop_gain: Array) -> BoolArray:
     return beside | np.append(beside[1:], False) | np.append(False, beside[:-1])
 
 
+def _is_whole(system: LureSystem, omega: Array) -> bool:
+    """Whether a grid goes on to where the gain cannot suffice, and is not cut off where the dead time has turned."""
+    return bool(omega[-1] < (1.0 - 1e-9) * dead_time_reach(system))
+
+
 def _sentence(system: LureSystem, real: bool, omega: Array, amplitude: Array, n_branches: int) -> str:
     how = (
         "every frequency at which the linear part is real, then every amplitude on each branch of the bias"
@@ -510,5 +523,10 @@ def _sentence(system: LureSystem, real: bool, omega: Array, amplitude: Array, n_
         text += (
             " Dead time makes the phase turn for ever: faster modes, for which the gain cannot suffice (or, with an "
             "element of unbounded gain, whose period is shorter than the dead time), were left out."
+        )
+    if not _is_whole(system, omega):
+        text += (
+            f" Faster cycles than {omega[-1] / (2.0 * np.pi):.3g} Hz are open, because the dead time has turned the "
+            f"phase {_MOST_PHASE / (2.0 * np.pi):.0f} times there and the gain may still suffice."
         )
     return text

@@ -86,7 +86,8 @@ class Orbit:
     @cached_property
     def residual(self) -> float:
         """Largest residual relative to the size of the motion."""
-        size = float(np.max(np.abs(self.r) / self.row_scale))
+        with np.errstate(over="ignore", invalid="ignore"):  # of a motion that has gone beyond all range
+            size = float(np.max(np.abs(self.r) / self.row_scale))
         return size if np.isfinite(size) else float("inf")
 
     @cached_property

@@ -13,7 +13,7 @@ import numpy as np
 
 from eppanalysis.arrays import Array, IntArray
 from eppanalysis.engine.orbits import sizes_of_residuals
-from eppanalysis.errors import ModelError
+from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.delayed.motion import delayed_motion, is_delayed
 from eppanalysis.methods.orbits.guess import Guess, guess_along, make_guess, recurrences
@@ -452,7 +452,10 @@ def orbits_near(
     seen: set[bytes] = set()
     # A short run first, before it has left an unstable cycle; a stable one is nearer after a long one.
     for turns in (2.6, 8.0):
-        run = run_hybrid(start, turns * period, _NO_SAMPLES, 2.0 * hybrid.time_scale, 2000, 2000)
+        try:
+            run = run_hybrid(start, turns * period, _NO_SAMPLES, 2.0 * hybrid.time_scale, 2000, 2000)
+        except EppError:  # a dead time with more switches than its history holds
+            return
         for guess in recurrences(hybrid, run, (0.5 * period, 1.6 * period), 4):
             if guess.event_sequence.key in seen:
                 continue

@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from eppanalysis.arrays import Array
-from eppanalysis.errors import ModelError
+from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.decoupled import in_decoupled_states
@@ -457,7 +457,10 @@ class _Search(SearchReport):
         quiet = [steady_hybrid(self.system, self.at, observed=True)] if self.hybrid.may_be_quiet else []
         for hybrid in (self.hybrid, *quiet):
             start = hybrid.at(x, H, hybrid.modes0)
-            run = run_hybrid(start, self.horizon, NO_SAMPLES, 2.0 * self.hybrid.time_scale, MOST_EVENTS, 400)
+            try:
+                run = run_hybrid(start, self.horizon, NO_SAMPLES, 2.0 * self.hybrid.time_scale, MOST_EVENTS, 400)
+            except EppError:  # a dead time with more switches than its history holds
+                continue
             for guess in recurrences(hybrid, run, None, 3, 400):
                 orbit = close_orbit(hybrid, guess, self.orbits)
                 if orbit is not None and not is_stable(orbit.multipliers, orbit.one_of_many):

@@ -29,6 +29,7 @@ from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.systems.linear import slowest_pole, zeros
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.starts import remembered
 from eppanalysis.progress import Progress
 from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
@@ -202,11 +203,20 @@ class RunOutcomes:
             return RunOutcome.UNDECIDED
 
     def _beside(self, x: Array, H: Array, end: RunOutcome | int) -> RunOutcome | int:
-        """The end of a run, but that of one beside it where a run stays at its very start: no motion settles there."""
+        """The end of a run, but that of one beside it where a run stays at its very start and to neither side a motion
+        settles there.
+        """
         if end is not RunOutcome.REST or self.rest is None or not np.array_equal(self.rest[0], x):
             return end
         rest, moved = self.rest, self.hybrid.compared * _ASIDE * self._sizes()
-        beside = self._end_of(self.hybrid.at(x + moved, H, self.hybrid.modes0))
+        # The elements remember what they have at rest: of what they are given some can take a part only, as a play.
+        start = self.hybrid.at(x, H, self.hybrid.modes0)
+        there = self._run(start, self.horizon).end(start)
+        memory = remembered(there, there.x0, there.H0, there.modes0)
+        for sign in (1.0, -1.0):
+            beside = self._end_of(there.begun((x + sign * moved)[: there.n_plant], memory))
+            if beside is RunOutcome.REST:
+                break
         self.rest = rest if beside is RunOutcome.REST else None
         return beside
 

@@ -153,7 +153,7 @@ def plot_trigger(trigger: Trigger, ax: Axes | None = None) -> Figure:
     if not none:
         text = f"starts a cycle: {number(edge)} {unit}".rstrip()
         ax.axvline(edge, color=VERMILLION, linewidth=1.6, label=text)
-    far = 1.3 * (end if none else edge)
+    far = 1.3 * (end if none or not edge else edge)
     ax.set_xlim(min(0.0, far), max(0.0, far))
     ax.set_yticks([])
     ax.set_xlabel(with_unit(words(trigger.name), unit))

@@ -21,7 +21,8 @@ from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.runs import judge, run_hybrid
-from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.methods.steady.flow import advance, stacked
+from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe, is_sampled
@@ -38,6 +39,9 @@ if TYPE_CHECKING:
 #: Sizes that are tried, relative to the cycle's own; neighbours differ by a tenth.
 _GRID = np.geomspace(1e-3, 30.0, 110)
 _DIGITS = 1e-7
+#: Squarings of a derivative between which what a disturbance becomes is compared, and a ratio that is growth: a drift
+#: gains the 18th power of two, and rounding gains nothing in so many times.
+_EARLY, _LATE, _GROWN = 22, 40, 1e3
 #: Of a balance, relative to its largest terms, that is rounding.
 _ROUNDING = 1e-9
 #: Where an elbow is disturbed: at the forearm.
@@ -53,6 +57,10 @@ _AT_SAMPLES = (
 )
 
 
+#: Why any disturbance starts a cycle.
+GROWS = "linearised at rest, the loop lets it grow however small it is"
+
+
 class NoRest(EppError):
     """The loop has no resting state that its start leads to, so there is nothing to disturb."""
 
@@ -66,9 +74,11 @@ class Trigger(Result):
     name : str
         External input that is stepped, or state that is displaced.
     size : float
-        The threshold, signed [SI]; nan where no size up to `tried` starts a cycle.
+        The threshold, signed [SI]; nan where no size up to `tried` starts a cycle; 0 where every disturbance grows
+        however small, by the loop linearised at rest.
     settles, starts : float
-        Sizes on both sides of it at which a run settles, and ends on a cycle.
+        Sizes on both sides of it at which a run settles, and ends on a cycle; `starts` is the smallest tried where
+        `size` is 0.
     tried : float
         Largest size tried.
     not_covered : str
@@ -93,6 +103,8 @@ class Trigger(Result):
             tried = quantity(self.tried, self.unit)
             none = f"No disturbance of {words(self.name)} starts a limit cycle; the largest tried is {tried}."
             return none + self.not_covered
+        if self.size == 0.0:
+            return f"Any disturbance of {words(self.name)} starts a limit cycle: {GROWS}.{self.not_covered}"
         size = quantity(self.size, self.unit)
         return f"A disturbance of {words(self.name)} by {size} just starts a limit cycle.{self.not_covered}"
 
@@ -163,9 +175,12 @@ def trigger(
     amplitude = np.max([form.range_of(c) for c in found], axis=0)
     to = Judge(40.0 * max(c.period for c in found), np.append(amplitude, np.zeros(len(system.v0))))
     rest = _rest(hybrid, form, system, at, to)
+    as_on_cycles = np.abs(stacked(form.moved(rest, amplitude, np.zeros(len(system.v0)))) - stacked(rest))
+    linear = Linearised.at(rest, to.horizon / 40.0, as_on_cycles)
     out: list[Trigger] = []
     for name, unit, apply, scale in _directions(system, form, rest, amplitude, states):
-        both = [replace(_threshold(name, apply, sign * scale, to), unit=unit) for sign in (1.0, -1.0)]
+        grows = linear is not None and linear.grows(apply(scale))
+        both = [replace(_threshold(name, apply, sign * scale, to, grows), unit=unit) for sign in (1.0, -1.0)]
         out += sorted(both, key=lambda k: (not np.isfinite(k.size), abs(k.size)))
     made_by = Provenance("smallest disturbance by runs", {"system": system.name}, {"size": _DIGITS})
     beside = _AT_SAMPLES if is_sampled(system.elements) else ""
@@ -193,6 +208,42 @@ class Judge:
                 break
             t *= 2.5
         return status, run
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A loop about its rest: what a small disturbance becomes over a time, and over that time again and again."""
+
+    rest: HybridSystem
+    first: Array  # (N, N): derivative by the rest of where the loop is half the time later, between samples
+    powers: tuple[Array, Array]  # (N, N): derivatives over two numbers of times, the second one far larger
+    size: Array  # (N,): how far what moves on cycles does
+
+    @classmethod
+    def at(cls, rest: HybridSystem, period: float, size: Array) -> Linearised | None:
+        """None where the flow has no derivative at rest, or states do not tell all, as behind a dead time."""
+        strobe = Strobe.of(rest)
+        if strobe is not None:
+            period = strobe.period * np.ceil(period / strobe.period)
+        if np.any(rest.model.smooth_kind == DELAY_LINE) or not np.isfinite(period):
+            return None
+        half = advance(rest, 0.5 * period)
+        whole = None if half is None else advance(half.run.end(rest), period)
+        if half is None or whole is None or not np.all(np.isfinite(half.derivative) & np.isfinite(whole.derivative)):
+            return None
+        powers = [whole.derivative]
+        with np.errstate(over="ignore", invalid="ignore"):  # what grows may do so beyond all range
+            for _ in range(_LATE):
+                powers.append(powers[-1] @ powers[-1])
+        return cls(rest, half.derivative, (powers[_EARLY], powers[_LATE]), size)
+
+    def grows(self, moved: HybridSystem) -> bool:
+        """Whether what becomes of a disturbance has no bound, as beside an unstable pole or where something drifts."""
+        moves = np.flatnonzero(self.size > 0.0)
+        disturbance = self.first @ (stacked(moved) - stacked(self.rest))
+        with np.errstate(over="ignore", invalid="ignore"):
+            early, late = (np.abs((power @ disturbance)[moves] / self.size[moves]).max() for power in self.powers)
+        return bool(not np.isfinite(late) or late > _GROWN * max(early, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,8 +326,12 @@ def _directions(
             yield name, unit, moved(at_states[place]), float(amplitude[place]) or 1.0
 
 
-def _threshold(name: str, apply: Callable[[float], HybridSystem], scale: float, to: Judge) -> Trigger:
-    """The first size on the grid that starts a cycle, and bisection between it and the one before."""
+def _threshold(
+    name: str, apply: Callable[[float], HybridSystem], scale: float, to: Judge, grows: bool = False
+) -> Trigger:
+    """The first size on the grid that starts a cycle, and bisection between it and the one before; none where it grows
+    from nothing.
+    """
     # Upwards: beyond the first size that starts a cycle there may be larger ones that settle again.
     below, left = 0.0, 0
     for share in _GRID:
@@ -288,6 +343,8 @@ def _threshold(name: str, apply: Callable[[float], HybridSystem], scale: float, 
     else:
         return Trigger(name, float("nan"), below, float("nan"), float(_GRID[-1] * scale), _left_open(left))
     above = size
+    if grows and below == 0.0:
+        return Trigger(name, 0.0, 0.0, above, size)
     while abs(above - below) > _DIGITS * abs(above):
         middle = 0.5 * (above + below)
         status = to.ends(apply(middle))[0]

@@ -191,7 +191,7 @@ def run_hybrid(
     ------
     EppError
         If a combination of modes has no unique solution, or a dead time is too long for its history.
-    Spent
+    BudgetExceeded
         If the search that it belongs to may compute no more.
     """
     spend(_SET_UP)

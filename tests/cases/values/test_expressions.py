@@ -373,7 +373,7 @@ def test_any_text_is_a_finite_number_or_refused(text: str) -> None:
         ({"pi": "3"}, "not called like what expressions know"),
         ({"lambda": 1.0}, "no word of Python"),
         ({"a.b": 1.0}, "a plain name of letters"),
-        ({"Kp": True}, "parameters.Kp is True; expected a number with or without a unit."),
+        ({"Kp": True}, "parameters.Kp is true; expected a number with or without a unit."),
         ({"Kp": [1.0]}, "parameters.Kp is [1.0]; expected a number with or without a unit."),
         ({"Kp": {"value": "1 m", "mark": "guessed"}}, "a mark that is one of"),
         ({"Kp": {"mark": "paper"}}, "a table with a value"),

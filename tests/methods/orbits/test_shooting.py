@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from scipy.optimize import brentq, fsolve
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
+from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.results import Status
 from tests.reference.elbow_reference import ROWS, row
 from tests.reference.turns import closed_turn
@@ -187,3 +189,10 @@ def test_motions_far_faster_than_the_loop_are_no_cycles_because_they_nearly_clos
     # Where such a motion would switch it is late by a share of h that grows with h, of one sign: it closes nowhere.
     assert len(set(np.sign(misses))) == 1 and np.all(np.abs(np.diff(np.log(np.abs(misses)))) > 0.5)
     assert not len(epp.find_limit_cycles(loop))
+
+
+def test_a_motion_that_has_gone_beyond_all_range_is_no_orbit_and_warns_of_nothing():
+    """As where Newton's method has gone astray: what it misses by, in sizes of the motion, has no number."""
+    astray = SimpleNamespace(r=np.array([1e300, 0.0]), row_scale=np.array([1e-300, 1.0]))
+    with np.errstate(all="warn"):
+        assert Orbit.residual.func(astray) == np.inf

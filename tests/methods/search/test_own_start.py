@@ -33,3 +33,21 @@ def test_what_the_own_run_ends_on_is_found_though_no_other_start_leads_there(ban
     found = epp.find_limit_cycles(loop)
     assert [c.period for c in found.stable] == [pytest.approx(4.0 * band, rel=1e-9)]
     assert found.settles and str(found).startswith("Can oscillate")
+
+
+@pytest.mark.parametrize(("gap", "back"), [(1.0, 1.0), (2.0, 1.0), (1.0, 1e-3)])
+def test_a_rest_that_one_side_alone_leaves_is_told_with_what_a_play_holds_there(gap: float, back: float) -> None:
+    """A play before an integrator that is fed back with the wrong sign, begun where the gap ends: inside it rests.
+
+    At gap/2 its output is from zero on, whatever it was before. Further in it stays at zero, and so does the rate.
+    """
+
+    def loop(x0: float) -> epp.LureSystem:
+        return epp.LureSystem.build(
+            [[0.0]], [[1.0]], [[back]], [epp.Play(gap)], constant_input=[gap / 2.0], memory=[-0.2], x0=[x0]
+        )
+
+    assert epp.simulate(loop(0.0), t_end=50.0).status.name == "SETTLED"
+    found = epp.find_limit_cycles(loop(0.0))
+    assert found.settles and found.diverges and not len(found)
+    assert str(found).endswith("some starts settle at rest and some grow without bound.")

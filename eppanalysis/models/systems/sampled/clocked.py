@@ -24,6 +24,8 @@ from eppanalysis.models.systems.sampled.strobe import sampled_among
 _WHOLE = 1e-6
 #: Name of the controller among the elements.
 _NAME = "samples"
+#: Samples on their way through dead times at most: a matrix of so many rows and columns is held several times.
+_MOST_LATE = 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +55,18 @@ class Clocked:
 
     @cached_property
     def lags(self) -> IntArray:
-        """Dead time of each output in samples."""
-        return whole_samples(self.given, "a dead time", self.given.delays)
+        """Dead time of each output in samples.
+
+        Raises
+        ------
+        ModelError
+            If a state for each of them would fill the memory.
+        """
+        lags = whole_samples(self.given, "a dead time", self.given.delays)
+        if (late := int(lags.sum())) > _MOST_LATE:
+            what = f"{self.given.name}: its dead times hold {late} samples, each of which is a state of a run"
+            raise ModelError(what, expected=f"at most {_MOST_LATE}, or a longer sample time")
+        return lags
 
     @cached_property
     def controller(self) -> SampledController:
