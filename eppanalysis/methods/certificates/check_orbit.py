@@ -18,9 +18,9 @@ from flint import arb, arb_mat, ctx, fmpq, fmpq_mat, fmpz
 STATEMENT = "one closed orbit of a sequence of affine arcs in a box, and no event earlier"
 #: Bits; terms of Taylor polynomials, the most that rate times length of a piece may be, halvings of a piece.
 BITS, TERMS, REACH, HALVINGS = 256, 16, 2.5, 40
-#: Most characters of a file, and of a number in it; most unknowns, and rows of a matrix; most pieces of all arcs; most
-#: shares of an arc that are compared.
-LENGTH, DIGITS, UNKNOWNS, SIZE, PIECES, SHARES = 2_000_000, 4000, 600, 60, 20_000, 8
+#: Most characters of a file, and of a number in it; most unknowns, and rows of a matrix; most products of numbers in
+#: the matrices of all pieces of arcs, a million of which take two seconds; most shares of an arc that are compared.
+LENGTH, DIGITS, UNKNOWNS, SIZE, PRODUCTS, SHARES = 2_000_000, 4000, 600, 60, 4_000_000, 8
 ROWS = [[(Fraction,)]]
 ARC = {"rate": ROWS, "guards": ROWS, "on_rates": [(bool,)], "fired": (int,), "jump": ROWS, "levels": ROWS}
 COURSE = {"modes": [[(int,)]], "guards": [(int,)], "unknown": [(int,)], "held": [[(int,), (Fraction,)]], "basis": ROWS}
@@ -135,7 +135,7 @@ class Orbit:
 
     def __init__(self, arcs, m):
         self.arcs, self.timed, self.size = arcs, [k for k, arc in enumerate(arcs) if not arc.at_once], m + 1
-        self.pieces = 0
+        self.products = 0
         require(self.timed, "no arc that takes time")
         self.zero = {k: arcs[k].guards[arcs[k].fired].tolist() for k in self.timed}
         left = known = [(k, row) for k in self.timed for row in arcs[k].levels]
@@ -227,8 +227,8 @@ class Orbit:
         left = [(start, duration, [g for g, s in enumerate(starts) if s], True, True, 0)]
         while left:
             state, length, guards, first, last, depth = left.pop()
-            self.pieces += 1
-            require(self.pieces <= PIECES, f"arcs of more than {PIECES} pieces")
+            self.products += self.size**3
+            require(self.products <= PRODUCTS, f"arcs whose pieces take more than {PRODUCTS} products")
             if growth * length < REACH:
                 guards = [g for g in guards if not below(g, state, length, first * starts[g][0], last)]
             if guards:

@@ -184,6 +184,40 @@ def test_arcs_of_endless_pieces_end_in_a_sentence(rate: str) -> None:
     assert code == 1 and said["why"]
 
 
+def test_arcs_of_many_pieces_and_states_end_in_a_sentence() -> None:
+    """A ramp to its guard and back, beside states that decay, two of which turn ten thousand times as fast."""
+    size, rate = 50, [[0] * 51 for _ in range(51)]
+    rate[0][50] = 1
+    for i in range(1, 50):
+        rate[i][i] = -1
+    rate[1][2], rate[2][1] = -10_000, 10_000
+    eye = [[int(i == j) for j in range(51)] for i in range(51)]
+    arc = {
+        "rate": [[str(v) for v in row] for row in rate],
+        "guards": [["1", *["0"] * 49, "-1"], [*["0"] * 49, "1", "-2"]],
+        "on_rates": [False, False],
+        "fired": 0,
+        "jump": [["0"] * 51, *([str(v) for v in row] for row in eye[1:])],
+        "levels": [],
+        "at_once": False,
+    }
+    course = {"modes": [[0]], "guards": [0], "unknown": [0], "held": [], "basis": [["1"]]}
+    document = {
+        "statement": STATEMENTS["orbit"].text,
+        "loop": {"arcs": [arc], "course": course},
+        "claim": {"events": 1, "period": ["1", "1"], "box": "1/1000000000"},
+        "evidence": {
+            "solution": ["0"] * size + ["1"],
+            "sizes": ["1"] * 51,
+            "weights": ["1"] * size,
+            "radius": "1/1000000000000",
+            "box": "1/1000000000",
+        },
+    }
+    code, said, _ = run(of_text(document["statement"]).program, json.dumps(sealed(document)))
+    assert code == 1 and "products" in said["why"]
+
+
 @pytest.mark.parametrize(("rows", "count"), [(2, 2000), (150, 2)])
 def test_arcs_of_many_unknowns_are_refused_at_once(rows: int, count: int) -> None:
     ones = [[str(int(i == j)) for j in range(rows)] for i in range(rows)]
