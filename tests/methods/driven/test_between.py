@@ -92,3 +92,19 @@ def test_where_one_between_is_not_found_it_is_said(monkeypatch):
     found = epp.forced_response(saturated(), amplitude=0.35, frequency=0.877 / TURN)
     assert [r.stable for r in found] == [True, True]
     assert "At least one more response of one period was not found" in found.message
+
+
+@pytest.mark.xfail(strict=True, reason="first order does not come near the pair of responses beside a fold")
+@pytest.mark.parametrize("share", [0.001, 0.01])
+def test_beside_a_fold_there_are_three_responses(share: float) -> None:
+    spring = epp.PiecewiseLinear([-1.0, 1.0], [8.0, 1.0, 8.0], [7.0, 0.0, -7.0])
+    loop = epp.LureSystem.build(
+        [[0.0, 1.0], [0.0, -0.08]], [[0.0], [1.0]], [[-1.0, 0.0]], [spring],
+        input_names=["place"], B_input=np.zeros((2, 1)), D_input=[[1.0]],
+    )  # fmt: skip
+    frequency = 1.085 / TURN
+    low, high = sorted(
+        f.amplitude for f in epp.amplitude_response(loop, frequency=frequency, amplitudes=(0.03, 0.8)).folds
+    )
+    found = epp.forced_response(loop, amplitude=low * (high / low) ** share, frequency=frequency)
+    assert [r.stable for r in found] == [True, False, True]
