@@ -26,7 +26,7 @@ from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 #: Passes in which an orbit is closed on the flow.
-PIECES = 4
+_PIECES = 4
 #: Residual with which an orbit that is only begun elsewhere needs no further step.
 _ROUNDING = 1e-14
 #: Step that Newton's method would still make from an orbit, in sizes of its motion, that leaves it the same orbit, and
@@ -99,7 +99,7 @@ def _on_the_flow(hybrid: HybridSystem, guess: Guess, image: Array | None) -> Gue
     if arcs.n_timers or not np.isfinite(orbit.residual):
         return None
     # Begun in the middle of arcs, as a run from a single start may leave the orbit within a turn.
-    duration, pieces = (orbit.period, PIECES) if image is None else (0.5 * orbit.period, PIECES // 2)
+    duration, pieces = (orbit.period, _PIECES) if image is None else (0.5 * orbit.period, _PIECES // 2)
     halves = np.cumsum(orbit.tau) - 0.5 * orbit.tau
     part = np.floor(pieces * halves / duration).astype(int)
     parts = [np.flatnonzero(part == k).tolist() for k in range(pieces)]
@@ -429,13 +429,9 @@ def orbit_from(
 ) -> Orbit | None:
     """The exact orbit that Newton's method on the flow finds from a state that should lie on one; see `orbits_near`."""
     begin = SteadyMotion.begun(hybrid.at(x, memory, hybrid.modes0), period)
-    return orbit_of_motion(close(begin, given=False, pieces=PIECES), known)
-
-
-def orbit_of_motion(found: SteadyMotion | None, known: Sequence[Orbit] = ()) -> Orbit | None:
-    """The orbit along the events of a motion closed on the flow; one of those `known` where it is that."""
+    found = close(begin, given=False, pieces=_PIECES)
     guess = None if found is None else guess_along(found)
-    return None if found is None or guess is None else orbit_along(found.start, guess, known)
+    return None if guess is None else orbit_along(hybrid, guess, known)
 
 
 def orbits_near(
