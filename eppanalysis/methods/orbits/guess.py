@@ -61,6 +61,26 @@ class Guess:
         return float(self.tau.sum())
 
 
+def first_return(hybrid: HybridSystem, run: Run, y: Array, guess: Guess) -> Guess | None:
+    """From a run that began at y where a guess does: the stretch to that event's best return after about a period."""
+    order, modes, guard = run.order, guess.event_sequence.modes[0], int(guess.event_sequence.guards[-1])
+    if run.n_kept == 0 or run.count > run.n_kept:
+        return None
+    time = run.time[order]
+    same = (run.guard[order] == guard) & np.all(run.modes[order] == modes, axis=1)
+    places = np.flatnonzero(same & (np.abs(time / guess.period - 1.0) < 0.5))
+    if places.size == 0:
+        return None
+    n = hybrid.x0.size
+    span = np.ptp(run.state[order][:, hybrid.compared], axis=0)
+    away = np.abs(run.state[order[places]] - y[:n])[:, hybrid.compared] / np.where(span > 0, span, np.inf)
+    last = int(places[np.argmin(np.max(away, axis=1))])
+    before = order[:last]
+    starts = np.vstack([y[: n + hybrid.H0.size], np.hstack([run.state[before], run.memory_values[before]])])
+    tau = np.diff(time[: last + 1], prepend=0.0)
+    return make_guess(hybrid, np.vstack([modes, run.modes[before]]), run.guard[order[: last + 1]], starts, tau, guess)
+
+
 def guess_along(found: SteadyMotion) -> Guess | None:
     """The events of a steady motion, an observer's among them; None where there are none, or too many."""
     whole, hybrid = found.whole(), found.start

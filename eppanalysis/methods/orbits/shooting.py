@@ -7,7 +7,8 @@ other events on what they close, the motion is closed on the flow, which assumes
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from itertools import islice
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from eppanalysis.engine.orbits import sizes_of_residuals
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.delayed.motion import delayed_motion, is_delayed
-from eppanalysis.methods.orbits.guess import Guess, guess_along, make_guess, recurrences
+from eppanalysis.methods.orbits.guess import Guess, first_return, guess_along, make_guess, recurrences
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, middle, sample_arcs, solve
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.rounding import SAMPLES, is_lost, left_by_rounding, watched
@@ -32,6 +33,10 @@ _ROUNDING = 1e-14
 #: Step that Newton's method would still make from an orbit, in sizes of its motion, that leaves it the same orbit, and
 #: what of its residual may be left by it.
 _NEAR, _LEFT = 1e-2, 1e-13
+#: Steps of Newton's method on the engine's return map, and sequences that are taken over from it.
+_MOST_STEPS, _MOST_SEQUENCES = 15, 10
+#: An orbit may have this many arcs more than twice those of its guess.
+_MORE_ARCS = 40
 #: Span of a state, relative to its size, that is rounding.
 _NO_MOTION = 1e-9
 #: Distance between a guess and an orbit, relative to its size, from which Newton's method leads to no other one.
@@ -66,8 +71,41 @@ def close_orbit(
         near rounding.
     """
     orbit = orbit_along(hybrid, guess, known)
-    found = _on_the_flow(hybrid, guess, image) if orbit is None else None
-    return orbit if found is None else orbit_along(hybrid, found, known)
+    if orbit is not None or is_delayed(hybrid):
+        return orbit
+    found = _on_the_flow(hybrid, guess, image)
+    orbit = None if found is None else orbit_along(hybrid, found, known)
+    return orbit or _by_sequences(hybrid, guess, known)
+
+
+def _by_sequences(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit]) -> Orbit | None:
+    """The orbit along the sequences that the engine meets one after another, each taken over from the last.
+
+    Where events come and go within a step, as of pulses that just pass a threshold, the flow is too bent for its own
+    Newton's method, and the return map along the sequence met last still leads on.
+    """
+    seen, approach = {guess.event_sequence.key}, _Approach(iter(()))
+    most = 2 * guess.tau.size + _MORE_ARCS
+    for _ in range(_MOST_SEQUENCES):
+        try:
+            orbit = solve(hybrid, guess)
+        except ModelError:
+            return None
+        if _is_closed(orbit) and np.all(orbit.tau > -1e-9 * orbit.period):
+            if not moves(orbit) or _only_touches(orbit):
+                return None
+            found = next_guess(orbit)
+        else:
+            approach = approach.begun_at(hybrid, guess)
+            found = approach.best()
+            found = None if found is guess else found
+        if found is None or found.event_sequence.key in seen or found.tau.size > most:
+            return None
+        if (there := orbit_along(hybrid, found, known)) is not None:
+            return there
+        seen.add(found.event_sequence.key)
+        guess = found
+    return None
 
 
 def orbit_along(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ()) -> Orbit | None:
@@ -95,7 +133,10 @@ def _on_the_flow(hybrid: HybridSystem, guess: Guess, image: Array | None) -> Gue
         arcs = guess.arcs(hybrid)
     except ModelError:
         return None
-    orbit = evaluate(hybrid, arcs, guess.y, guess.tau)
+    # What closes along a sequence that the loop does not have may be near; what does not has led away.
+    orbit = solve(hybrid, guess)
+    if not _is_closed(orbit) or np.any(orbit.tau <= 0.0):
+        orbit = evaluate(hybrid, arcs, guess.y, guess.tau)
     if arcs.n_timers or not np.isfinite(orbit.residual):
         return None
     # Begun in the middle of arcs, as a run from a single start may leave the orbit within a turn.
@@ -413,6 +454,54 @@ def run_from(orbit: Orbit, t_end: float, max_events: int, y: Array) -> Run:
 def restarted(hybrid: HybridSystem, arcs: Arcs, y: Array, modes: IntArray) -> HybridSystem:
     """The same system, started from y in given modes."""
     return hybrid.at(y[: hybrid.x0.size].copy(), y[arcs.memory].copy(), np.array(modes, np.int64))
+
+
+@dataclass(eq=False)
+class _Approach:
+    """Newton's method on the engine's own return map, and the guesses that it has come to from the best one on."""
+
+    steps: Iterator[tuple[Guess, float]]  # see :func:`_approaching`
+    made: list[tuple[Guess, float]] = field(default_factory=list)  # those that have been taken
+
+    def best(self) -> Guess | None:
+        """The guess nearest to an orbit on so many steps; asked for again, on so many from there."""
+        self.made += islice(self.steps, _MOST_STEPS - len(self.made))
+        if not self.made:
+            return None
+        self.made = self.made[int(np.argmin([size for _, size in self.made])) :]
+        return self.made[0][0]
+
+    def begun_at(self, hybrid: HybridSystem, guess: Guess) -> _Approach:
+        """Itself, where a guess is its best so far, or a new one."""
+        return self if self.made and self.made[0][0] is guess else _Approach(_approaching(hybrid, guess))
+
+
+def _approaching(hybrid: HybridSystem, guess: Guess) -> Iterator[tuple[Guess, float]]:
+    """Guesses, each with the events that the engine meets on its way, and by how much they do not return."""
+    if np.any(hybrid.model.smooth_kind == DELAY_LINE):
+        return
+    found: Guess | None = guess
+    while found is not None:
+        guess = found
+        try:
+            arcs = guess.arcs(hybrid)
+        except ModelError:
+            return
+        orbit = evaluate(hybrid, arcs, guess.y, guess.tau)
+        size = float(np.max(np.abs(orbit.r[: arcs.free.size]) / orbit.row_scale[: arcs.free.size]))
+        if not size < 1e6:
+            return
+        yield guess, size
+        if size < 1e-6:
+            return
+        step = -orbit.correction(orbit.r)
+        change = float(np.max(np.abs(step[: arcs.free.size]) / orbit.column_scale[: arcs.free.size]))
+        if not np.isfinite(change):
+            return
+        # At most a fifth of the motion's size: farther off the engine meets other events than the derivative is of.
+        y, _ = orbit.moved(step * min(1.0, 0.2 / max(change, 1e-300)))
+        run = run_from(orbit, 1.6 * guess.period, 4 * guess.tau.size + 40, y)
+        found = first_return(hybrid, run, y, guess)
 
 
 def orbit_of(hybrid: HybridSystem, run: Run, period: float | None = None) -> Orbit | None:
