@@ -84,7 +84,7 @@ def _by_sequences(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit]) ->
     Where events come and go within a step, as of pulses that just pass a threshold, the flow is too bent for its own
     Newton's method, and the return map along the sequence met last still leads on.
     """
-    seen, approach = {guess.event_sequence.key}, _Approach(iter(()))
+    seen, approach = set[bytes](), _Approach(iter(()))
     most = 2 * guess.tau.size + _MORE_ARCS
     for _ in range(_MOST_SEQUENCES):
         try:
