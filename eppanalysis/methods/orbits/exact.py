@@ -177,7 +177,8 @@ def orbits_of(
     asked = Target.of(system, hybrid, start)
     met: list[Orbit] = []
     done = False
-    for ways in (_directly, _about):
+    # A run leaves an unstable cycle: only who wants its neighbours, too, begins with runs.
+    for ways in (_directly, _about) if neighbours or start.stable is not False else (_about, _directly):
         for orbit in _new(ways(hybrid, asked, met), met):
             found = _compared(asked, orbit, start.stable)
             yield found
