@@ -7,8 +7,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from eppanalysis.arrays import Array
-from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle, sample_arcs
-from eppanalysis.methods.orbits.shooting import restarted
+from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, sample_arcs
+from eppanalysis.methods.orbits.shooting import begun_amid
 from eppanalysis.methods.simulation.period import PeriodShape, advance, advances, analyse_period, free_of
 from eppanalysis.methods.simulation.runs import named_events, run_hybrid
 from eppanalysis.methods.simulation.stability import describe, is_stable
@@ -88,7 +88,7 @@ def orbit_shape(system: LureSystem, orbit: Orbit) -> PeriodShape:
     def by_engine(times: Array) -> Array:
         # From the middle of the first arc, where no guard is near, once round.
         half = 0.5 * float(orbit.tau[0])
-        start = restarted(orbit.hybrid, orbit.arcs, middle(orbit, 0), orbit.arcs.event_sequence.modes[0])
+        start = begun_amid(orbit, 0)
         first = int(np.searchsorted(times, half))
         turned = np.concatenate([times[first:] - half, times[:first] + (orbit.period - half)])
         base = 2.0 * orbit.hybrid.time_scale

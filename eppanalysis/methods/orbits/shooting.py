@@ -70,42 +70,18 @@ def close_orbit(
         Begun where its longest arc begins (with dead time: of those on which nothing is on its way); its residual is
         near rounding.
     """
-    orbit = orbit_along(hybrid, guess, known)
+    if (passed := _passed(guess, known)) is not None:
+        return passed
+    try:
+        along = solve(hybrid, guess)
+    except ModelError:
+        return _close_delayed(hybrid, guess) if is_delayed(hybrid) else None
+    orbit = _of_the_loop(along, known)
     if orbit is not None or is_delayed(hybrid):
         return orbit
-    found = _on_the_flow(hybrid, guess, image)
+    found = _on_the_flow(along, guess, image)
     orbit = None if found is None else orbit_along(hybrid, found, known)
-    return orbit or _by_sequences(hybrid, guess, known)
-
-
-def _by_sequences(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit]) -> Orbit | None:
-    """The orbit along the sequences that the engine meets one after another, each taken over from the last.
-
-    Where events come and go within a step, as of pulses that just pass a threshold, the flow is too bent for its own
-    Newton's method, and the return map along the sequence met last still leads on.
-    """
-    seen, approach = set[bytes](), _Approach(iter(()))
-    most = 2 * guess.tau.size + _MORE_ARCS
-    for _ in range(_MOST_SEQUENCES):
-        try:
-            orbit = solve(hybrid, guess)
-        except ModelError:
-            return None
-        if _is_closed(orbit) and np.all(orbit.tau > -1e-9 * orbit.period):
-            if not moves(orbit) or _only_touches(orbit):
-                return None
-            found = next_guess(orbit)
-        else:
-            approach = approach.begun_at(hybrid, guess)
-            found = approach.best()
-            found = None if found is guess else found
-        if found is None or found.event_sequence.key in seen or found.tau.size > most:
-            return None
-        if (there := orbit_along(hybrid, found, known)) is not None:
-            return there
-        seen.add(found.event_sequence.key)
-        guess = found
-    return None
+    return orbit or _by_sequences(along, guess, known)
 
 
 def orbit_along(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ()) -> Orbit | None:
@@ -113,31 +89,62 @@ def orbit_along(hybrid: HybridSystem, guess: Guess, known: Sequence[Orbit] = ())
     if (passed := _passed(guess, known)) is not None:
         return passed
     try:
-        orbit = solve(hybrid, guess)
+        return _of_the_loop(solve(hybrid, guess), known)
     except ModelError:
         return _close_delayed(hybrid, guess) if is_delayed(hybrid) else None
-    if not _is_closed(orbit) or np.any(orbit.tau <= -1e-9 * orbit.period):
+
+
+def _of_the_loop(along: Orbit, known: Sequence[Orbit]) -> Orbit | None:
+    """What the equations along a sequence have come to, where it closes and the loop has just these events."""
+    if not _closes(along):
         return None
-    passed = _passed(orbit.guess, known)
+    passed = _passed(along.guess, known)
     # The equations close for sequences, too, that the loop does not have: the engine has the last word
     # (docs/theory/exact_orbits.md, Closing an orbit).
-    if passed is not None or not moves(orbit) or _only_touches(orbit) or not is_met(orbit):
+    if passed is not None or not moves(along) or _only_touches(along) or not is_met(along):
         return passed
-    orbit = _finished(orbit)
+    orbit = _finished(along)
     return orbit if _is_closed(orbit) and crosses(orbit) else None
 
 
-def _on_the_flow(hybrid: HybridSystem, guess: Guess, image: Array | None) -> Guess | None:
-    """What Newton's method on the flow closes near a guess, with the events that it truly has; None for nothing."""
-    try:
-        arcs = guess.arcs(hybrid)
-    except ModelError:
-        return None
-    # What closes along a sequence that the loop does not have may be near; what does not has led away.
-    orbit = solve(hybrid, guess)
-    if not _is_closed(orbit) or np.any(orbit.tau <= 0.0):
-        orbit = evaluate(hybrid, arcs, guess.y, guess.tau)
-    if arcs.n_timers or not np.isfinite(orbit.residual):
+def _by_sequences(along: Orbit, guess: Guess, known: Sequence[Orbit]) -> Orbit | None:
+    """The orbit along the sequences that the engine meets one after another, each taken over from the last.
+
+    Where events come and go within a step, as of pulses that just pass a threshold, the flow is too bent for its own
+    Newton's method, and the return map along the sequence met last still leads on.
+    """
+    hybrid, seen, approach = along.hybrid, set[bytes](), _Approach(iter(()))
+    most = 2 * guess.tau.size + _MORE_ARCS
+    for _ in range(_MOST_SEQUENCES):
+        if _closes(along):
+            found = next_guess(along) if moves(along) and not _only_touches(along) else None
+        else:
+            approach = approach.begun_at(hybrid, guess)
+            found = approach.best()
+            found = None if found is guess else found
+        if found is None or found.event_sequence.key in seen or found.tau.size > most:
+            return None
+        if (passed := _passed(found, known)) is not None:
+            return passed
+        try:
+            along = solve(hybrid, found)
+        except ModelError:
+            return None
+        if (orbit := _of_the_loop(along, known)) is not None:
+            return orbit
+        seen.add(found.event_sequence.key)
+        guess = found
+    return None
+
+
+def _on_the_flow(along: Orbit, guess: Guess, image: Array | None) -> Guess | None:
+    """What Newton's method on the flow closes near a guess, with the events that it truly has; None for nothing.
+
+    What closes `along` a sequence that the loop does not have may be near; what does not has led away from the guess.
+    """
+    closed = _is_closed(along) and bool(np.all(along.tau > 0.0))
+    orbit = along if closed else evaluate(along.hybrid, along.arcs, guess.y, guess.tau)
+    if orbit.arcs.n_timers or not np.isfinite(orbit.residual):
         return None
     # Begun in the middle of arcs, as a run from a single start may leave the orbit within a turn.
     duration, pieces = (orbit.period, _PIECES) if image is None else (0.5 * orbit.period, _PIECES // 2)
@@ -145,13 +152,17 @@ def _on_the_flow(hybrid: HybridSystem, guess: Guess, image: Array | None) -> Gue
     part = np.floor(pieces * halves / duration).astype(int)
     parts = [np.flatnonzero(part == k).tolist() for k in range(pieces)]
     longest = [max(arcs, key=lambda a: float(orbit.tau[a])) for arcs in parts if arcs]
-    modes = orbit.arcs.event_sequence.modes
-    starts = [restarted(orbit.hybrid, orbit.arcs, middle(orbit, a), modes[a]) for a in longest]
+    starts = [begun_amid(orbit, a) for a in longest]
     durations = np.diff(halves[longest], append=halves[longest[0]] + duration)
     if np.any(durations <= 0.0):
         return None
     found = close(SteadyMotion.through(starts, durations.tolist(), image), given=False, pieces=pieces)
     return None if found is None else guess_along(found)
+
+
+def _closes(along: Orbit) -> bool:
+    """Whether the equations along a sequence are closed, with no dwell time below zero but for rounding."""
+    return _is_closed(along) and bool(np.all(along.tau > -1e-9 * along.period))
 
 
 def _is_closed(orbit: Orbit) -> bool:
@@ -423,7 +434,7 @@ def _meets(
 
 def _from_middle(orbit: Orbit, arc: int, t_end: float, turns: int) -> Run:
     """A run from the middle of an arc, with room for the events of so many turns."""
-    start = restarted(orbit.hybrid, orbit.arcs, middle(orbit, arc), orbit.arcs.event_sequence.modes[arc])
+    start = begun_amid(orbit, arc)
     most = turns * orbit.arcs.n_arcs + 40
     return run_hybrid(start, t_end, _NO_SAMPLES, 2.0 * orbit.hybrid.time_scale, most, most)
 
@@ -431,8 +442,7 @@ def _from_middle(orbit: Orbit, arc: int, t_end: float, turns: int) -> Run:
 def next_guess(orbit: Orbit) -> Guess | None:
     """What the engine meets that is started on the orbit, where that has other events; None where it is nothing."""
     T, k = orbit.period, int(np.argmax(orbit.tau))
-    start = restarted(orbit.hybrid, orbit.arcs, middle(orbit, k), orbit.arcs.event_sequence.modes[k])
-    turn = SteadyMotion.begun(start, T)
+    turn = SteadyMotion.begun(begun_amid(orbit, k), T)
     once = guess_along(turn) if turn is not None and turn.ends_in_its_modes else None
     if once is not None and once.event_sequence.cyclic_key != orbit.arcs.event_sequence.cyclic_key:
         return once
@@ -449,6 +459,11 @@ def run_from(orbit: Orbit, t_end: float, max_events: int, y: Array) -> Run:
     """A run of the engine from y, in the modes that the orbit has at its start."""
     start = restarted(orbit.hybrid, orbit.arcs, y, orbit.arcs.event_sequence.modes[0])
     return run_hybrid(start, t_end, _NO_SAMPLES, 2.0 * orbit.hybrid.time_scale, max_events, max_events)
+
+
+def begun_amid(orbit: Orbit, arc: int) -> HybridSystem:
+    """The system begun half-way along an arc of an orbit, where no guard is near."""
+    return restarted(orbit.hybrid, orbit.arcs, middle(orbit, arc), orbit.arcs.event_sequence.modes[arc])
 
 
 def restarted(hybrid: HybridSystem, arcs: Arcs, y: Array, modes: IntArray) -> HybridSystem:

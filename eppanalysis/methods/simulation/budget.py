@@ -9,7 +9,7 @@ the search and the engine need not hand anything on, and computes without end wh
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 
@@ -35,30 +35,25 @@ class Budget:
 _current: ContextVar[Budget | None] = ContextVar("budget", default=None)
 
 
-@contextmanager
-def budget(most: float) -> Iterator[Budget]:
+def budget(most: float) -> AbstractContextManager[Budget]:
     """So much work and no more, of what an outer budget leaves; :class:`BudgetExceeded` is raised behind it."""
-    outer = _current.get()
-    own = Budget(most) if outer is None else Budget(most, outer.remaining)
-    token = _current.set(own)
+    return _opened(Budget(most, remaining()))
+
+
+def telling() -> AbstractContextManager[Budget]:
+    """What a search tells of what it found is computed to the end, and counted, even where its work is done."""
+    return _opened(Budget(float("inf")))
+
+
+@contextmanager
+def _opened(own: Budget) -> Iterator[Budget]:
+    """A budget that what follows spends from, and counts in the outer one."""
+    outer, token = _current.get(), _current.set(own)
     try:
         yield own
     finally:
         _current.reset(token)
         if outer is not None:  # which nothing else spends meanwhile
-            outer.used += own.used
-
-
-@contextmanager
-def telling() -> Iterator[None]:
-    """What a search tells of what it found is computed to the end, and counted, even where its work is done."""
-    outer, own = _current.get(), Budget(float("inf"))
-    token = _current.set(own)
-    try:
-        yield
-    finally:
-        _current.reset(token)
-        if outer is not None:
             outer.used += own.used
 
 
