@@ -14,7 +14,8 @@ from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array, IntArray
 from eppanalysis.methods.orbits.exact import range_of, steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import away
-from eppanalysis.methods.search.decay import decays
+from eppanalysis.methods.search.decay import comes_to_rest
+from eppanalysis.methods.search.futures import Futures
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.simulation.batch import BatchResult, HybridStack, simulate_batch
 from eppanalysis.methods.simulation.runs import cycle_of_run, judge, run_hybrid
@@ -173,15 +174,11 @@ def _end_among_samples(system: LureSystem, cycles: CycleSearch, start: HybridSys
 
 
 def _creeps(start: HybridSystem, horizon: float, size: Array) -> bool:
-    """Whether a run without verdict has switched and now only drifts ever more slowly through a band without gain.
-
-    A run that drifts from its start on without a switch may still come to the edge of the band and begin to move.
-    """
+    """Whether a run without verdict will come to rest."""
     t = _LONGER[-1] * horizon
     run = run_hybrid(start, t, np.zeros(0), 2.0 * start.time_scale, 60_000, 600)
     size = np.append(size, np.zeros(start.x0.size - size.size))
-    stands = bool(np.all(np.abs(run.rate_end)[start.compared] * t <= 1e-6 * size[start.compared]))
-    return stands if run.n_kept == 0 else decays(start, run, t, horizon, size)
+    return comes_to_rest(Futures(start), start, run, t, horizon, size)
 
 
 def _slowest(system: LureSystem) -> float:

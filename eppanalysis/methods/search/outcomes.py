@@ -18,14 +18,15 @@ from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import close_orbit, orbit_of, same_orbit
 from eppanalysis.methods.search.continua import at_end, has_period_of, on_rim, same_continuum
-from eppanalysis.methods.search.decay import DRIFT, decays, died_out, dwindles
-from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_elements
+from eppanalysis.methods.search.decay import Turns, decays, died_out, dwindles
+from eppanalysis.methods.search.futures import Future, Futures, Leaves, Rests, Swings, Switches
+from eppanalysis.methods.search.reach import reach_of_elements
 from eppanalysis.methods.search.rests import Met, note_modes
 from eppanalysis.methods.simulation.budget import Budget, BudgetExceeded, budget, remaining
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.runs import cycle_of_run, judge, repeats_undecided, run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
-from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
+from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import slowest_pole, zeros
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
@@ -45,20 +46,8 @@ _ENOUGH_EVENTS = 600
 _NEARS = 1e-2
 #: A run is tested for a cycle without switches after this many extensions, on a run this many times as long.
 _QUIET_TURN, _SEEN = 2, 3.0
-#: A state this many times beyond all cycles and its own start that still moves has diverged. The threshold is relative,
-#: for integrators grow slowly, beyond no bound (docs/theory/exact_orbits.md, All of them).
-_FAR = 1e6
-#: Share of its largest value above which a state that oscillates and grows is met; what decays is far below it.
-_GROWN = 1e-3
-#: Least growth in three times the time: a ramp grows threefold, a cycle not at all.
-_GROWS = 1.5
-#: A run that seems to settle is made this many times longer, for friction may creep towards its next slip far more
-#: slowly than the linear part moves; a state that drifts is followed this far at most, in time, and in sizes of cycles.
-_LATE, _LATEST, _ALL_GONE = 100.0, 1e6, 100.0
-#: As long is one followed that swings farther than before, over so many switches.
-_GROWING, _MANY = 27.0 * _LATE, 16
-#: Share of its first size above which the motion at the end of so long a run has not decayed; steps see sizes to 1 %.
-_AS_LARGE = 0.9
+#: A run is made three times longer this often at most, and to so many horizons unless it is carried on to a switch.
+_LOOKS, _LONGEST = 16, 3.0**7
 #: A cycle is listed as a run has it when all changes still to come are below this share of its amplitude. The run is
 #: made three times longer this often at most. Only so many are listed, for they may fill a continuum.
 _REACHED, _MOST_LONGER, MOST_REACHED = 1e-9, 6, 12
@@ -221,52 +210,70 @@ class RunOutcomes:
         return beside
 
     def _end_of(self, start: HybridSystem) -> RunOutcome | int:
-        t, peak = self.horizon, np.zeros(start.x0.size)
-        for turn in range(8):
+        """What a run comes to: runs three times as long each, until one is on a cycle or its modes say the rest."""
+        t, turns = self.horizon, None
+        for turn in range(_LOOKS):
             run = self._run(start, t)
-            before, peak = peak, _peak(run)
             status, facts = judge(start, run, t)
             if repeats_undecided(status, facts):
                 return RunOutcome.BENEATH_ROUNDING
             ended = self._ended(status, start, run)
             if ended is not None:
                 return ended
-            if status is Status.LIMIT_CYCLE:
-                known = self._recognise(start, run, float(facts[1]))
-            elif decays(start, run, t, self.horizon, self._sizes()):
-                known = self._late_cycle(start, run, t)
-                # What rides on a belt seems to have decayed until it slips: a few turns more tell.
-                if known is not RunOutcome.UNDECIDED or not self.hybrid.model.smooth_kind.size:
-                    return known
-            else:
-                known = self._recognise(start, run, None)
-                if known is RunOutcome.UNDECIDED and (turn == _QUIET_TURN or self.hybrid.may_be_quiet):
-                    known = self._quiet_cycle(run, t)
+            known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
+            if known is RunOutcome.UNDECIDED and self.hybrid.may_be_quiet:
+                known = self._quiet_cycle(run, t)
             if known is not RunOutcome.UNDECIDED:
                 return known
-            # Each turn is three times as long.
-            last = self._at_last(start, run, t, before) if turn >= 3 and status is not Status.LIMIT_CYCLE else None
-            if last is not None:
-                return last
+            turns = Turns.of(start, run, turns)
+            future = self._futures.of(run.end(start))
+            known = self._to_come(future, start, run, t, turns)
+            if known is not RunOutcome.UNDECIDED:
+                return known
             t *= 3.0
-        return RunOutcome.DIVERGENCE if self._has_gone(start, run, t, before) else RunOutcome.UNDECIDED
+            if isinstance(future, Switches) and future.after > t:  # it is carried there
+                start = run.end(start)
+                start = start.at(future.state, start.H0, start.modes0)
+                continue
+            if turn >= 3 and status is not Status.LIMIT_CYCLE and self._is_without_end(start, run):
+                return RunOutcome.UNDECIDED
+            turns = None
+            if t > _LONGEST * self.horizon:
+                break
+        return RunOutcome.UNDECIDED
 
-    def _at_last(self, start: HybridSystem, run: Run, t: float, before: Array) -> RunOutcome | int | None:
-        """The outcome of a long run where a longer one would tell nothing: far out, where elements switch by rounding
-        alone, or after many switches that do not become smaller, as they do for long beside a fold. None where it may.
-        """
-        if self._has_gone(start, run, t, before):
+    def _to_come(
+        self, future: Future | None, start: HybridSystem, run: Run, t: float, turns: Turns
+    ) -> RunOutcome | int:
+        """The outcome of a run by what is to come behind its end: by its modes there, or as its turns are alike."""
+        if isinstance(future, Rests):
+            self.rest = self.rest or (future.state, run.end(start).H0)
+            return RunOutcome.REST
+        if isinstance(future, Leaves):
             return RunOutcome.DIVERGENCE
+        if isinstance(future, Swings):
+            return self._quiet_cycle(run, t)
+        if self.hybrid.model.smooth_kind.size:  # of curved elements, and behind a dead time, no mode tells
+            decay = decays(start, run, t, self.horizon, self._sizes())
+            return self._rested(start, run) if decay else RunOutcome.UNDECIDED
+        if (ratio := turns.ratio()) is None:
+            return RunOutcome.UNDECIDED
+        return RunOutcome.DIVERGENCE if abs(ratio) > 1.0 else self._rested(start, run)
+
+    def _is_without_end(self, start: HybridSystem, run: Run) -> bool:
+        """Whether a longer run would tell nothing: after many switches that do not become smaller, as they do for long
+        beside a fold.
+        """
         if run.count <= _ENOUGH_EVENTS or dwindles(start, run)[0]:
-            return None
+            return False
         # A motion that is slow beside its switches, as a drive under a switched current, nears its cycle for long.
         for guess in recurrences(self.hybrid, run, None, 3, _ENOUGH_EVENTS):
             period, closed = float(guess.tau.sum()), close_orbit(self.hybrid, guess)
             if closed is not None and is_stable(closed.multipliers, closed.one_of_many):
                 self.add(closed)
             if any(is_stable(o.multipliers) and abs(period / o.period - 1.0) < _NEARS for o in self.orbits):
-                return None
-        return RunOutcome.UNDECIDED
+                return False
+        return True
 
     def _ended(self, status: Status, start: HybridSystem, run: Run) -> RunOutcome | None:
         """Where a run ends that goes on no longer; None for one that does."""
@@ -277,6 +284,10 @@ class RunOutcomes:
             dies = died_out(start, run) and self._keeps_piled and not self.hybrid.chatters
             return self._rested(start, run) if dies else RunOutcome.UNDECIDED
         return RunOutcome.DIVERGENCE if status is Status.DIVERGED else None
+
+    @cached_property
+    def _futures(self) -> Futures:
+        return Futures(self.hybrid)
 
     @cached_property
     def _keeps_piled(self) -> bool:
@@ -303,88 +314,12 @@ class RunOutcomes:
         orbit = orbit_of(start, again, float(facts[1])) if status is Status.LIMIT_CYCLE else None
         return RunOutcome.UNDECIDED if orbit is None else self.add(orbit)
 
-    def _late_cycle(self, start: HybridSystem, run: Run, t: float) -> RunOutcome | int:
-        """What a run that seemed to decay by time t is on much later: rest, or the number of a cycle.
-
-        A stuck element may creep towards its next slip far more slowly than the linear part moves.
-        """
-        smooth = self.hybrid.model.smooth_kind
-        if smooth.size:  # without long steps that would take minutes
-            return (
-                RunOutcome.REST
-                if np.all(smooth == DELAY_LINE) or not self._drifts_evenly(start, run, t)
-                else RunOutcome.UNDECIDED
-            )
-        # What decays is at rest soon. An even drift reaches its next slip in the time `way`, not too long for a run.
-        late, reached = _LATE * t, 0.0
-        while late > reached:
-            reached = late
-            run = self._run(start, late)
-            status, facts = judge(start, run, late)
-            if (ended := self._ended(status, start, run)) is not None:
-                return ended
-            known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
-            if known is not RunOutcome.UNDECIDED:
-                return known
-            with np.errstate(all="ignore"):
-                way = (self._sizes() / np.abs(run.rate_end))[start.compared]
-            late = 4.0 * float(np.max(way, where=way < 0.25 * _LATEST * t, initial=0.0))
-            if late <= reached:
-                swings = self._swings(start, run, t)
-                grows = run.count >= _MANY and self._swings(start, run, reached / 10.0, 1.0 / _AS_LARGE)
-                if swings:
-                    known = self._quiet_cycle(run, t)
-                elif grows:
-                    known = RunOutcome.UNDECIDED
-                else:  # far from all thresholds no switch is on its way
-                    gone = self._drifts_evenly(start, run, reached, _ALL_GONE)
-                    known = RunOutcome.DIVERGENCE if gone else self._rested(start, run)
-                # What grows out of a gap from almost nothing does so for long.
-                late = 3.0 * reached if grows and known is RunOutcome.UNDECIDED and reached < _GROWING * t else 0.0
-        return known
-
-    def _drifts_evenly(self, start: HybridSystem, run: Run, t: float, beyond: float = 0.0) -> bool:
-        """Whether a state goes on as fast at the end of a run as all along, `beyond` so many sizes of the cycles."""
-        moved, sizes = np.abs(run.x_end - start.x0), self._sizes()
-        evenly = np.abs(run.rate_end) * t > DRIFT * np.maximum(sizes, moved)
-        return bool(np.any((evenly & (moved >= beyond * sizes))[start.compared]))
-
-    def _swings(self, start: HybridSystem, run: Run, t: float, share: float = _AS_LARGE) -> bool:
-        """Whether states swing a share as far after a long run as in its first t seconds: without damping no rest."""
-        swing = []
-        for at in (start, run.end(start)):
-            part = self._run(replace(start, x0=at.x0, H0=at.H0), t)
-            # What drifts evenly goes as far as it moves.
-            swing.append(part.high - part.low - np.abs(part.x_end - at.x0))
-        least = np.maximum(share * swing[0], _ASIDE * np.maximum(self._sizes(), np.abs(start.x0)))
-        return bool(np.any((swing[1] > least)[start.compared]))
-
     def _rested(self, start: HybridSystem, run: Run) -> RunOutcome:
         """Keep the state of rest of the first run that settles."""
         if self.rest is None:
             end = run.end(start)
             self.rest = end.x0, end.H0
         return RunOutcome.REST
-
-    def _has_gone(self, start: HybridSystem, run: Run, t: float, before: Array) -> bool:
-        """Whether a run has diverged: it is far beyond all cycles, farther than a third of it came, and still moves.
-
-        Integrators pass no fixed bound. `before` has the largest values of that third, shape (n,).
-        """
-        n = start.n_plant
-        here, size = np.abs(run.x_end[:n]), np.maximum(self._sizes()[:n], np.abs(start.x0[:n]))
-        # What has been far larger before does not grow, nor what has been as large in a third of the time.
-        peak = _peak(run)[:n]
-        grown = (here > _GROWN * peak) & (peak > _GROWS * before[:n])
-        moves = np.abs(run.rate_end[:n]) * t > 0.5 * here
-        far = (here > _FAR * size) & (size > 0) & grown & moves
-        return bool(np.any(far) and np.any(far & (here > _FAR * self._least_sizes)))
-
-    @cached_property
-    def _least_sizes(self) -> Array:
-        """How far states swing at least where elements matter; a start has some of them at rounding alone."""
-        swings = np.abs(oscillations_at_reach(self.system)[0]).min(axis=1, initial=np.inf)
-        return np.where(np.isfinite(swings), swings, 0.0)
 
     def _recognise(self, start: HybridSystem, run: Run, period: float | None) -> RunOutcome | int:
         """Number of the cycle that a run is on at its end."""
@@ -473,11 +408,6 @@ class RunOutcomes:
         if self.progress is not None:
             found = f"{self.n_runs} runs, {self.n_boundaries} basin boundaries, {len(self.orbits)} cycles"
             self.progress(self.n_runs, None, f"{self.system.name}: {found}")
-
-
-def _peak(run: Run) -> Array:
-    """Largest values of the states of a run, shape (n,)."""
-    return np.maximum(np.abs(run.low), np.abs(run.high))
 
 
 def _outcome_on(number: int, reached: SimulatedCycle) -> RunOutcome | int:

@@ -15,8 +15,9 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.exact import range_of, steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import starts_on
-from eppanalysis.methods.search.decay import decays
+from eppanalysis.methods.search.decay import comes_to_rest
 from eppanalysis.methods.search.find import find_limit_cycles
+from eppanalysis.methods.search.futures import Futures
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.simulation.kept import Run
@@ -202,7 +203,7 @@ class Judge:
             run = run_hybrid(start, t, np.zeros(0), 2.0 * start.time_scale, most, 600 if strobe is None else most)
             status, _ = judge(start, run, t)
             still = strobe is None and status is Status.UNDECIDED
-            if still and decays(start, run, t, self.horizon, self.size):
+            if still and comes_to_rest(Futures(start), start, run, t, self.horizon, self.size):
                 status = Status.SETTLED
             if status is not Status.UNDECIDED:
                 break
