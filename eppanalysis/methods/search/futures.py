@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm, matrix_balance, schur, solve_continuous_lyapunov, solve_sylvester
 
-from eppanalysis.arrays import Array, BoolArray, IntArray
+from eppanalysis.arrays import Array, BoolArray, ComplexArray, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence, on_levels
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -26,6 +26,8 @@ _ROUNDING, _RANK = 1e-13, 1e-12
 #: A root of rounding, as a double root has it: real parts beside moduli, distances from a guard beside its terms, and
 #: sizes of oscillations beside the state, below which they are zero.
 _ZERO = 1e-9
+#: Time constants after which an exponential is beneath rounding.
+_DECAYED = 40.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,8 +204,11 @@ class _Motion:
         moved = -self.away
         if np.isfinite(t):
             moved = moved + self.drift @ t ** np.arange(1.0, self.drift.shape[1] + 1.0)
-            for part in (mode.decays, mode.swings):
-                moved[part] += expm(mode.L[part, part] * t) @ self.away[part]
+            # What has decayed by so late is beneath rounding whatever the matrix is multiplied by.
+            late = min(t, _DECAYED / -np.diag(mode.L)[mode.decays].max(initial=-np.inf))
+            moved[mode.decays] += expm(mode.L[mode.decays, mode.decays] * late) @ self.away[mode.decays]
+            values, vectors, shares = self._oscillations
+            moved[mode.swings] += (vectors @ (np.exp(1j * values.imag * t) * shares)).real
         else:
             moved[mode.swings] = 0.0
         state = self.y[:n].copy()
@@ -215,14 +220,18 @@ class _Motion:
         part = self.mode.decays
         return _within(self.mode.ellipsoid, self.away[part], self.mode.guards[:, part])
 
+    @cached_property
+    def _oscillations(self) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Eigenvalues and vectors of what swings undamped, and how much of each there is."""
+        part = self.mode.swings
+        values, vectors = np.linalg.eig(self.mode.L[part, part].astype(complex))
+        return values, vectors, np.linalg.solve(vectors, self.away[part].astype(complex))
+
     def _swing(self) -> tuple[Array, bool]:
         """What undamped oscillations add to each guard at most, and whether there are any."""
-        part, away = self.mode.swings, self.away[self.mode.swings]
-        if not away.size:
-            return np.zeros(len(self.mode.guards)), False
-        _, vectors = np.linalg.eig(self.mode.L[part, part])
-        shares = np.linalg.solve(vectors, away.astype(complex))
-        size = np.abs((self.mode.W[:, part] @ vectors) * shares).max()
+        part = self.mode.swings
+        _, vectors, shares = self._oscillations
+        size = np.abs((self.mode.W[:, part] @ vectors) * shares).max(initial=0.0)
         is_swinging = size > _ZERO * np.abs(self.y[self.mode.repeats]).max()
         return np.abs((self.mode.guards[:, part] @ vectors) * shares).sum(axis=1), bool(is_swinging)
 
@@ -311,7 +320,13 @@ def _parts(A: Array) -> tuple[Array, Array, Array, slice, slice, slice, slice] |
     # A real one that is neither zero by rank nor damped is told from neither.
     if np.any(np.linalg.eigvals(L[undamped, undamped]).imag == 0.0):
         return None
+    W, Wi = _without_rounding(W), _without_rounding(Wi.T).T
     return scale[:, None] * W, Wi / scale, L, drifts, decays, undamped, grows
+
+
+def _without_rounding(W: Array) -> Array:
+    """Columns without what is rounding beside their largest entry."""
+    return np.where(np.abs(W) <= _ROUNDING * np.abs(W).max(axis=0), 0.0, W)
 
 
 def _null_space(A: Array) -> tuple[Array, int]:

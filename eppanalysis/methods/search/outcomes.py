@@ -44,8 +44,8 @@ MOST_EVENTS = 60_000
 _ENOUGH_EVENTS = 600
 #: Relative difference of the return of a run from the period of a cycle that it may be on the way to.
 _NEARS = 1e-2
-#: A run is tested for a cycle without switches after this many extensions, on a run this many times as long.
-_QUIET_TURN, _SEEN = 2, 3.0
+#: A run is tested for a cycle without switches on one that is so many times as long.
+_SEEN = 3.0
 #: A run is made three times longer this often at most, and to so many horizons unless it is carried on to a switch.
 _LOOKS, _LONGEST = 16, 3.0**7
 #: A cycle is listed as a run has it when all changes still to come are below this share of its amplitude. The run is
