@@ -16,6 +16,7 @@ import numpy as np
 from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.engine.orbits import READY, SINGULAR, Chain, Channels, build_arcs
 from eppanalysis.errors import ModelError
+from eppanalysis.methods.simulation.levels import on_levels
 from eppanalysis.methods.simulation.workspaces import of_thread
 from eppanalysis.methods.steady.flow import advances
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
@@ -242,31 +243,6 @@ class Arcs:
             self, F=F, S=zeros, g=g, gs=np.zeros_like(self.gs), J=J, Y=Y, W=widen(self.W), n_timers=n_t,
             shift=widen(self.shift),
         )  # fmt: skip
-
-
-def on_levels(hybrid: HybridSystem, modes: IntArray) -> Array:
-    """The matrix (N, N) of y that puts the inputs of all elements that stick on every arc on their levels.
-
-    On a cycle no event brings them there. That they stand there is an equation of its own, and a disturbance off a
-    level, which the element takes back at once, is none that lasts.
-    """
-    model = hybrid.model
-    n, size = model.A.shape[0], model.A.shape[0] + model.K.shape[1]
-    put = np.eye(size)
-    rows = model.mode_first[:-1] + modes
-    for e in np.flatnonzero(model.mode_stick[rows].all(axis=0) & (modes == modes[0]).all(axis=0)):
-        z = model.first[e, 0]
-        off, way = np.concatenate([model.C[z], model.Kz[z]]), way_back(hybrid, int(e))
-        off[-1] -= model.mode_level[rows[0, e]]
-        put[:n] -= np.outer(way / (model.C[z] @ way), off @ put)
-    return put
-
-
-def way_back(hybrid: HybridSystem, element: int) -> Array:
-    """The direction of the state along which a sticking element is taken back to its level."""
-    z, w = hybrid.model.first[element, :2]
-    c = hybrid.model.C[z]
-    return np.asarray(c != 0, float) if np.count_nonzero(c) == 1 else hybrid.model.B[:, w]
 
 
 def _refuse_another_structure(hybrid: HybridSystem, event_sequence: EventSequence, like: Arcs | None) -> None:

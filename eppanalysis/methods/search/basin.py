@@ -15,9 +15,9 @@ from eppanalysis.arrays import Array, IntArray
 from eppanalysis.methods.orbits.exact import range_of, steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import away
 from eppanalysis.methods.search.decay import comes_to_rest
-from eppanalysis.methods.search.futures import Futures
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.simulation.batch import BatchResult, HybridStack, simulate_batch
+from eppanalysis.methods.simulation.futures import Futures
 from eppanalysis.methods.simulation.runs import cycle_of_run, judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import slowest_pole

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.arrays import Array, IntArray
-from eppanalysis.methods.search.futures import Futures, Rests
+from eppanalysis.methods.simulation.futures import Futures, Rests
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.models.systems.hybrid import HybridSystem, of_model
 

@@ -19,10 +19,10 @@ from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import close_orbit, orbit_of, same_orbit
 from eppanalysis.methods.search.continua import at_end, has_period_of, on_rim, same_continuum
 from eppanalysis.methods.search.decay import Turns, decays, died_out, dwindles
-from eppanalysis.methods.search.futures import Future, Futures, Leaves, Rests, Swings, Switches
 from eppanalysis.methods.search.reach import reach_of_elements
 from eppanalysis.methods.search.rests import Met, note_modes
 from eppanalysis.methods.simulation.budget import Budget, BudgetExceeded, budget, remaining
+from eppanalysis.methods.simulation.futures import Future, Futures, Leaves, Rests, Swings, Switches
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.runs import cycle_of_run, judge, repeats_undecided, run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable

@@ -12,8 +12,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from eppanalysis.arrays import Array, BoolArray
-from eppanalysis.methods.search.futures import arcs_of
+from eppanalysis.arrays import Array, BoolArray, IntArray
+from eppanalysis.errors import ModelError
+from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
@@ -57,14 +58,28 @@ def towards_rests(hybrid: HybridSystem, met: Met) -> Iterator[tuple[Array, Array
     if late.size < model.smooth_kind.size:  # with smooth elements no combination is affine
         return
     for modes, (x, H) in list(met.items())[:_MOST]:
-        arcs = arcs_of(hybrid, np.frombuffer(modes, np.int64))
-        if arcs is None or arcs.event_sequence.guards[0] < 0:  # without a guard all is this mode's, wherever it begins
+        arcs = _arcs(hybrid, np.frombuffer(modes, np.int64))
+        if arcs is None:
             continue
         # At rest what comes out of a dead time is what goes in, which is constant where there are arcs.
         delayed = arcs.W[0, model.smooth_w[late], arcs.memory.stop - 1]
         with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all range is no start
             towards = [*_towards(arcs.F[0], arcs.g, hybrid.compared, np.concatenate([x, H, delayed]))]
         yield from ((start, H, time) for start, time in towards if np.all(np.isfinite(start)))
+
+
+def _arcs(hybrid: HybridSystem, modes: IntArray) -> Arcs | None:
+    """One arc for every guard of a combination of modes; None where it has none, or no unique solution."""
+    first = hybrid.model.mode_first[:-1] + modes
+    guards = np.concatenate([np.arange(*hybrid.model.guard_first[m : m + 2]) for m in first])
+    if not guards.size:
+        return None
+    p = guards.size
+    none = np.full((p, 3), -1), np.zeros(p, np.int64)
+    try:
+        return Arcs.build(hybrid, EventSequence(np.tile(modes, (p, 1)), guards, *none))
+    except ModelError:
+        return None
 
 
 def _towards(F: Array, g: Array, moves: BoolArray, y: Array) -> Iterator[tuple[Array, float]]:

@@ -17,8 +17,8 @@ from eppanalysis.methods.orbits.exact import range_of, steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import starts_on
 from eppanalysis.methods.search.decay import comes_to_rest
 from eppanalysis.methods.search.find import find_limit_cycles
-from eppanalysis.methods.search.futures import Futures
 from eppanalysis.methods.search.result import CycleSearch
+from eppanalysis.methods.simulation.futures import Futures
 from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.runs import judge, run_hybrid

@@ -39,9 +39,6 @@ _RESOLVED, _ROUNDING = 1e-12, 1e-9
 _STANDS = 1e-6
 #: Share of its range within which a signal has come to where it rests, and of a run by which that must be.
 _ENDS, _LATE = 1e-3, 0.98
-#: A motion leaves its start where it is so many times as far from it in each third of a run as in the one before, and
-#: dies down where it swings by less than this share.
-_FURTHER, _SMALLER, _GOING = 1.2, 0.99, "The motion had neither settled nor repeated itself by the end."
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,29 +144,6 @@ def moves_until(t: Array, signals: Mapping[str, Array], rest: Iterable[str]) -> 
         if away.size and t[away[-1]] < _LATE * t[len(v) - 1]:
             last = max(last, int(away[-1]) + 1)
     return float(t[last]) if last else 0.0
-
-
-def tendency(hybrid: HybridSystem, signals: Mapping[str, Array]) -> str:
-    """A sentence where a signal is farther from its start in each third of a run than before, or swings less.
-
-    Nothing elsewhere, and where another one swings more. What elements give is not asked: it jumps.
-    """
-    apart = np.any(free_of(hybrid), axis=1) | np.any(hybrid.model.Yw, axis=1)
-    swings: dict[str, Array] = {}
-    for name, v in (pair for pair, goes_on in zip(signals.items(), apart, strict=True) if not goes_on):
-        thirds = np.array_split(v, 3)
-        far = [np.abs(part - v[:1]).max(initial=0.0) for part in thirds]
-        if far[1] > _FURTHER * far[0] and far[2] > _FURTHER * far[1]:
-            return f"{_GOING[:-1]}, and {words(name)} went further and further: to a larger motion, or without end."
-        if v.size >= 3 and np.ptp(thirds[0]) > _STANDS * np.abs(v).max():
-            swings[name] = np.array([np.ptp(part) for part in thirds])
-    shrink = {name: swing for name, swing in swings.items() if np.all(swing[1:] < _SMALLER * swing[:-1])}
-    if shrink and all(np.all(_SMALLER * swing[1:] <= swing[:-1]) for swing in swings.values()):
-        least, size = next(iter(shrink.items()))
-        shares = " and ".join(f"{100.0 * part / size[0]:.2g} %" for part in size[1:])
-        fewer = f"{words(least)} swung less and less, in its later thirds {shares} of the first"
-        return f"{_GOING[:-1]}, but {fewer}: to a smaller motion, or to rest."
-    return ""
 
 
 def _corners(marks: Array, delays: Array) -> Array:

@@ -22,9 +22,10 @@ from eppanalysis.engine.workspace import (
     make_samples,
 )
 from eppanalysis.errors import EppError
-from eppanalysis.methods.simulation.budget import remaining, spend
+from eppanalysis.methods.simulation.budget import BudgetExceeded, budget, remaining, spend
+from eppanalysis.methods.simulation.futures import Futures, Leaves
 from eppanalysis.methods.simulation.kept import EARLY, VERDICTS, Run, from_event
-from eppanalysis.methods.simulation.period import advance, advances, analyse_period, moves_until, resting, tendency
+from eppanalysis.methods.simulation.period import advance, advances, analyse_period, moves_until, resting
 from eppanalysis.methods.simulation.rounding import (
     BENEATH_ROUNDING,
     SAMPLES,
@@ -42,6 +43,7 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe, sampled_among
 from eppanalysis.models.systems.starts import remembered
+from eppanalysis.readable import number
 from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
 from eppanalysis.results.events import Events
 from eppanalysis.results.provenance import Provenance
@@ -66,8 +68,8 @@ MOST_STEPS = 10_000_000
 _SET_UP, _DELAYED, _SMOOTH, _FAST_STEPS = 200.0, 5.0, 20.0, 20.0
 #: A state beyond this has diverged, in a run that rounding has stopped.
 _LARGEST_STATE = 1e100
-#: Samples that tell whether a run grows; no whole multiple of those that it usually has.
-_TREND_SAMPLES = 9709
+#: A run that is undecided by its end is run on to so many times its length, with no more work than so much [steps].
+_RUN_ON, _WORK_TO_RUN_ON = (3.0, 9.0, 27.0, 81.0), 1e5
 #: Changes from period to period, relative to the cycle's size, that may be rounding.
 _STANDING = 1e-9
 
@@ -107,9 +109,7 @@ def run_in_time(
     settled, early = status is Status.SETTLED, run.why_early(t_end)
     rest = resting(signals, advance(hybrid, run.rate_end) * t_end) if settled and n_written else {}
     again = partial(_at_times, hybrid, system.signals.names, base, max_events + samples, max_steps)
-    trend = ""
-    if status is Status.UNDECIDED and n_written > 1:  # from times of its own: a fast motion may stand still in samples
-        trend = tendency(hybrid, again(np.linspace(times[0], times[n_written - 1], _TREND_SAMPLES)))
+    on = _run_on(hybrid, run, t_end, base, max_events, max_steps) if status is Status.UNDECIDED and not lost else ""
     return Trajectory(
         t=times[:n_written],
         signals=signals,
@@ -119,12 +119,36 @@ def run_in_time(
         settled_at=rest,
         settled_since=max(_since(hybrid, run, found), moves_until(times, signals, rest)) if status.ok else float("nan"),
         n_events=run.count,
-        note=BENEATH_ROUNDING if lost else (early and hybrid.chatters) or early or trend,
+        note=BENEATH_ROUNDING if lost else (early and hybrid.chatters) or early or on,
         units=system.signals.units_of_results(),
         provenance=facts,
         operating_point=at,
         again=again,
     )
+
+
+def _run_on(hybrid: HybridSystem, run: Run, t_end: float, base: float, max_events: int, max_steps: int) -> str:
+    """What a run that is undecided by its end comes to, and for how long to simulate to see it, in a sentence."""
+    by_then = "The motion had neither settled nor repeated itself by the end"
+    ends = not np.any(hybrid.model.breakpoint_time > t_end) and Strobe.of(hybrid) is None
+    if ends and isinstance(Futures(hybrid).of(run.end(hybrid)), Leaves):
+        return f"{by_then}; it goes beyond all bounds without another switch."
+    known = ""
+    try:
+        with budget(_WORK_TO_RUN_ON):
+            for t in t_end * np.array(_RUN_ON):
+                longer = run_hybrid(hybrid, t, np.zeros(0), base, max_events, run.time.size, max_steps)
+                status, found = judge(hybrid, longer, t)
+                if status is Status.EVENT_LIMIT:
+                    break
+                known = f"{by_then}, nor by {number(t)} s."
+                if status is not Status.UNDECIDED:
+                    to = {Status.SETTLED: "settles", Status.DIVERGED: "grows without bound"}
+                    repeats = f"repeats itself every {number(float(found[1]))} s"
+                    return f"{by_then}; run on, it {to.get(status, repeats)}: simulate for some {number(t)} s."
+    except (BudgetExceeded, EppError):  # which the run itself has not met
+        pass
+    return known
 
 
 def _signals(names: tuple[str, ...], run: Run) -> dict[str, Array]:

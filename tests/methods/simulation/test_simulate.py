@@ -236,21 +236,14 @@ def test_a_run_that_is_too_short_is_undecided() -> None:
 
 
 # Sample times and arguments -------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("drag", [1e-3, -1e-3])
-def test_a_run_that_dies_down_slowly_says_how_far_it_has_come(drag: float) -> None:
+@pytest.mark.parametrize(("drag", "comes_to"), [(1e-3, "settles"), (-1e-3, "grows without bound")])
+def test_a_run_that_is_too_short_to_die_down_or_grow_says_which(drag: float, comes_to: str) -> None:
     """A wheel on a spring with backlash, in little drag: 60 s are many turns, and no rest yet."""
     shaft = epp.DeadZone(-0.01, 0.01, 60.0)
     A = [[0.0, 1.0], [0.0, -25.0 * drag]]
     column = epp.LureSystem.build(A, [[0.0], [-25.0]], [[1.0, 0.0]], [shaft], x0=[0.3, 0.0])
     run = epp.simulate(column, t_end=60.0)
-    swing = [np.ptp(part) for part in np.array_split(run.signals["dead_zone_input"], 3)]
-    said = re.search(
-        r"dead zone input swung less and less, in its later thirds ([\d.]+) % and ([\d.]+) % of the first", str(run)
-    )
-    assert run.status is epp.Status.UNDECIDED and bool(said) is (drag > 0.0)
-    if said:
-        shares = [100.0 * part / swing[0] for part in swing[1:]]
-        assert [float(part) for part in said.groups()] == pytest.approx(shares, abs=0.6)
+    assert run.status is epp.Status.UNDECIDED and f"run on, it {comes_to}" in run.note
 
 
 def test_what_friction_gives_is_not_said_to_go_further_and_further() -> None:

@@ -17,8 +17,9 @@ import numpy as np
 from scipy.linalg import expm, matrix_balance, schur, solve_continuous_lyapunov, solve_sylvester
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray, IntArray
-from eppanalysis.errors import ModelError
-from eppanalysis.methods.orbits.arcs import Arcs, EventSequence, on_levels
+from eppanalysis.engine.orbits import READY, build_arcs
+from eppanalysis.methods.simulation.levels import on_levels
+from eppanalysis.methods.simulation.workspaces import of_thread
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 #: Rounding of a rate or a guard, relative to its terms, and of a rank, relative to the largest singular value.
@@ -81,16 +82,24 @@ class Futures:
         return None if mode is None else mode.future(np.append(start.x0, start.H0))
 
 
-def arcs_of(hybrid: HybridSystem, modes: IntArray) -> Arcs | None:
-    """One arc for every guard of a combination of modes, or one without; None where it has no unique solution."""
-    first = hybrid.model.mode_first[:-1] + modes
-    guards = np.concatenate([np.arange(*hybrid.model.guard_first[m : m + 2]) for m in first])
-    guards = guards if guards.size else np.array([-1])
-    none = np.full((guards.size, 3), -1), np.zeros(guards.size, np.int64)
-    try:
-        return Arcs.build(hybrid, EventSequence(np.tile(modes, (guards.size, 1)), guards, *none))
-    except ModelError:
-        return None
+def _law(hybrid: HybridSystem, modes: IntArray) -> tuple[Array, Array] | None:
+    """F (n, N) and g (guards, N) of a combination of modes: rates and guards by y, which stacks the state on memory
+    values and a 1; None where the combination has no unique solution.
+    """
+    model = hybrid.model
+    first = model.mode_first[:-1] + modes
+    guards = np.concatenate([np.arange(*model.guard_first[m : m + 2]) for m in first])
+    ends = guards if guards.size else np.array([-1])  # a single arc that nothing ends
+    p, n, n_w, n_s = ends.size, len(model.B), model.B.shape[1], model.S.shape[1]
+    N, n_y, base = n + model.K.shape[1], model.Yx.shape[0], 2.0 * hybrid.time_scale
+    F, S, g, gs = np.empty((p, n, N)), np.empty((p, n, n_s)), np.empty((p, N)), np.empty((p, n_s))
+    J, smooth, sense = np.empty((p, N, N)), np.empty(p, np.int64), np.ones((p, n_s))
+    Y, Ys, W = np.empty((p, n_y, N)), np.empty((p, n_y, n_s)), np.empty((p, n_w, N))
+    compiled, work, _ = of_thread.workspaces(hybrid, base)
+    code = build_arcs(
+        model, compiled, work, base, np.tile(modes, (p, 1)), ends, ends, F, S, g, gs, J, smooth, sense, Y, Ys, W
+    )
+    return (F[0], g[: guards.size]) if code == READY else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +125,10 @@ class _Mode:
     @classmethod
     def of(cls, hybrid: HybridSystem, modes: IntArray) -> _Mode | None:
         """None where the mode has no unique law of motion, or its parts are not told apart."""
-        arcs, repeats = arcs_of(hybrid, modes), np.flatnonzero(hybrid.compared)
-        if arcs is None or not repeats.size or not np.all(np.isfinite(arcs.F[0])):
+        law, repeats = _law(hybrid, modes), np.flatnonzero(hybrid.compared)
+        if law is None or not repeats.size or not np.all(np.isfinite(law[0])):
             return None
-        F, g = arcs.F[0], arcs.g if arcs.event_sequence.guards[0] >= 0 else np.zeros((0, arcs.size))
+        F, g = law
         matters = np.any(np.vstack([F[repeats], g])[:, : len(F)] != 0.0, axis=0)
         parts = _parts(F[np.ix_(repeats, repeats)])
         if parts is None:
