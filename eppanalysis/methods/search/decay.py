@@ -95,18 +95,20 @@ class Turns:
     modes: IntArray  # (events, elements)
     state: Array  # (events, n)
     rate: Array  # (events, n)
+    swing: Array  # (n,): how far each state went in the last run, between its events, too
 
     @classmethod
     def of(cls, start: HybridSystem, run: Run, before: Turns | None = None) -> Turns:
         """Those of a run, and those before it."""
-        last = cls(start, run.guard[run.order], run.modes[run.order], run.state[run.order], run.rate[run.order])
+        events = run.guard[run.order], run.modes[run.order], run.state[run.order], run.rate[run.order]
+        last = cls(start, *events, run.high - run.low)
         if before is None:
             return last
 
         def joined(name: str) -> Any:
             return np.concatenate([getattr(before, name), getattr(last, name)])[-_MOST_EVENTS:]
 
-        return cls(start, joined("guard"), joined("modes"), joined("state"), joined("rate"))
+        return cls(start, joined("guard"), joined("modes"), joined("state"), joined("rate"), last.swing)
 
     def ratio(self) -> float | None:
         """The ratio of each of the last turns to the one before, where they are alike but for their size.
@@ -135,7 +137,7 @@ class Turns:
         if np.any((level > 0) & (size < _FAR * level)):
             return None
         with np.errstate(divide="ignore", invalid="ignore"):
-            _, before, now = (turns[1:] / turns[:-1])[:, np.abs(turns[-1]) > _STILL * size]
+            _, before, now = (turns[1:] / turns[:-1])[:, np.abs(turns[-1]) > _STILL * self.swing[self.start.compared]]
         alike = np.abs(before - now) < _ALIKE * np.maximum(now - 1.0, _ALIKE)
         grows = now.size > 0 and now.max() > 1.0 + _ALIKE and np.all(alike & (now > 1.0 - _ALIKE))
         return float(now.max()) if grows else None
