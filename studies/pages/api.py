@@ -33,7 +33,8 @@ PROVISIONAL = {
         "certify check_certificate certify_orbit Certificate Check CertifiedOrbit OrbitStability Proof"
     ),
     "design and tolerances": (
-        "design Design tolerance_bound ToleranceBound design_guide Guide manual_table ManualTable dither Dither smoothed"
+        "design Design tolerance_bound ToleranceBound design_guide Guide manual_table ManualTable dither "
+        "Dither smoothed"
     ),
     "diagnosis": "diagnose Diagnosis",
     "elements of your own": (
@@ -50,8 +51,8 @@ PROVISIONAL = {
 _PROMISE = """\
 Every name on this page is **public** or **provisional**.
 
-* A public name keeps its meaning, its arguments and the fields of its result within a minor version (0.1.x). A later minor
-  version changes it only after one that warned, and CHANGELOG.md says so.
+* A public name keeps its meaning, its arguments and the fields of its result within a minor version (0.1.x). A later
+  minor version changes it only after one that warned, and CHANGELOG.md says so.
 * A provisional name may change in any release without a warning.
 * What this page does not list (modules, names with an underscore) is internal.
 
