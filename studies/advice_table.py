@@ -19,6 +19,11 @@ POINTS = (
     ("Ball bearing", "fig6b_ball_bearing", ("2.5 lbf", "1.5 lbf")),
     ("Original pulley", "fig6a_original_pulley", ("2.5 lbf", "1.5 lbf", "1.25 lbf")),
 )
+#: Those of the table that are shown; the sentences have the rest.
+COLUMNS = (
+    *("profile range [lbf]", "bound [deg]", "advice", "on the bound"),
+    *("bound grows [%]", "gain may grow [%]", "step grows [%]", "blow grows [%]"),
+)
 
 
 def rows(pulley: str, gain: str) -> tuple[AdviceRow, ...]:
@@ -37,7 +42,8 @@ def text(workers: int = 2) -> str:
     sentences = advice_sentences([row for job in jobs for row in found[job]])
     parts = ["\n".join(f"* {sentence}" for sentence in sentences)]
     for name, pulley, gains in POINTS:
-        frame = advice_frame(case, [row for gain in gains for row in found[pulley, gain]])
+        frame = advice_frame(case, [row for gain in gains for row in found[pulley, gain]])[list(COLUMNS)]
+        frame = frame[frame["on the bound"] != "not applicable"].drop(columns="on the bound")
         parts.append(f"{name}:\n\n{frame.to_markdown(index=False, disable_numparse=True)}")
     return "\n\n".join(parts) + "\n"
 
