@@ -23,13 +23,26 @@ _INTRODUCTION = """\
 
 The values of `element =` in `[elements]` of a diagram ({doc}`diagrams`), or in `[[loop.blocks]]` or `[[loop.elements]]`
 of a loop ({doc}`loops`), with their fields. A field without a default is required. A value is a number in SI units, a
-quantity (`"12 mm"`), in a diagram an expression, or a table of `value`, `mark`, `note` and `tolerance` ({doc}`../cases`).
-Units in brackets are those of the loop: where the input is a length, the gap of a play is one too.
+quantity (`"12 mm"`), in a diagram an expression, or a table of `value`, `mark`, `note`, `tolerance` ({doc}`../cases`).
+In brackets, [u] is the unit of the element's input in the loop, [y] that of its output.
 
-Every element also takes `name` (default: its kind; `--set`, sweeps and signals use it: `play.gap`) and `memory` (the
-value that an element with memory holds at the start). An element of your own is `automaton`: {doc}`../howto/own_element`.
+Every element also takes `name` (default: its kind; `--set`, sweeps and signals use it: `play.gap`) and `memory` (what
+an element with memory holds at the start). An element of your own is `automaton`: {doc}`../howto/own_element`.
 """
 
+#: Units of a loop as docstrings spell them and as the page abbreviates them, longest first.
+_UNITS = {
+    "unit of the output per unit of the input and s": "y/(u·s)",
+    "unit of the output per unit of the input, times s": "y·s/u",
+    "unit of the output per unit of the input": "y/u",
+    "unit of the output per squared unit of the input": "y/u²",
+    "unit of the output per cubed unit of the input": "y/u³",
+    "unit of the input, which is that of the output": "u = y",
+    "unit of input and output": "u = y",
+    "unit of the output per s": "y/s",
+    "unit of the output": "y",
+    "unit of the input": "u",
+}
 _PARAMETERS = re.compile(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+\n|\Z)", re.MULTILINE | re.DOTALL)
 _ENTRY = re.compile(r"^(\w[\w, ]*?) : [^\n]*\n((?:[ ]+[^\n]*\n?|\n)+)", re.MULTILINE)
 
@@ -80,6 +93,7 @@ def _default(parameter: inspect.Parameter) -> str:
 def _markdown(text: str) -> str:
     """A piece of a docstring as one line of Markdown."""
     line = re.sub(r"`+([^`]*)`+", r"`\1`", re.sub(r":class:", "", " ".join(text.split())))
+    line = re.sub(r"\[(unit of [^]]*)\]", lambda unit: f"[{_UNITS.get(unit[1], unit[1])}]", line)
     # A star between units is no emphasis.
     return re.sub(r"(?<=\w)\*(?=\w)(?=[^`]*(?:`[^`]*`[^`]*)*$)", "·", line)
 
