@@ -90,7 +90,7 @@ def truth_table() -> str:
                 ", ".join(f"{c.frequency:.3g} Hz {'stable' if c.stable else 'unstable'}" for c in cycles) or "none",
             ]
         )
-    header = ["case", "paper", "finding", "simulation", "frequency [Hz]", "peak to peak of theta [deg]", "first order"]
+    header = ["case", "paper", "finding", "simulation", "frequency [Hz]", "peak to peak of theta [deg]", "DF"]
     return markdown(header, rows)
 
 
@@ -195,7 +195,7 @@ def both_directions() -> str:
         steady = found.run.limit_cycle
         runs = f"{steady.frequency:.4g} Hz" if steady else found.outcome.replace("settle", "settles")
         rows.append([f"`{name}`", ", ".join(cycles) or "none", runs, found.verdict])
-    return markdown(["case", "first order", "simulation", "verdict"], rows)
+    return markdown(["case", "DF", "simulation", "verdict"], rows)
 
 
 class _ClosedForm(control.DescribingFunctionNonlinearity):
