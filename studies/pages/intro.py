@@ -145,7 +145,7 @@ def first_order_blind() -> Figure:
     size.text(middle, 4.0, "called\nsafe,\noscillates", ha="center", fontsize=SMALL)
     size.set(xlabel="gain", ylabel="motor, peak to peak\n[half gaps]", xlim=(2.8, LARGEST_GAIN), ylim=(1.8, 4.8))
     put_legend(size, ncols=2, **_BELOW)
-    size.set_title(f"Describing function: none below gain {FIRST_ORDER_FOLD:.3f}", fontsize=10, loc="left")
+    size.set_title(f"DF: no limit cycle below gain {FIRST_ORDER_FOLD:.3f}", fontsize=10, loc="left")
     shown = run.t < 120.0
     time.plot(run.t[shown], run.signals["x"][shown], color=BLUE, linewidth=1.0)
     time.set(xlabel="time [s]", ylabel="motor [half gaps]", xlim=(0.0, 120.0))
