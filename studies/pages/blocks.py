@@ -24,7 +24,8 @@ _INTRODUCTION = """\
 
 The values of `kind =` in `[blocks]` of a diagram ({doc}`diagrams`), with ports and fields. A field without a default is
 required. A value is a quantity (`"2 ohm"`, or a number in SI units) or an expression ({ref}`expressions`). In Python
-the class of the same fields, by name: `epp.blocks.Motor(resistance=2.0, torque_constant=0.05, inertia=2e-5)`.
+the class of the same fields, by name: `epp.blocks.Motor(resistance=2.0, torque_constant=0.05, inertia=2e-5)`. Ports are
+written as inputs → outputs.
 
 """
 
@@ -41,23 +42,17 @@ _PORTS_OF_MATRICES = "`{0}`; `{0}1`, `{0}2`, ...; or `{0}put_names`"
 
 def page() -> str:
     """The page as Markdown."""
-    contents = "".join(
-        f"| [`{kind}`](#{kind}) | {_summary(made)} | {_inputs(made)} | {_outputs(made)} |\n"
-        for kind, made in BLOCKS.items()
-    )
-    head = "| kind | what it is | inputs | outputs |\n| --- | --- | --- | --- |\n"
     common = _fields(declared_fields(Block).items(), Block)
-    return _INTRODUCTION + head + contents + f"\n{_COMMON}{common}" + "".join(map(_section, BLOCKS))
+    return f"{_INTRODUCTION}{_COMMON}{common}" + "".join(map(_section, BLOCKS))
 
 
 def _section(kind: str) -> str:
     """Heading, docstring, ports and the fields of a block."""
     made = BLOCKS[kind]
-    # The table of all blocks has the first line of the docstring and the ports.
-    more = _markdown(inspect.cleandoc(made.__doc__ or "").split("\n\nAttributes\n")[0].partition("\n")[2].strip())
+    says = _markdown(inspect.cleandoc(made.__doc__ or "").split("\n\nAttributes\n")[0].replace("\n\n", "\n"))
     own = [(name, about) for name, about in declared_fields(made).items() if name not in declared_fields(Block)]
-    parts = [f"In Python `epp.blocks.{made.__name__}`.", more, _fields(own, made).strip()]
-    return f"\n## {kind}\n\n" + "\n\n".join(filter(None, parts)) + "\n"
+    ports = f"`epp.blocks.{made.__name__}`: {_inputs(made)} → {_outputs(made)}."
+    return f"\n## {kind}\n\n{says}\n\n{ports}\n" + (f"\n{_fields(own, made)}" if own else "")
 
 
 def _fields(fields: Iterable[tuple[str, Declared]], made: type[Block]) -> str:
@@ -92,11 +87,6 @@ def _outputs(made: type[Block]) -> str:
 
 def _listed(names: tuple[str, ...]) -> str:
     return ", ".join(f"`{name}`" for name in names) or "none"
-
-
-def _summary(made: type[Block]) -> str:
-    """The first sentence of the docstring."""
-    return _markdown((made.__doc__ or "").split("\n\nAttributes\n")[0].partition("\n")[0])
 
 
 def _markdown(text: str) -> str:
