@@ -263,10 +263,10 @@ def advice_sentences(rows: Sequence[AdviceRow]) -> list[str]:
         what = "allows {} % more gain" if name == LIMIT else "moves the bound by {} %"
         text = f"{words.capitalize()}: one per cent {what.format(_range(felt))} ({_joined(r.verdict for r in here)})"
         for grown, verdicts, disturbed in (
-            ([r.trigger_gained for r in here], [r.trigger_verdict for r in here], "step of the harness"),
-            ([r.blow_gained for r in here], [_word(r.blow_gained) for r in here], "blow to the forearm"),
+            ([r.trigger_gained for r in here], [r.trigger_verdict for r in here], "step"),
+            ([r.blow_gained for r in here], [_word(r.blow_gained) for r in here], "blow"),
         ):
-            text += f"; the smallest {disturbed} that starts the oscillation changes by {_range(grown)} % "
+            text += f"; the smallest {disturbed} grows by {_range(grown)} % "
             text += f"({_joined(verdicts)})"
         out.append(text + "." + _against(here))
     return out

@@ -15,7 +15,7 @@ from eppanalysis.readable import in_print
 from studies import STORED
 
 RESULT = STORED / "limits.md"
-HEADER = ("bounded", "at", "free of cycles", "first order", "harmonic balance", "exact", "tested at", "at rest")
+HEADER = ("bounded", "at", "free of cycles", "DF", "harmonic balance", "exact", "tested at", "at rest")
 BACKLASH, GAIN = "lock_pin.backlash", "bands.range"
 
 

@@ -2,13 +2,13 @@
 
 The linear part of a loop gives 200 points a decade, each with 1 % of noise. Run it:
 ``python -m studies.measured_coverage``, with names of cases for some. All take half an hour, so that the result
-is kept in ``_static/measured_coverage.md``.
+is kept in ``_static/measured_coverage.csv``.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import count, islice
@@ -28,10 +28,11 @@ from eppanalysis.models.systems.own_states import ports
 from eppanalysis.models.systems.signals import slices
 from eppanalysis.results import PlainData
 from studies import STORED
+from studies.stored_tables import read_rows, write_rows
 
-__all__ = ["CASES", "Covered", "coverage", "coverages", "of_case", "table"]
+__all__ = ["CASES", "Covered", "coverage", "coverages", "of_case", "read", "table"]
 
-RESULT = STORED / "measured_coverage.md"
+RESULT = STORED / "measured_coverage.csv"
 #: The loops that ship that have a cycle of first order, without those that differ from another in nothing here.
 CASES = (
     "actuator_both_limits", "backlash_discrete_pi", "backlash_discrete_pi_kp02_ki02", "backlash_discrete_pi_kp05_ki01",
@@ -184,7 +185,12 @@ def _covers(noise: Noise, truth: Array) -> tuple[bool, bool, bool, bool]:
     return within[0], within[1], not there, interval.at_a_fold
 
 
-def table(rows: tuple[Covered, ...]) -> str:
+def read() -> list[Covered]:
+    """The stored rows."""
+    return read_rows(Covered, RESULT)
+
+
+def table(rows: Sequence[Covered]) -> str:
     """The cycles in Markdown."""
     lines = [
         "| loop | amplitude | frequency [Hz] | amplitude covered | frequency covered | not in the draw | doubt said |",
@@ -198,10 +204,10 @@ def table(rows: tuple[Covered, ...]) -> str:
 
 
 if __name__ == "__main__":
-    made = []
+    made: list[Covered] = []
     for case in sys.argv[1:] or CASES:
         made += (rows := coverage(case, seed=_SEED + CASES.index(case)))
         sys.stdout.write("\n".join(table(rows).splitlines()[2:]) + "\n")
         sys.stdout.flush()
     if not sys.argv[1:]:
-        RESULT.write_text(table(tuple(made)), encoding="utf-8")
+        write_rows(made, Covered, RESULT, __file__)

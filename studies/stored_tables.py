@@ -30,7 +30,8 @@ def write_rows(rows: Sequence[Any], kind: type, path: Path, script: str) -> None
 
 def read_rows(kind: type[Row], path: Path) -> list[Row]:
     """Rows of a stored table, each field as the type that the dataclass gives it."""
-    parsers = {name: _PARSERS[type_] for name, type_ in get_type_hints(kind).items()}
+    types = get_type_hints(kind)
+    parsers = {field.name: _PARSERS[types[field.name]] for field in fields(kind)}
     with path.open(encoding="utf-8") as stream:
         next(stream)
         return [kind(**{name: parse(d[name]) for name, parse in parsers.items()}) for d in csv.DictReader(stream)]

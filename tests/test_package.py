@@ -94,7 +94,9 @@ REPOSITORY = ROOT.parent
 
 
 def project() -> dict:
-    return tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    """What ``pyproject.toml`` says, with the version, which only the package says."""
+    said = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    return said | {"version": eppanalysis.__version__}
 
 
 def test_citation_is_of_this_version_and_licence():
@@ -107,13 +109,36 @@ def test_citation_is_of_this_version_and_licence():
     assert {"message", "type"} <= set(cited)
 
 
-def test_image_is_installed_as_the_readme_says():
+def test_changes_begin_with_this_version():
+    text = (REPOSITORY / "CHANGELOG.md").read_text(encoding="utf-8")
+    versions = re.findall(r"^## \[?(\d+\.\d+\.\d+)\]? - \d{4}-\d\d-\d\d$", text, re.MULTILINE)
+    assert versions[0] == eppanalysis.__version__
+
+
+def test_image_is_installed_as_the_readme_says_and_does_not_run_as_root():
     first = re.search(r"^```sh\n(.*?)\n```", (REPOSITORY / "README.md").read_text(encoding="utf-8"), re.M | re.S)
     lines = (REPOSITORY / "Dockerfile").read_text(encoding="utf-8").splitlines()
     assert [line.removeprefix("RUN ") for line in lines if line.startswith("RUN ")] == [first[1]]
     (base,) = [line for line in lines if line.startswith("FROM ")]
     oldest = project()["requires-python"].removeprefix(">=")
     assert [*map(int, base.partition(":")[2].removesuffix("-slim").split("."))] >= [*map(int, oldest.split("."))]
+    (user,) = [line.removeprefix("USER ") for line in lines if line.startswith("USER ")]
+    assert int(user.partition(":")[0]) > 0 and lines.index(f"USER {user}") < len(lines) - 2
+
+
+def test_links_of_the_readme_are_absolute_on_a_package_index():
+    text = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    whole = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))
+    for change in whole["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]["substitutions"]:
+        text = re.sub(change["pattern"], change["replacement"], text)
+    links = re.findall(r"\]\(([^)]*)\)", text)
+    assert links and all(link.startswith("https://") for link in links)
+    assert all("/raw." in link for link in re.findall(r"!\[[^\]]*\]\(([^)]*)\)", text))
+
+
+def test_links_of_the_readme_lead_somewhere():
+    for link in re.findall(r"\]\(([^):#]*)(?:#[^)]*)?\)", (REPOSITORY / "README.md").read_text(encoding="utf-8")):
+        assert (REPOSITORY / link).exists(), link
 
 
 @pytest.mark.slow
@@ -130,17 +155,15 @@ def test_shells_complete_commands(shell):
 
 
 def test_conda_recipe_has_what_the_package_says():
-    jinja2, yaml = pytest.importorskip("jinja2"), pytest.importorskip("yaml")
-    text = (REPOSITORY / "conda" / "meta.yaml").read_text(encoding="utf-8")
-
-    def load_file_data(name: str, *, from_recipe_dir: bool):
-        assert from_recipe_dir
-        return tomllib.loads((REPOSITORY / "conda" / name).read_text(encoding="utf-8"))
-
-    recipe = yaml.safe_load(
-        jinja2.Template(text).render(load_file_data=load_file_data, PYTHON="python", compiler="{}-compiler".format)
-    )
-    ours = project()
-    assert recipe["package"] == {"name": ours["name"], "version": ours["version"]}
-    assert recipe["requirements"]["run"] == [f"python {ours['requires-python']}", *ours["dependencies"]]
-    assert recipe["build"]["entry_points"] == [f"eppanalysis = {ours['scripts']['eppanalysis']}"]
+    yaml = pytest.importorskip("yaml")
+    recipe = yaml.safe_load((REPOSITORY / "conda" / "recipe.yaml").read_text(encoding="utf-8"))
+    ours, needs = project(), recipe["requirements"]
+    built = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]["requires"]
+    assert recipe["context"] == {"name": ours["name"], "version": ours["version"]}
+    assert needs["run"] == [f"python {ours['requires-python']}", *ours["dependencies"]]
+    assert set(needs["host"]) == {"python", "pip", *built}
+    assert '${{ compiler("cxx") }}' in needs["build"]
+    (script,) = recipe["build"]["python"]["entry_points"]
+    assert script == f"eppanalysis = {ours['scripts']['eppanalysis']}"
+    assert recipe["about"]["license"] == ours["license"] and recipe["about"]["homepage"] == ours["urls"]["Homepage"]
+    assert " ".join(recipe["about"]["summary"].split()) == ours["description"]

@@ -50,6 +50,11 @@ def test_every_public_name_stands_on_the_page_of_the_interface():
     assert every <= set(listed) and all(f"`eppanalysis.{name}`" in page for name in modules)
 
 
+def test_provisional_names_are_public_ones_and_stand_once():
+    names = [name for listed in api.PROVISIONAL.values() for name in listed.split()]
+    assert set(names) <= set(dir(epp)) and len(names) == len(set(names))
+
+
 def test_the_page_on_elements_is_that_of_the_code():
     assert elements.PAGE.read_text(encoding="utf-8") == elements.page(), "run python -m studies.pages.elements"
 

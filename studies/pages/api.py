@@ -27,6 +27,45 @@ _SECTIONS = {
     "Errors": ("eppanalysis.errors",),
 }
 
+#: Names that may change in any release, by what they are for; all others are public.
+PROVISIONAL = {
+    "proofs and their files": (
+        "certify check_certificate certify_orbit Certificate Check CertifiedOrbit OrbitStability Proof"
+    ),
+    "design and tolerances": (
+        "design Design tolerance_bound ToleranceBound design_guide Guide manual_table ManualTable dither "
+        "Dither smoothed"
+    ),
+    "diagnosis": "diagnose Diagnosis",
+    "elements of your own": (
+        "Automaton AutomatonBuilder AutomatonElement Guard Mode Smooth OwnStates check_element ElementCheck"
+    ),
+    "curves of folds, boundaries and pictures of maps": (
+        "continue_folds FoldCurve Boundary fold_boundary outcome_boundary plot_design_map plot_parallel plot_slices "
+        "plot_sweep"
+    ),
+    "disturbances, onset points and frozen loops": "trigger Trigger olop OnsetPoint frozen_nyquist FrozenLoop",
+    "several measured paths and rational models": "MeasuredMatrix rational_model RationalModel MeasuredCycle",
+    "parts of reports, costs of sweeps": "first_page sweep_cost",
+}
+_PROMISE = """\
+Every name on this page is **public** or **provisional**.
+
+* A public name keeps its meaning, its arguments and the fields of its result within a minor version (0.1.x). A later
+  minor version changes it only after one that warned, and CHANGELOG.md says so.
+* A provisional name may change in any release without a warning.
+* What this page does not list (modules, names with an underscore) is internal.
+
+Provisional are:
+
+"""
+
+
+def _promise() -> str:
+    return _PROMISE + "\n".join(
+        f"* {job}: {', '.join(f'`{name}`' for name in names.split())}" for job, names in PROVISIONAL.items()
+    )
+
 
 def page() -> str:
     """The page as Markdown."""
@@ -34,7 +73,11 @@ def page() -> str:
     for name, module in epp._MODULE_OF.items():
         if not inspect.ismodule(getattr(epp, name)):
             names[_section(name, module)].append(name)
-    parts = ["# Python API", '<!-- Made by "python -m studies.pages.api" from the code; changes belong there. -->']
+    parts = [
+        "# Python API",
+        '<!-- Made by "python -m studies.pages.api" from the code; changes belong there. -->',
+        _promise(),
+    ]
     for title, listed in names.items():
         parts.append(f"## {title}\n\n{_summaries('eppanalysis', listed)}")
         if title == "Systems":

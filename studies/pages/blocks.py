@@ -22,33 +22,28 @@ _INTRODUCTION = """\
 
 <!-- Made by "python -m studies.pages.blocks" from the code; changes belong there. -->
 
-What stands behind `kind =` in `[blocks]` of a diagram ({doc}`diagrams`), with its ports and fields. A field without a
-default must be given. A value is a quantity (`"2 ohm"`, or a plain number in SI units) or an expression of parameters
-({ref}`expressions`). In Python the class of the same fields, all of them by name and in SI units:
-`epp.blocks.Motor(resistance=2.0, torque_constant=0.05, inertia=2e-5)`.
+The values of `kind =` in `[blocks]` of a diagram ({doc}`diagrams`), with ports and fields. A field without a default is
+required. A value is a quantity (`"2 ohm"`, or a number in SI units) or an expression ({ref}`expressions`). In Python
+the class of the same fields, by name: `epp.blocks.Motor(resistance=2.0, torque_constant=0.05, inertia=2e-5)`. Ports are
+written as inputs → outputs.
 
 """
 
 _COMMON = """\
 ## All blocks
 
-Every block takes these besides its own:
+Every block also takes:
 
 """
 
 #: Of a block of matrices: one, several, or those that are given names.
-_PORTS_OF_MATRICES = "`{0}`; `{0}1`, `{0}2`, ... where there are several; or the names in `{0}put_names`"
+_PORTS_OF_MATRICES = "`{0}`; `{0}1`, `{0}2`, ...; or `{0}put_names`"
 
 
 def page() -> str:
     """The page as Markdown."""
-    contents = "".join(
-        f"| [`{kind}`](#{kind}) | {_summary(made)} | {_inputs(made)} | {_outputs(made)} |\n"
-        for kind, made in BLOCKS.items()
-    )
-    head = "| kind | what it is | inputs | outputs |\n| --- | --- | --- | --- |\n"
     common = _fields(declared_fields(Block).items(), Block)
-    return _INTRODUCTION + head + contents + f"\n{_COMMON}{common}" + "".join(map(_section, BLOCKS))
+    return f"{_INTRODUCTION}{_COMMON}{common}" + "".join(map(_section, BLOCKS))
 
 
 def _section(kind: str) -> str:
@@ -56,15 +51,14 @@ def _section(kind: str) -> str:
     made = BLOCKS[kind]
     says = _markdown(inspect.cleandoc(made.__doc__ or "").split("\n\nAttributes\n")[0].replace("\n\n", "\n"))
     own = [(name, about) for name, about in declared_fields(made).items() if name not in declared_fields(Block)]
-    ports = f"In Python `epp.blocks.{made.__name__}`. Inputs: {_inputs(made)}. Outputs: {_outputs(made)}."
+    ports = f"`epp.blocks.{made.__name__}`: {_inputs(made)} → {_outputs(made)}."
     return f"\n## {kind}\n\n{says}\n\n{ports}\n" + (f"\n{_fields(own, made)}" if own else "")
 
 
 def _fields(fields: Iterable[tuple[str, Declared]], made: type[Block]) -> str:
-    """A table of fields."""
+    """A list of fields."""
     defaults = {field.name: field.default for field in dataclasses.fields(made)}
-    rows = [f"| `{name}` | {_default(defaults[name])} | {_meaning(about)} |\n" for name, about in fields]
-    return "| field | default | meaning [unit] |\n| --- | --- | --- |\n" + "".join(rows)
+    return "".join(f"- `{name}`{_default(defaults[name])}: {_meaning(about)}\n" for name, about in fields)
 
 
 def _meaning(about: Declared) -> str:
@@ -77,10 +71,10 @@ def _meaning(about: Declared) -> str:
 
 def _default(value: object) -> str:
     if value is dataclasses.MISSING:
-        return "must be given"
+        return ""
     if isinstance(value, str):
-        return f"`{value}`"
-    return f"{value:g}" if isinstance(value, float) else "none"
+        return f" (`{value}`)"
+    return f" ({value:g})" if isinstance(value, float) else " (optional)"
 
 
 def _inputs(made: type[Block]) -> str:
@@ -93,11 +87,6 @@ def _outputs(made: type[Block]) -> str:
 
 def _listed(names: tuple[str, ...]) -> str:
     return ", ".join(f"`{name}`" for name in names) or "none"
-
-
-def _summary(made: type[Block]) -> str:
-    """The first sentence of the docstring."""
-    return _markdown((made.__doc__ or "").split("\n\nAttributes\n")[0].partition("\n")[0])
 
 
 def _markdown(text: str) -> str:

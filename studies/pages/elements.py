@@ -21,24 +21,28 @@ _INTRODUCTION = """\
 
 <!-- Made by "python -m studies.pages.elements" from the code; changes belong there. -->
 
-What stands behind `element =` in `[elements]` of a diagram ({doc}`diagrams`), or in `[[loop.blocks]]` or
-`[[loop.elements]]` of a loop ({doc}`loops`), with its fields. A field without a default must be given. A value is a
-plain number, a text with a unit (`"12 mm"`, which becomes SI), in a diagram an expression of its parameters, or a table
-of `value`, `mark`, `note` and `tolerance` ({doc}`../cases`); fields that hold several numbers (`piecewise_linear`, the
-tables, `polynomial`) are lists of them.
-Units in brackets are those that the loop around the element has there: where its input is a length, the gap of a
-play is one too.
+The values of `element =` in `[elements]` of a diagram ({doc}`diagrams`), or in `[[loop.blocks]]` or `[[loop.elements]]`
+of a loop ({doc}`loops`), with their fields. A field without a default is required. A value is a number in SI units, a
+quantity (`"12 mm"`), in a diagram an expression, or a table of `value`, `mark`, `note`, `tolerance` ({doc}`../cases`).
+In brackets, [u] is the unit of the element's input in the loop, [y] that of its output.
 
-Besides its own fields every element takes
-
-| field | default | meaning |
-| --- | --- | --- |
-| `name` | the element's kind | what `--set`, sweeps and signals call it (`play.gap`); its own in a loop |
-| `memory` | the element's own | value that an element with memory holds at the start |
-
-An element of your own is `automaton`, with its modes, guards and resets as fields: {doc}`../howto/own_element`.
+Every element also takes `name` (default: its kind; `--set`, sweeps and signals use it: `play.gap`) and `memory` (what
+an element with memory holds at the start). An element of your own is `automaton`: {doc}`../howto/own_element`.
 """
 
+#: Units of a loop as docstrings spell them and as the page abbreviates them, longest first.
+_UNITS = {
+    "unit of the output per unit of the input and s": "y/(u·s)",
+    "unit of the output per unit of the input, times s": "y·s/u",
+    "unit of the output per unit of the input": "y/u",
+    "unit of the output per squared unit of the input": "y/u²",
+    "unit of the output per cubed unit of the input": "y/u³",
+    "unit of the input, which is that of the output": "u = y",
+    "unit of input and output": "u = y",
+    "unit of the output per s": "y/s",
+    "unit of the output": "y",
+    "unit of the input": "u",
+}
 _PARAMETERS = re.compile(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+\n|\Z)", re.MULTILINE | re.DOTALL)
 _ENTRY = re.compile(r"^(\w[\w, ]*?) : [^\n]*\n((?:[ ]+[^\n]*\n?|\n)+)", re.MULTILINE)
 
@@ -64,33 +68,34 @@ def _section(kind: str) -> str:
     says, known = (inspect.getdoc(made) or "").split("\n\n")[0], meanings(kind)
     fields = inspect.signature(made).parameters.values()
     rows = [
-        f"| {', '.join(f'`{p.name}`' for p in alike)} | {_defaults(alike)} | {_markdown(meaning)} |"
+        f"- {', '.join(f'`{p.name}`' for p in alike)}{_defaults(alike)}: {_markdown(meaning)}"
         for meaning, alike in ((meaning, list(p)) for meaning, p in groupby(fields, key=lambda p: known[p.name]))
     ]
     if made.columns:
         named = " and ".join(f"`{column}`" for column in made.columns)
-        path = "Path of a CSV file in the case's folder"
-        rows.append(f"| `file` | none | {path}, in place of {named}: its first columns, with units in a header. |")
-    head = ["| field | default | meaning [unit] |", "| --- | --- | --- |"]
-    return "\n".join([f"## {kind}", "", _markdown(says).replace("\\|", "|"), "", *head, *rows]) + "\n"
+        path = "CSV file in the case's folder"
+        rows.append(f"- `file`: {path}, in place of {named}: its first columns, with units in a header.")
+    return "\n".join([f"## {kind}", "", _markdown(says), "", *rows]) + "\n"
 
 
 def _defaults(alike: Iterable[inspect.Parameter]) -> str:
-    """The defaults of parameters, in one word where they are the same."""
-    return ", ".join(dict.fromkeys(map(_default, alike)))
+    """The defaults of parameters behind their names, in one word where they are the same."""
+    words = dict.fromkeys(map(_default, alike))
+    return f" ({', '.join(words)})" if any(words) else ""
 
 
 def _default(parameter: inspect.Parameter) -> str:
     if parameter.default is parameter.empty:
-        return "must be given"
-    return "none" if parameter.default is None else f"`{parameter.default}`"
+        return ""
+    return "optional" if parameter.default is None else f"`{parameter.default}`"
 
 
 def _markdown(text: str) -> str:
-    """A piece of a docstring as one line of a Markdown table."""
+    """A piece of a docstring as one line of Markdown."""
     line = re.sub(r"`+([^`]*)`+", r"`\1`", re.sub(r":class:", "", " ".join(text.split())))
-    # A star between units is no emphasis; a bar ends no cell.
-    return re.sub(r"(?<=\w)\*(?=\w)(?=[^`]*(?:`[^`]*`[^`]*)*$)", "·", line).replace("|", "\\|")
+    line = re.sub(r"\[(unit of [^]]*)\]", lambda unit: f"[{_UNITS.get(unit[1], unit[1])}]", line)
+    # A star between units is no emphasis.
+    return re.sub(r"(?<=\w)\*(?=\w)(?=[^`]*(?:`[^`]*`[^`]*)*$)", "·", line)
 
 
 if __name__ == "__main__":

@@ -133,8 +133,8 @@ def first_order_blind() -> Figure:
     found = [epp.predict_limit_cycles(servo(gain)) for gain in gains]
     stable = [2.0 * one[-1].amplitude("x") for one in found]
     unstable = [2.0 * one[0].amplitude("x") for one in found]
-    size.plot(gains, stable, color=VERMILLION, linewidth=1.5, label="first order, stable")
-    size.plot(gains, unstable, color=VERMILLION, linewidth=1.2, linestyle="--", label="first order, unstable")
+    size.plot(gains, stable, color=VERMILLION, linewidth=1.5, label="DF, stable")
+    size.plot(gains, unstable, color=VERMILLION, linewidth=1.2, linestyle="--", label="DF, unstable")
     values, exact = _exact_branch(case)
     size.plot(own * values, exact, color=BLUE, linewidth=2.0, label="exact, stable")
     run = epp.simulate(case)
@@ -145,7 +145,7 @@ def first_order_blind() -> Figure:
     size.text(middle, 4.0, "called\nsafe,\noscillates", ha="center", fontsize=SMALL)
     size.set(xlabel="gain", ylabel="motor, peak to peak\n[half gaps]", xlim=(2.8, LARGEST_GAIN), ylim=(1.8, 4.8))
     put_legend(size, ncols=2, **_BELOW)
-    size.set_title(f"First order: no limit cycle below gain {FIRST_ORDER_FOLD:.3f}", fontsize=10, loc="left")
+    size.set_title(f"DF: no limit cycle below gain {FIRST_ORDER_FOLD:.3f}", fontsize=10, loc="left")
     shown = run.t < 120.0
     time.plot(run.t[shown], run.signals["x"][shown], color=BLUE, linewidth=1.0)
     time.set(xlabel="time [s]", ylabel="motor [half gaps]", xlim=(0.0, 120.0))

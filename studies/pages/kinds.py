@@ -27,11 +27,8 @@ _INTRODUCTION = """\
 
 <!-- Made by "python -m studies.pages.kinds", which runs all analyses; changes belong there. -->
 
-Every analysis was run on a small loop of each kind. A cell says *yes* where it answers; a number leads to the sentence
-with which it declines.
+Every analysis was run on a small loop of each kind:
 
-| kind of loop | the loop that was run |
-| --- | --- |
 """
 _LEGEND = {
     "autonomous": "three lags and a relay with dead zone, in continuous time",
@@ -41,11 +38,12 @@ _LEGEND = {
     "dead time behind a continuous element": "a lag and a dead time behind a saturation with dead zone",
 }
 _MORE = """
-`margins` and `olop` ask for a gain and for a rate limiter: there a saturation, or a rate limiter, stands in the place
-of the element, but in the column on dead time behind a switching element. A number may also stand where an analysis
-found no answer for this loop; the sentence says so.
+`margins` and `olop` need a gain and a rate limiter: a saturation, or a rate limiter, replaces the relay for them,
+except with dead time behind a switching element.
 
 """
+_ALL = "All kinds: "
+_SOME = "In the table a number leads to the sentence of an analysis that declines, or found no answer for this loop."
 #: Functions that take a loop or a case by these names are analyses, where they take one of these types.
 _TAKES, _TYPES = ("case", "cases", "loop", "system"), re.compile(r"LureSystem|\bCase\b|CaseLike")
 
@@ -221,21 +219,25 @@ def answers(names: Iterable[str]) -> dict[str, list[str]]:
 def page(found: Mapping[str, Sequence[str]]) -> str:
     """The page as Markdown, of what all analyses say."""
     sentences = list(dict.fromkeys(text for row in found.values() for text in row if text))
-    kinds = "".join(f"| {kind} | {what} |\n" for kind, what in _LEGEND.items())
+    kinds = "".join(f"- {kind}: {what}\n" for kind, what in _LEGEND.items())
+    everywhere = f"{_ALL}{', '.join(f'`{name}`' for name, row in found.items() if not any(row))}.\n\n{_SOME}\n\n"
     head = f"| analysis | {' | '.join(_PLANTS)} |\n|{' --- |' * (len(_PLANTS) + 1)}\n"
     rows = "".join(
         f"| `{name}` | {' | '.join(str(sentences.index(text) + 1) if text else 'yes' for text in row)} |\n"
         for name, row in found.items()
+        if any(row)
     )
     notes = "".join(f"{i}. {text}\n" for i, text in enumerate(sentences, 1))
-    return f"{_INTRODUCTION}{kinds}{_MORE}{head}{rows}\n## Why not\n\n{notes}"
+    return f"{_INTRODUCTION}{kinds}{_MORE}{everywhere}{head}{rows}\n## Why not\n\n{notes}"
 
 
 def told(text: str) -> dict[str, list[str]]:
     """What a page says of each analysis, as :func:`answers` has it."""
     sentences = dict(re.findall(r"^(\d+)\. (.*)$", text, re.MULTILINE))
+    (everywhere,) = re.findall(rf"^{_ALL}(.*)\.$", text, re.MULTILINE)
     rows = re.findall(r"^\| `(\w+)` \| (.*) \|$", text, re.MULTILINE)
-    return {name: [sentences.get(cell, "") for cell in cells.split(" | ")] for name, cells in rows}
+    found = {name: [""] * len(_PLANTS) for name in re.findall(r"`(\w+)`", everywhere)}
+    return found | {name: [sentences.get(cell, "") for cell in cells.split(" | ")] for name, cells in rows}
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import numpy as np
 import eppanalysis as epp
 from eppanalysis.cases import GROUPS, Cycle
 from eppanalysis.cases.expected import Published
-from studies import GENERATED, first_order_tables, ladder as ladder_study
+from studies import GENERATED, first_order_tables, ladder as ladder_study, measured_coverage
 
 
 def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -90,7 +90,7 @@ def truth_table() -> str:
                 ", ".join(f"{c.frequency:.3g} Hz {'stable' if c.stable else 'unstable'}" for c in cycles) or "none",
             ]
         )
-    header = ["case", "paper", "finding", "simulation", "frequency [Hz]", "peak to peak of theta [deg]", "first order"]
+    header = ["case", "paper", "finding", "simulation", "frequency [Hz]", "peak to peak of theta [deg]", "DF"]
     return markdown(header, rows)
 
 
@@ -195,7 +195,7 @@ def both_directions() -> str:
         steady = found.run.limit_cycle
         runs = f"{steady.frequency:.4g} Hz" if steady else found.outcome.replace("settle", "settles")
         rows.append([f"`{name}`", ", ".join(cycles) or "none", runs, found.verdict])
-    return markdown(["case", "first order", "simulation", "verdict"], rows)
+    return markdown(["case", "DF", "simulation", "verdict"], rows)
 
 
 class _ClosedForm(control.DescribingFunctionNonlinearity):
@@ -307,6 +307,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "both_directions": both_directions,
     "python_control": python_control,
     "ladder": lambda: markdown(*ladder_study.table()),
+    "measured_coverage": lambda: measured_coverage.table(measured_coverage.read()),
     "first_order_by_element": lambda: markdown(*first_order_tables.by_element()),
     "first_order_by_filter": lambda: markdown(*first_order_tables.by_filter()),
     "first_order_by_ratio": lambda: markdown(*first_order_tables.by_ratio()),

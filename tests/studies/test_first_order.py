@@ -9,7 +9,7 @@ import pytest
 
 from studies import DOCS, first_order as study, first_order_tables as tables
 
-PAGE = (DOCS / "theory" / "first_order_quality.md").read_text(encoding="utf-8")
+PAGE = (DOCS / "how_we_know.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow

@@ -97,7 +97,7 @@ def _not_covered(loop: Mapping[str, Any]) -> str:
         return "the element lies in no sector, or is linear."
     num, den = (number(loop[name][-1]) for name in ("num", "den"))
     # The criteria know the loop by what the element sees: an integrator that cancels is beyond them
-    # (docs/theory/certificates.md, No periodic motion).
+    # (docs/theory/proofs.md, No periodic motion).
     unseen = num == 0 == den + low * num and loop["element"]["kind"] != "play"
     return "the element does not see an integrator of the loop." if unseen else ""
 
@@ -114,7 +114,7 @@ def _multiplier(
     # With memory the integral of w dx/dt over a period need not vanish, so that no multiplier but zero is allowed.
     if remembers:
         return None
-    # The criterion is linear in its multiplier: two of them give the polynomial of any (docs/theory/certificates.md, No
+    # The criterion is linear in its multiplier: two of them give the polynomial of any (docs/theory/proofs.md, No
     # periodic motion).
     circle, tilted = (criterion(num, den, low, high, Fraction(r)) for r in (0, 1))
     candidates = _candidates(circle, added(tilted, circle, Fraction(-1)))

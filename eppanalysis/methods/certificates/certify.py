@@ -283,7 +283,7 @@ def _refusal(path: Path, text: str, known: Statement) -> str:
     """Why the checker of a statement refuses a file; empty where it accepts it."""
     try:
         # Isolated (-I): neither this package nor the folder lends the checker
-        # anything (docs/theory/certificates.md, What "proved" means).
+        # anything (docs/theory/proofs.md, What "proved" means).
         run = subprocess.run(
             [sys.executable, "-I", str(known.program)],
             input=text,

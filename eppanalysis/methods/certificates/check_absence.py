@@ -1,7 +1,7 @@
 """Checker of a certificate of absence: no periodic motion but rest, by the criterion of Popov or the circle criterion.
 
 It stands alone, ``python -I check_absence.py < certificate.json``, and computes with exact rationals (python-flint).
-Theory: docs/theory/certificates.md, and of play docs/theory/absence_with_play.md, "By frequency".
+Theory: docs/theory/proofs.md, "No periodic motion", and of play "By frequency".
 """
 
 import sys

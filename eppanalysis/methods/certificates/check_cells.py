@@ -1,7 +1,7 @@
 """Checker that a relay with dead zone has no limit cycles but those listed: its return map in cells, images in balls.
 
 It stands alone, ``python -I check_cells.py < certificate.json``. The loop is k/(s (s + p)(s + q)), p, q > 0; scaled,
-``x' = v, v' = a, a' = -a - beta v - kappa y``, y one of -1, 0, 1 beside thresholds of 1. Theory: docs/theory/cells.md.
+``x' = v, v' = a, a' = -a - beta v - kappa y``, y one of -1, 0, 1 beside thresholds of 1. Theory: docs/theory/proofs.md.
 """
 
 import sys

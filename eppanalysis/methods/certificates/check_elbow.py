@@ -1,7 +1,7 @@
 """Checker, alone, of a certificate that a motor-driven arm with a gap, friction and a cable has no periodic motion.
 
 Run it: ``python -I check_elbow.py < certificate.json``. Polynomials are exact rationals, means of impulse responses are
-balls (python-flint, Arb). Theory: docs/theory/absence_elbow.md, whose letters are used.
+balls (python-flint, Arb). Theory: docs/theory/proofs.md, whose letters are used.
 """
 
 import sys

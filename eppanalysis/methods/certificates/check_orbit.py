@@ -2,7 +2,7 @@
 
 It stands alone, ``python -I check_orbit.py < certificate.json``, with exact rationals, and balls (python-flint, Arb)
 that hold what they stand for. On an arc ``dv/dt = rate v``, with a 1 behind v; it ends where its guard is zero, and
-``jump v`` stands behind it. Theory: docs/theory/certified_orbits.md.
+``jump v`` stands behind it. Theory: docs/theory/proofs.md.
 """
 
 import sys

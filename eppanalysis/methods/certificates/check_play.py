@@ -1,7 +1,7 @@
 """Checker of a certificate that a loop with play has no periodic motion but rest, by a function quadratic in sectors.
 
 It stands alone, ``python -I check_play.py < certificate.json``, and computes with exact rationals throughout. Theory:
-docs/theory/absence_with_play.md; the numbers in brackets are its inequalities.
+docs/theory/proofs.md; the numbers in brackets are its inequalities.
 """
 
 import sys

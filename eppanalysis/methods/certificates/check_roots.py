@@ -1,7 +1,7 @@
 """Checker of a certificate of all roots of the first-order balance ``1 + N(A) G(j omega) = 0`` in a box.
 
 It stands alone, ``python -I check_roots.py < certificate.json``, and computes with exact rationals, and with balls
-(python-flint, Arb) that hold what they stand for. Theory: docs/theory/certificates.md.
+(python-flint, Arb) that hold what they stand for. Theory: docs/theory/proofs.md.
 """
 
 import sys

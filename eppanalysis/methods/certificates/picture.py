@@ -104,7 +104,7 @@ def _plot_popov(certificate: Certificate, ax: Axes) -> None:
     omega = np.geomspace(scales.min() / 300.0, scales.max() * 300.0, 2000)
     response = np.polyval(num, 1j * omega) / np.polyval(den, 1j * omega)
     # Re[(1 + j omega r) G] + 1/k > 0 is x - r y > -1/k: one side
-    # of a line (docs/theory/certificates.md, No periodic motion).
+    # of a line (docs/theory/proofs.md, No periodic motion).
     x, y = response.real, omega * response.imag
     edge = 0.0 if high is None else -1.0 / (high - floor)
     ax.plot(x, y, color=BLUE, linewidth=1.6, label="Popov's curve")

@@ -43,7 +43,7 @@ def stated_loop(asked: Asked, system: LureSystem, at: OperatingPoint) -> tuple[d
     if asked is Asked.ABSENCE and len(system.elements) > 1:
         return rational_elbow(system), 0.0
     stated, off = rational_loop(system)
-    # Of play it is proved for every constant input (docs/theory/absence_with_play.md, What is claimed).
+    # Of play it is proved for every constant input (docs/theory/proofs.md, What is claimed of play).
     if asked is Asked.CYCLES or stated["element"]["kind"] != "play":
         require_no_bias(system, at.vector(system))
     return stated, off

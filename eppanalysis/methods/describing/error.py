@@ -102,7 +102,7 @@ def _estimated(balance: Balance, p: Point) -> tuple[float, tuple[BalancedOscilla
         whole, rest = (np.abs(m.measures / last.measures - 1.0) for m in (first, found[-2]))
     except Unsettled:
         return float("inf"), (first,)
-    # docs/theory/first_order_quality.md, Does the error estimate cover the error?
+    # docs/how_we_know.md, Does the error estimate cover the error?
     return float(((1.0 + _MARGIN) * whole + _REST * rest).max()), (first, last)
 
 
@@ -110,7 +110,7 @@ def _lasts(found: list[BalancedOscillation]) -> bool:
     """Whether the last of the balances still is the first one's cycle, and passes no threshold by a hair."""
     first, last = found[0], found[-1]
     # A cycle of the other orientation is the neighbour's, to which Newton's method has leapt from one that vanished
-    # (docs/theory/first_order_quality.md, When it says "may not exist").
+    # (docs/how_we_know.md, When it says "may not exist").
     if len(found) < 3 or _lost(found) or last.orientation != first.orientation:
         return False
     return not last.grazes and first.jumps == last.jumps

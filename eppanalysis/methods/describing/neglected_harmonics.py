@@ -96,7 +96,7 @@ def made_by_harmonics(
 ) -> Iterator[str]:
     """Balances with harmonics that are none of the predicted cycles, nor what harmonics make of these."""
     # Where the loop gain nearly comes to one, harmonics may make up what is missing
-    # (docs/theory/first_order_quality.md, Where first order cannot see).
+    # (docs/how_we_know.md, What the DF cannot see).
     places = near_misses(balance, points, found)
     known = [m for e in estimates for m in e.oscillations]
     if not places:

@@ -137,7 +137,7 @@ class _Equations:
             np.add.at(loop.T, self.owner, (self.L * gain).T)
             if not (np.all(np.isfinite(loop)) and np.all(np.isfinite(self.driven))):
                 continue  # beyond all range; LAPACK would complain on the terminal
-            # With given gains the balance is linear (docs/theory/driven.md, First order).
+            # With given gains the balance is linear (docs/theory/driven.md, Describing functions).
             Z = np.linalg.lstsq(np.eye(self.m) - loop, self.driven, rcond=None)[0]
             found.append(_Tried(float(size), Z, b))
         return found

@@ -257,7 +257,7 @@ def _by_balance(asked: Target, hybrid: HybridSystem, met: list[Orbit], at: Opera
 def _balances(asked: Target, at: OperatingPoint) -> Iterator[LimitCycle]:
     """Balances of rising order, and where none of them leads to the orbit, that on the curve from first order."""
     yield from balances_of(asked.system, asked.cycle, at)
-    # Low orders may stand far from both first order and the cycle (docs/theory/first_order_quality.md, Does the error
+    # Low orders may stand far from both first order and the cycle (docs/how_we_know.md, Does the error
     # estimate cover the error?).
     straight = balance_on_curve(Loop.of(asked.system, at.vector(asked.system)), asked.cycle)
     if straight is not None and straight.error_estimate < _TRUSTED:

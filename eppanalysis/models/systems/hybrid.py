@@ -355,7 +355,7 @@ class _Packer:
         for i, input_signal in enumerate(self.input_signals):
             if isinstance(input_signal, Sine):
                 # An oscillator's two states are the sine to rounding, so that nothing of it is sampled
-                # (docs/theory/driven.md, The sine is two more states).
+                # (docs/theory/driven.md).
                 V[i, at], carrier[i] = input_signal.amplitude, system.v0[i]
                 A[n + at, n + at + 1], A[n + at + 1, n + at] = input_signal.omega, -input_signal.omega
                 x0[n + at], x0[n + at + 1] = np.sin(input_signal.phase), np.cos(input_signal.phase)

@@ -16,7 +16,7 @@ from eppanalysis.methods.describing.balance import Balance
 from eppanalysis.methods.describing.data.intervals import Noise
 from eppanalysis.methods.describing.predict import search_balance
 from eppanalysis.models.systems.measured.loop import DataSystem
-from studies.measured_coverage import CASES, DEVIATION, RESULT, coverages, of_case
+from studies.measured_coverage import CASES, DEVIATION, coverages, of_case, read
 from tests.shared import predicted
 
 PAGE = Path(__file__).parents[3] / "docs" / "theory" / "measured.md"
@@ -162,12 +162,12 @@ def test_intervals_cover_the_model_in_as_many_draws_as_they_say(name):
 
 
 def test_the_stored_table_of_coverages_holds_for_two_hundred_draws():
-    rows = [line.split("|")[1:-1] for line in RESULT.read_text(encoding="utf-8").splitlines()[2:]]
-    assert {row[0].strip() for row in rows} <= set(CASES)
+    rows = read()
+    assert {row.case for row in rows} <= set(CASES)
     for row in rows:
-        assert all(90.0 <= float(cell.strip(" %")) <= 99.0 for cell in row[3:5]), row
+        assert all(0.9 <= n / row.draws <= 0.99 for n in (row.with_amplitude, row.with_frequency)), row
     # Two cycles at a fold, and one between friction and what nearly cancels it, may not exist: the page names them.
-    doubtful = {row[0].strip() for row in rows if float(row[6].strip(" %")) > 50.0}
+    doubtful = {row.case for row in rows if row.at_a_fold > 0.5 * row.draws}
     assert doubtful == {"quantised_sensor_ct", "quantised_sensor_ct_large", "steering_compensated"}
     assert all(name.removesuffix("_large") in PAGE.read_text(encoding="utf-8") for name in doubtful)
 

@@ -115,7 +115,7 @@ class Graph:
         rows, columns = self.label[self.pairs]
         pairs = np.unique(np.stack([rows, columns], axis=1)[rows != columns], axis=0)
         # From the cells that lead nowhere upwards: the checker asks
-        # that every image has a smaller number (docs/theory/cells.md).
+        # that every image has a smaller number (docs/theory/proofs.md).
         left = np.bincount(pairs[:, 0], minlength=self.count)
         before: list[list[int]] = [[] for _ in range(self.count)]
         for start, end in pairs.tolist():
@@ -230,7 +230,7 @@ def _form(slope: np.ndarray) -> list[str]:
     """A quadratic form that rises along a linear map, shape (2, 2): positive where it stretches, else negative."""
     values, rows = np.linalg.eig(slope.T)
     # With slope^T f = mu f the sum of f f*/(|mu|^2 - 1) has A^T Q A - Q =
-    # sum of f f*, which is positive definite (docs/theory/cells.md).
+    # sum of f f*, which is positive definite (docs/theory/proofs.md).
     squares = np.abs(values) ** 2 - 1.0
     Q = sum(np.outer(f, f.conj()).real / s for f, s in zip(rows.T, squares, strict=True))
     Q = Q / np.abs(Q).max()

@@ -1,7 +1,7 @@
 """Finds the weights with which a small gap of the elbow's lock pin is proved to start no limit cycle.
 
 What is sought are two polynomials n, d and two numbers; whether they prove anything is asked of the checker alone.
-Theory: docs/theory/absence_elbow.md, whose letters are used.
+Theory: docs/theory/proofs.md, whose letters are used.
 """
 
 from __future__ import annotations

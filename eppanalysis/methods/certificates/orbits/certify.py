@@ -1,7 +1,7 @@
 """Periodic orbits that are proved: existence, uniqueness, period and stability of a cycle in ball arithmetic.
 
 Float arithmetic only finds the orbit. What is proved is proved in rationals and balls, in the steps of
-`docs/theory/certified_orbits.md`: the modes in rationals (`exact_modes`), the sequence of events in them
+`docs/theory/proofs.md`: the modes in rationals (`exact_modes`), the sequence of events in them
 (`exact_path`), one solution of the shooting equations (`shooting_balls`), no event earlier (`guard_proof`), and the
 discs of the multipliers (`multiplier_discs`).
 """

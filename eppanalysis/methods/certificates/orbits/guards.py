@@ -60,7 +60,7 @@ def starts_of(path: ExactPath, arc: int, state: Any) -> dict[int, Start]:
                     f"'{path.guard_name(path.stages[arc - 1].fired)}'."
                 )
             # The next derivative: a guard that is zero by an equation of the orbit leaves zero by the first that is not
-            # (docs/theory/certified_orbits.md, No event earlier).
+            # (docs/theory/proofs.md, No event earlier).
             row = row * stage.rate
     return out
 
@@ -244,7 +244,7 @@ class _Pieces:
         if order == 0:
             return all(v < limit for v in (self._form(level, g) * state).entries())
         # At the start of an arc a guard may be exactly zero; over that power of the time it has one sign
-        # (docs/theory/certified_orbits.md, No event earlier).
+        # (docs/theory/proofs.md, No event earlier).
         return _all_below((self._series(level, g, False) * state).entries()[order:], limit)
 
     def _ends_below(self, level: int, g: int) -> bool:

@@ -105,7 +105,7 @@ class Shooting:
         else:
             raise NotCovered("Krawczyk's test fails: the equations of the cycle are singular, or nearly so.")
         # With the contraction q the operator maps a box of radius R into one of |Y r| + q R: into its interior for
-        # twice |Y r|/(1 - q) (docs/theory/certified_orbits.md, Existence and uniqueness).
+        # twice |Y r|/(1 - q) (docs/theory/proofs.md, Existence and uniqueness).
         radius = (2 * step / (1 - contraction) + arb(2) ** -_SMALLEST).upper()
         if not radius < box:
             raise NotCovered("Newton's method does not come close enough to the cycle for Krawczyk's test.")
@@ -143,7 +143,7 @@ class Shooting:
         slope = leg.rate * (flow * start)
         moved, speed = (leg.jump * slope).entries(), (leg.guard * slope).entries()[0]
         # v_next - J e^(F tau) v and g e^(F tau) v, by v and by tau
-        # (docs/theory/certified_orbits.md, Existence and uniqueness).
+        # (docs/theory/proofs.md, Existence and uniqueness).
         rows = [[*(-v for v in onward[j][: self.m]), -moved[j]] for j in range(self.m)]
         rows.append([*across[: self.m], speed])
         sizes = self.rows[place : place + self.m + 1].tolist()

@@ -13,7 +13,7 @@ from eppanalysis.methods.certificates.play.program import Vector
 def contact_poles(num: Vector, den: Vector) -> tuple[list[Vector], str]:
     """Choices of the poles that make the contact coordinates, one less than the order; or why there are none.
 
-    The signs at a release are known for real poles only: see docs/theory/absence_with_play.md, "Contact coordinates".
+    The signs at a release are known for real poles only: see docs/theory/proofs.md, "Contact coordinates".
     """
     order = len(den) - 1
     if order not in (2, 3):
@@ -42,7 +42,7 @@ def _with_second(num: Vector, den: Vector, first: Fraction) -> tuple[list[Vector
     slow = _slower_pole(rest)
     fast, second = rest[1] - slow, slow
     # The last input, (n1 m3 - n0)/c^2, must not be positive, so that m3 is at most n0/n1
-    # (docs/theory/absence_with_play.md, Contact coordinates).
+    # (docs/theory/proofs.md, Contact coordinates).
     if len(num) == 2 and num[0] > 0:
         second = max(slow, rest[1] - num[1] / num[0])
     choices = [[first, pole] for pole in dict.fromkeys((second, fast) if len(num) == 2 else (second,))]

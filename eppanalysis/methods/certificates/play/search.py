@@ -1,7 +1,7 @@
 """Looks for a function that falls along every motion of a loop with play: quadratic in each of many sectors.
 
 Floating point, by a semidefinite program; what comes out is rounded to rationals, and whether it proves anything is
-for `check_play` to say. The letters and numbers in brackets are those of docs/theory/absence_with_play.md.
+for `check_play` to say. The letters and numbers in brackets are those of docs/theory/proofs.md.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ def _inequalities(
     stuck = np.array(A, dtype=float)
     flow = stuck + np.outer(np.array(b, dtype=float), np.eye(n)[0])
 
-    # (1), (4), (3) and (5) of docs/theory/absence_with_play.md, The function and its inequalities; (2) is in the forms.
+    # (1), (4), (3) and (5) of docs/theory/proofs.md, The function and its inequalities; (2) is in the forms.
     quiet = falling(Q, stuck)
     matrices = [spare(quiet[1:, 1:] if unknowns.rests else quiet, margin)]
     numbers = [*moving, *released, (P[-1] - Q)[1, 1] - margin]

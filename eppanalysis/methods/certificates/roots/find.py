@@ -94,7 +94,7 @@ class _Search:
             return False
         enclosure = _about(place, [x * _ENCLOSED for x in _sizes(place)])
         # The region reaches beyond the box: a root on a side of it lies inside, and is one root for the box behind, too
-        # (docs/theory/certificates.md, All roots of the first-order balance).
+        # (docs/theory/proofs.md, All roots of the DF balance).
         sides = [(high - low) / 8 for low, high in _sides(box)]
         region = _hull(_grown(box, sides), _about(place, sides))
         known = next((root for root in self.roots if _meet(root.enclosure, enclosure)), None)
