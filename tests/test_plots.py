@@ -274,7 +274,7 @@ def test_several_elements_are_drawn_as_loop_gain_over_peak_to_peak():
 
 
 def test_nyquist_without_cycles_says_so():
-    assert said_above(prediction(0).plot().figure)[0].startswith("First order predicts no limit cycle")
+    assert said_above(prediction(0).plot().figure)[0].startswith("The describing function predicts no limit cycle")
 
 
 def test_nyquist_draws_into_given_axes():

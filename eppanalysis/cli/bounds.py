@@ -183,6 +183,6 @@ def _first_order(result: DesignBounds) -> str:
     unsafe = [c for c in result if c.first_order_unsafe]
     if unsafe:
         worst = max(abs(c.first_order_error) for c in unsafe)
-        return f"First order is on the unsafe side in {len(unsafe)} of them, by up to {100 * worst:.3g} %."
+        return f"The describing function is on the unsafe side in {len(unsafe)} of them, by up to {100 * worst:.3g} %."
     known = any(math.isfinite(c.first_order_error) for c in result)
-    return "First order is on the safe side in all of them." if known else ""
+    return "The describing function is on the safe side in all of them." if known else ""

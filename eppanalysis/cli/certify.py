@@ -25,7 +25,7 @@ Statement = Annotated[
     Asked | None,
     typer.Option(
         "--statement",
-        help="roots: all roots of the first-order balance in a box (the default); absence: no periodic motion but "
+        help="roots: all roots of the describing-function balance in a box (default); absence: no periodic motion but "
         "rest; cycles: these are all limit cycles, and nothing else is periodic but rest.",
         show_default=False,
     ),

@@ -529,7 +529,9 @@ def _show_ladder(case: Case, ladder: Ladder) -> None:
         print_table(ladder_table(ladder, case.named_signals))
         _tell_others(case, ladder.run)
     if ladder.errors:
-        typer.echo("error: of the first-order cycle against the simulated one; of a mean in % of the peak-to-peak.")
+        typer.echo(
+            "error: of the describing-function cycle against the simulated one; of a mean in % of the peak-to-peak."
+        )
     if compared:
         print_table(rungs_table(ladder))
         typer.echo(

@@ -160,7 +160,9 @@ class NyquistPicture:
         made.multi_line("response_x", "response_y", source=row, color=BLUE, line_width=1.5, legend_label="G(jω)")
         style: dict[str, Any] = {"color": VERMILLION, "line_width": 2, "line_dash": _DASHED}
         made.multi_line("locus_x", "locus_y", source=row, legend_label="−1/N(A)", **style)
-        made.scatter("first_x", "first_y", source=row, color=GREEN, size=10, legend_label="cycle of first order")
+        made.scatter(
+            "first_x", "first_y", source=row, color=GREEN, size=10, legend_label="cycle of the describing function"
+        )
         _mark_run(made, row, "run_x", "run_y")
         _legend(made)
 

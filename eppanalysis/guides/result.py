@@ -278,7 +278,7 @@ class Guide(Result):
         begins = begins if self.allowed is None else "own run exceeds it"
         beyond = Side.ABOVE if self.side is Side.BELOW else Side.BELOW
         line |= {
-            with_unit("first order", unit): factor * row.cell.first_order,
+            with_unit("DF", unit): factor * row.cell.first_order,
             with_unit(f"{begins} {beyond}", unit): factor * row.from_rest,
             with_unit(f"own {in_words(self.limit)}", unit): factor * row.own,
         }

@@ -202,7 +202,10 @@ class LimitCycle(Result):
     def __str__(self) -> str:
         """The cycle in a sentence: whether it is stable, its size, its frequency, and by which method."""
         kind = {True: "Stable limit cycle", False: "Unstable limit cycle", None: "Limit cycle"}[self.stable]
-        doubt = " It may not exist: the harmonics that first order neglects may take it away." * self.may_not_exist
+        doubt = (
+            " It may not exist: the harmonics that the describing function neglects may take it away."
+            * self.may_not_exist
+        )
         note = f" {self.note[:1].upper()}{self.note[1:].rstrip('.')}." if self.note else ""
         if not self.status.ok:
             return f"No limit cycle was reached ({self.method}). {self.status.value} It has {self.size}.{note}"
@@ -379,7 +382,7 @@ class Prediction(Listing[LimitCycle]):
         # That there is none is no verdict where it is known what first order does not see.
         missed = ", and may miss one" if self.warnings and not sure else ""
         margin = "" if sure else _margin(self.margins)
-        return " ".join([f"First order predicts {predicts}{missed}{margin}.", *ended, *self.warnings])
+        return " ".join([f"The describing function predicts {predicts}{missed}{margin}.", *ended, *self.warnings])
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

@@ -191,7 +191,7 @@ class Task:
         if self.judge is not None:
             whom = "run" if self.judge is Analysis.SIMULATE else "exact cycle"
             for name in ("peak_to_peak", "frequency"):
-                text = f"relative error of the first-order {words(name)} against the {whom}: predicted / true - 1"
+                text = f"relative error of the predicted {words(name)} against the {whom}: predicted / true - 1"
                 found[f"first_order_error_{name}"] = Variable("f8", "1", text)
         found["status"] = Variable("i1", "", "how the computation of the cell ended", STATUS_NAMES)
         found["message"] = Variable("text", "", "why a cell failed")

@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 
 #: How to read an estimate that says no more than that it cannot tell.
 _BEYOND = (
-    "may not exist: the harmonics that first order neglects take this cycle away, or it passes a threshold by less "
+    "may not exist: the harmonics that the describing function neglects take this cycle away, or it passes a "
+    "threshold by less "
     "than they are; where they move it by more than its own size (> 100 %) the estimate cannot say how wrong it is. "
     "Compare with the exact cycles (validate, cycles)."
 )
@@ -374,7 +375,7 @@ class TruthTable:
             "predicted [Hz]",
             "simulated [Hz]",
             "exact",
-            "first order",
+            "DF",
         )
         self.table = table_of(*heads, numbers=False)
         self.found: list[bool] = []

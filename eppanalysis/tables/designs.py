@@ -30,7 +30,7 @@ def bounds_table(bounds: DesignBounds) -> Table:
     columns: list[tuple[str, Callable[[BoundCell], str]]] = [
         (_kept(bounds), lambda c: printed.digits(c.printed)),
         (with_unit("exact", y_unit), lambda c: printed.figures(replace(c.printed, value=c.exact))),
-        (with_unit("first order", y_unit), lambda c: cell(y * c.first_order)),
+        (with_unit("DF", y_unit), lambda c: cell(y * c.first_order)),
         ("", lambda c: signed_percent(c.first_order_error) + " unsafe" * c.first_order_unsafe),
     ]
     if allowed is None:
@@ -72,7 +72,7 @@ def design_table(design: Design) -> Table:
     names, over = list(design.tune), design.front_over
     own = [] if design.objective in names else [design.objective]
     heads = [with_unit(words(name), design.readable[name][0]) for name in ([over] if over else []) + own + names]
-    table = table_of(*heads, with_unit("first order", design.readable[design.limit][0]), "active", "confirmed")
+    table = table_of(*heads, with_unit("DF", design.readable[design.limit][0]), "active", "confirmed")
     for place, (value, best) in enumerate([(design.front_own, design.optimum), *design.front]):
         shown = [design.inside(best, n).partition(" ")[0] if best.feasible else "-" for n in own + names]
         first_order = cell(design.readable[design.limit][1] * best.first_order)

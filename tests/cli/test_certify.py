@@ -21,9 +21,11 @@ def test_roots_are_written_and_checked(tmp_path: Path) -> None:
     code, text = run("backlash_servo", "--statement", "roots", "-o", file)
     assert code == 0 and "exactly 2 roots" in text and "1.05569530823" in text
     code, text = run("--check", file)
-    assert code == 0 and text.startswith("Proved: first order has exactly 2 roots for the loop in the file;")
+    assert code == 0 and text.startswith(
+        "Proved: the describing function has exactly 2 roots for the loop in the file;"
+    )
     code, text = run("backlash_servo", "--check", file)
-    assert code == 0 and text.startswith("Proved: first order has exactly 2 roots for backlash servo;")
+    assert code == 0 and text.startswith("Proved: the describing function has exactly 2 roots for backlash servo;")
     for other in (["backlash_servo", "--set", "loop.gain=1.01"], ["relay_deadzone"], ["fig8a_original"]):
         code, text = run(*other, "--check", file)
         assert code == 1 and "not about" in text and "Traceback" not in text

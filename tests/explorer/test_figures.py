@@ -173,7 +173,7 @@ def test_a_loop_without_a_gain_has_no_curves_and_no_names_of_them():
     servo, pictures = case("backlash_servo"), RunPictures("x", "")
     found = compute(servo, shown_signal(servo), {})
     pictures.show(found, "")
-    assert named(pictures.nyquist) == ["G(jω)", "−1/N(A)", "cycle of first order", "run"]
+    assert named(pictures.nyquist) == ["G(jω)", "−1/N(A)", "cycle of the describing function", "run"]
     pictures.show(replace(found, loop=None, of_run=None), "")
     assert named(pictures.nyquist) == [] and named(pictures.step) == ["now"]
 

@@ -262,10 +262,11 @@ SENTENCES = {
     "relay_deadzone": "Oscillates: x 6.072 peak to peak at 0.158 Hz, from 25.07 s on.",
 }
 PREDICTED = {
-    "fig8a_original": "First order predicts 2 limit cycles, "
+    "fig8a_original": "The describing function predicts 2 limit cycles, "
     "the stable one with theta 4.291 deg peak to peak at 10.61 Hz. "
     "Cycles between the points of its grid may be missed.",
-    "band_two_cycles": "First order predicts 2 limit cycles, the stable one with x 9.847 peak to peak at 0.2757 Hz.",
+    "band_two_cycles": "The describing function predicts 2 limit cycles, "
+    "the stable one with x 9.847 peak to peak at 0.2757 Hz.",
 }
 
 
@@ -289,7 +290,7 @@ def test_no_cycle_is_said_with_the_margin_that_is_left():
     found = epp.predict_limit_cycles(epp.case("fig8b_reduced_backlash"))
     margin = found.margins["gain_margin"]
     assert str(found) == (
-        f"First order predicts no limit cycle; the gain margin of the linearised loop is {margin:.4g}. "
+        f"The describing function predicts no limit cycle; the gain margin of the linearised loop is {margin:.4g}. "
         "Cycles between the points of its grid may be missed."
     )
 
@@ -298,7 +299,7 @@ def test_no_cycle_is_said_with_the_margin_that_is_left():
 def test_the_verdict_that_there_is_no_cycle_says_where_first_order_may_miss_one(name):
     """In large letters stood "no limit cycle", and in small ones below them that there is one."""
     found = epp.predict_limit_cycles(epp.case(name))
-    assert not len(found) and found.headline().startswith("First order predicts no limit cycle")
+    assert not len(found) and found.headline().startswith("The describing function predicts no limit cycle")
     assert found.headline().endswith("may miss one") == bool(found.warnings)
 
 
@@ -311,7 +312,7 @@ def test_the_verdict_that_there_is_no_cycle_says_where_first_order_may_miss_one(
 )
 def test_an_unstable_loop_without_a_cycle_is_not_told_by_its_margin_alone(plant, border):
     found = epp.predict_limit_cycles(epp.LureSystem.from_tf(plant, epp.Saturation()))
-    assert str(found) == f"First order predicts no limit cycle; the linearised loop is unstable{border}."
+    assert str(found) == f"The describing function predicts no limit cycle; the linearised loop is unstable{border}."
 
 
 def test_a_continuum_of_cycles_is_said():
@@ -326,7 +327,7 @@ def test_what_first_order_misses_is_said():
     assert str(found).startswith(
         "Oscillates: x 2.679 peak to peak at 0.1316 Hz. The exact search finds this limit cycle and no other. "
     )
-    assert str(found).endswith("First order misses the stable limit cycle.")
+    assert str(found).endswith("The describing function misses the stable limit cycle.")
 
 
 def test_a_search_says_whether_the_start_decides():
@@ -343,10 +344,13 @@ def test_what_does_not_count_as_an_answer_says_so():
     assert "may not exist" in str(doubtful)
     both = str(replace(prediction(), cycles=(cycle(), doubtful)))
     assert (
-        both.startswith("First order predicts 1 stable limit cycle with") and ", and 1 more that may not exist." in both
+        both.startswith("The describing function predicts 1 stable limit cycle with")
+        and ", and 1 more that may not exist." in both
     )
     alone = str(replace(prediction(), cycles=(doubtful, doubtful)))
-    assert alone.startswith("First order predicts 2 stable limit cycles that may not exist, the largest with")
+    assert alone.startswith(
+        "The describing function predicts 2 stable limit cycles that may not exist, the largest with"
+    )
 
 
 def test_a_search_without_a_stable_cycle_claims_none():

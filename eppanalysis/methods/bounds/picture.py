@@ -96,7 +96,7 @@ def _draw_ranges(ax: Axes, x: np.ndarray, y_factor: float, bounds: DesignBounds)
 def _draw_approximate(ax: Axes, x: np.ndarray, over: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:
     """The lines of first order and of harmonic balance."""
     for name, text, colour, style in (
-        ("first_order", "first order", DARK_ORANGE, ":"),
+        ("first_order", "DF", DARK_ORANGE, ":"),
         ("harmonic", "harmonic balance", DARK_SKY, "--"),
     ):
         if not np.any(np.isfinite(bounds.array(name))) and (bounds.allowed is not None or bounds.not_covered):

@@ -506,7 +506,7 @@ class DesignBounds(Listing[BoundCell]):
     def in_brief(self) -> pandas.DataFrame:
         """The bounds in the units that people use for both parameters."""
         (x_unit, x), (y_unit, y) = self.readable[self.over], self.readable[self.limit]
-        heads = ("first order", f"bound on {words(self.limit)}", "as computed")
+        heads = ("DF", f"bound on {words(self.limit)}", "as computed")
         first, best, computed = (with_unit(text, y_unit) for text in heads)
         rows = [
             {

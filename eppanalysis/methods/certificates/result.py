@@ -277,4 +277,4 @@ def _roots_sentence(name: str, claim: Mapping[str, int], box: Mapping[str, Any])
     number, left = claim["roots"], claim["undecided"]
     count = f"exactly {number} root{'s' * (number != 1)}" if number else "no root"
     outside = f", outside of {left} box{'es' * (left > 1)} in which nothing is decided" if left else ""
-    return f"Proved: first order has {count} for {name}{outside}; {place}."
+    return f"Proved: the describing function has {count} for {name}{outside}; {place}."

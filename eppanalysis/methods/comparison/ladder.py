@@ -67,13 +67,14 @@ class Agreement(Enum):
 
     AGREE = (
         f"Prediction and simulation agree within {100 * _AGREES:g} %: "
-        "the run settles on the stable cycle that first order predicts."
+        "the run settles on the stable cycle that the describing function predicts."
     )
     ROUGH = (
-        "The run settles on the stable cycle that first order predicts, but first order is off by more than "
+        "The run settles on the stable cycle that the describing function predicts, but the describing function is "
+        "off by more than "
         f"{100 * _AGREES:g} % in frequency or size: it tells that there is a cycle, not what it is like."
     )
-    FREE = "Prediction and simulation agree: first order has no stable limit cycle, and the run settles at rest."
+    FREE = "Prediction and simulation agree: no stable limit cycle is predicted, and the run settles at rest."
     GUARDED = (
         "A stable cycle exists as predicted, but this start does not reach it: "
         "an unstable cycle guards the resting state."
@@ -82,26 +83,30 @@ class Agreement(Enum):
         "A stable cycle exists as predicted, but this start does not reach it: the run ends at rest, "
         "and no unstable cycle is known between the two; simulate from a disturbed start."
     )
-    NOT_PREDICTED = "The run is on a limit cycle that first order does not predict; trust the simulation."
+    NOT_PREDICTED = "The run is on a limit cycle that the describing function does not predict; trust the simulation."
     NOT_THERE = (
-        "First order predicts a stable cycle, but no such cycle exists: "
+        "The describing function predicts a stable cycle, but no such cycle exists: "
         "runs started on it, below it and above it all leave it."
     )
     MISSED = (
-        "First order misses stable limit cycles that exist: the exact search finds what it does not predict. "
+        "The describing function misses stable limit cycles that exist: the exact search finds what it does not "
+        "predict. "
         "The run is on none of them by its end."
     )
-    CONFIRMED = f"The exact search confirms what first order predicts{_LEFT_OPEN}, so simulate for longer."
+    CONFIRMED = f"The exact search confirms what the describing function predicts{_LEFT_OPEN}, so simulate for longer."
     CONFIRMED_STABLE = (
-        "The exact search confirms the stable cycle that first order predicts, but not every unstable one to within "
+        "The exact search confirms the stable cycle that the describing function predicts, but not every unstable "
+        "one to within "
         f"{100 * _AGREES:g} %{_LEFT_OPEN}, simulate for longer to see the stable one there."
     )
     NONE_STABLE = (
-        "First order predicts no stable cycle and the exact search finds none, but unstable ones differ by more than "
+        "The describing function predicts no stable cycle and the exact search finds none, but unstable ones differ "
+        "by more than "
         f"{100 * _AGREES:g} %{_LEFT_OPEN}, simulate for longer."
     )
     FOUND = (
-        "The exact search finds the stable cycle that first order predicts, but first order is off by more than "
+        "The exact search finds the stable cycle that the describing function predicts, but the describing function "
+        "is off by more than "
         f"{100 * _AGREES:g} % in frequency or size{_LEFT_OPEN}, simulate for longer to see it there."
     )
     UNDECIDED = (
@@ -110,7 +115,7 @@ class Agreement(Enum):
     DRIVEN = (
         "An input does not stand still, so the loop has no limit cycle of its own to predict; the run is all there is."
     )
-    NO_PREDICTION = "An element has no describing function, so first order says nothing of this loop."
+    NO_PREDICTION = "An element has no describing function, so no cycle of this loop is predicted."
 
     def sentence(self, status: Status) -> str:
         """What is said beside a run that ends so: none that grows without bound has to be made longer."""

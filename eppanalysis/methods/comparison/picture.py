@@ -157,7 +157,9 @@ def _draw_cycles(ax: Axes, ladder: Ladder, name: str) -> None:
             y = np.where(time % cycle.period > own[-1] - own[0] - np.diff(time[:2]), np.nan, y)
         style = _CYCLES[i % len(_CYCLES)] if cycle.stable else {"color": GREY, "linestyle": "--"}
         text = f"{cycle.method}, {STABILITY[cycle.stable]}, {number(cycle.frequency)} Hz"
-        ax.plot(time, y, linewidth=1.2, label=text + ", first order misses it" * (i in ladder.missed), **style)
+        ax.plot(
+            time, y, linewidth=1.2, label=text + ", the describing function misses it" * (i in ladder.missed), **style
+        )
     label_up(ax, label)
 
 
@@ -181,7 +183,7 @@ def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:
         style: dict[str, Any] = {"edgecolor": SKY, "hatch": "//", "linewidth": 0.8}
         if not cycle.stable:
             style = {"edgecolor": VERMILLION, "linestyle": "--", "linewidth": 0.8}
-        text = f"exact, {STABILITY[cycle.stable]}" + ", first order misses it" * (i in ladder.missed)
+        text = f"exact, {STABILITY[cycle.stable]}" + ", the describing function misses it" * (i in ladder.missed)
         ax.axhspan(*bands[-1], facecolor="none", **style, label=text)
     label_up(ax, label)
     if bands and run.settled_at and np.ptp(y) > 0:

@@ -13,8 +13,8 @@ def missed_sentences(missed: tuple[int, ...], search: CycleSearch | None) -> lis
     if not missed or search is None:
         return []
     if len(missed) == len(search.stable) == 1:
-        return ["First order misses the stable limit cycle."]
-    return [f"First order misses {len(missed)} of {len(search.stable)} stable limit cycles."]
+        return ["The describing function misses the stable limit cycle."]
+    return [f"The describing function misses {len(missed)} of {len(search.stable)} stable limit cycles."]
 
 
 def cycle_sentences(reached: LimitCycle | None, errors: dict[str, dict[str, float]], signal: str) -> list[str]:
@@ -36,4 +36,4 @@ def error_sentences(errors: dict[str, dict[str, float]], signal: str) -> list[st
         return []
     f, a = errors["frequency"]["frequency"], errors.get(signal, {}).get("peak_to_peak", float("nan"))
     size = f"{signed_percent(a)} in the size of {words(signal)}"
-    return [f"First order is off by {signed_percent(f)} in frequency and {size}."]
+    return [f"The describing function is off by {signed_percent(f)} in frequency and {size}."]

@@ -113,7 +113,7 @@ def made_by_harmonics(
         known.append(here)
         size = quantity(2.0 * abs(here.Z[0, 1]), unit_at_input(balance.system, 0))
         yield (
-            "Harmonics make a cycle that first order does not have: its loop gain misses one by "
+            "Harmonics make a cycle that the describing function does not have: its loop gain misses one by "
             f"{100.0 * np.expm1(abs(x[-1])):.2g} % near {omega / (2.0 * np.pi):.4g} Hz, and a balance of {here.order} "
             f"harmonics stands at {here.omega / (2.0 * np.pi):.4g} Hz, with {size} peak to peak of the fundamental at "
             f"{balance.system.element_names[0]}."
@@ -219,7 +219,8 @@ def _undamped(balance: Balance) -> Iterator[str]:
     if sizes:
         yield (
             f"The linear part swings undamped by itself at {listed([f'{w / (2.0 * np.pi):.4g}' for w in alone])} Hz, "
-            f"where first order has cycles of about {listed(sorted(sizes, key=float)[:_PLACES])}{unit} peak to peak at "
+            f"where the describing function has cycles of about {listed(sorted(sizes, key=float)[:_PLACES])}{unit} "
+            "peak to peak at "
             f"{system.element_names[0]}, whose gain passes zero, and does not follow them here."
         )
 
@@ -265,7 +266,8 @@ def _stick_slip(balance: Balance) -> Iterator[str]:
         if e.sticks_and_slips and ((winds_up := _winds_up(balance, i)) or _is_dragged(balance, i)):
             why, how = ("integral action", "hunt") if winds_up else ("what drags it", "judder")
             yield (
-                f"{system.element_names[i]} sticks, which first order does not see, and {why} does not let it "
+                f"{system.element_names[i]} sticks, which the describing function does not see, and {why} does not "
+                "let it "
                 f"stick for ever: the loop may {how}, in cycles of sticking and slipping that are not predicted here."
             )
 
@@ -358,7 +360,8 @@ def _locked(balance: Balance, points: Sequence[Point]) -> Iterator[str]:
         if turns:
             which = f"{turns[0]}" if len(turns) == 1 else f"{turns[0]} to {turns[-1]}"
             yield (
-                f"First order does not see where the samples fall beside the jumps of {system.element_names[i]}: "
+                "The describing function does not see where the samples fall beside the jumps of "
+                f"{system.element_names[i]}: "
                 f"cycles of about {which} samples a turn, or of several such turns, may lock to them that are not "
                 "predicted here."
             )

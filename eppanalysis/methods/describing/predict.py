@@ -257,13 +257,15 @@ def _require_rates(system: LureSystem) -> None:
     ):
         if e.reads_rate and role_of_input(system, z.start, z.start + 1) != "rate":
             what = f"{system.name}: the second input of {name} is not the rate of its first"
-            raise ModelError(what, expected="that rate for first order; or a search, a run or the exact orbit")
+            raise ModelError(
+                what, expected="that rate for the describing function; or a search, a run or the exact orbit"
+            )
         if "contact" in e.input_ports:
             c, own = system.C[z.stop - 1], np.eye(1, system.B.shape[1], w.stop - 1)[0]
             drifts = np.abs(c @ system.A).max() / np.abs(system.A).max()
             if max(drifts, np.abs(c @ system.B - own).max()) > _SAME * np.abs(c).max():
                 what = f"{system.name}: the contact angle of {name} is not the integral of its contact rate"
-                raise ModelError(what, expected="that integral for first order")
+                raise ModelError(what, expected="that integral for the describing function")
 
 
 def search_balance(system: LureSystem, value: Array) -> tuple[Balance, Found, list[Point]]:

@@ -43,7 +43,7 @@ def plot_design(design: Design, ax: Axes | None = None) -> Figure:
     ax.plot(*at, "D", color=VERMILLION, label=f"optimum, {confirmed}")
     ax.plot(at[0], safe, "o", color=GREEN, label=f"design, {100 * design.margin:g} % inside")
     if np.isfinite(best.first_order):
-        ax.plot(at[0], y * best.first_order, "x", color=DARK_ORANGE, label="first order there")
+        ax.plot(at[0], y * best.first_order, "x", color=DARK_ORANGE, label="the describing function there")
     put_legend(ax)
     return figure
 

@@ -227,7 +227,7 @@ class Design(Result):
             told += f" {best.at_end}."
         told += self._outside(best)
         if len(self.tune) > 2:
-            told += " It was found by going uphill from what first order proposes; a better one is not excluded."
+            told += " It was found uphill from what the describing function proposes; a better one is not excluded."
         return f"{told} {self._tests(best)} {self.not_covered}".rstrip()
 
     def inside(self, found: Optimum, name: str) -> str:

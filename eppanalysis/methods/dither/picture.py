@@ -25,9 +25,7 @@ def plot_dither(found: Dither, ax: Axes | None = None) -> Figure:
     figure, (upper, *below) = places_of(ax, 2, height=2.6)
     known = found.predicted
     if known.size:
-        upper.plot(
-            known[:, 0], 100.0 * known[:, 1] / found.size, ".:", color="black", markersize=3, label="first order"
-        )
+        upper.plot(known[:, 0], 100.0 * known[:, 1] / found.size, ".:", color="black", markersize=3, label="DF")
     for gone, (label, colour, marker) in _ENDS.items():
         rows = [run for run in found.runs if run.gone is gone and run.start is Start.CYCLE]
         if rows:

@@ -97,7 +97,7 @@ class Dither(Result):
         what = f"a {self.wave} of {self.frequency:.4g} Hz at the input of {self.element}"
         first = f"{self.first_order:.4g}" if np.isfinite(self.first_order) else "none"
         if not np.isfinite(self.amplitude):
-            told = f"No amplitude that was run removes the limit cycle by {what}; first order says {first}."
+            told = f"No amplitude that was run removes the limit cycle by {what}; the describing function says {first}."
         elif not self.stays:
             told = (
                 f"The limit cycle goes under a dither of amplitude {self.amplitude:.4g}, {what}, and under all less "
@@ -106,12 +106,14 @@ class Dither(Result):
         else:
             told = (
                 f"The least dither that removes the limit cycle has amplitude {self.amplitude:.4g}, {what}; at "
-                f"{self.stays:.4g} {self._below()}. First order says {first}. The effective gain for small signals is "
+                f"{self.stays:.4g} {self._below()}. The describing function says {first}. The effective gain for "
+                "small signals is "
                 f"then {self.gain:.4g}."
             )
         if self.returned > _MUCH:
             told += (
-                f" The loop returns {percent(self.returned)} of the dither to the element, which first order leaves "
+                f" The loop returns {percent(self.returned)} of the dither to the element, which the describing "
+                "function leaves "
                 "out: of a faster one it would return less."
             )
         return (

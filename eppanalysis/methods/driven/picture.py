@@ -46,7 +46,7 @@ def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None)
     unit, across = ("Hz", 1.0) if response.over is Over.FREQUENCY else readable(response.units.get(response.input, ""))
     for branch in response.first_order:
         x = across * getattr(branch, response.over)
-        thin: dict[str, Any] = {"color": "black", "linewidth": 1.0, "label": "first order", "zorder": 2.5}
+        thin: dict[str, Any] = {"color": "black", "linewidth": 1.0, "label": "DF", "zorder": 2.5}
         upper.plot(x, factor * branch.peak_to_peak, ":", **thin)
         for lower in below:
             lower.plot(x, _phase(branch), ":", **thin)

@@ -85,7 +85,9 @@ class CycleSearch(Listing[LimitCycle]):
         told = [f"The search leaves something open: {open_ends}."] * bool(open_ends)
         doubtful = listed(by_name([c for c in self.unclosed if not exists(c)]))
         if doubtful:
-            told.append(f"No orbit was found for what first order predicts at {doubtful}, which may not exist.")
+            told.append(
+                f"No orbit was found for what the describing function predicts at {doubtful}, which may not exist."
+            )
         told = told or [self.status.value]
         return " ".join([*told, f"{self.not_covered}."] if self.not_covered else told)
 

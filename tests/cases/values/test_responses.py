@@ -99,7 +99,7 @@ def test_refuses_what_is_no_file(tmp_path):
 def test_command_takes_a_file_for_the_linear_part():
     said = CliRunner().invoke(app, ["predict", "relay_deadzone", "--response", SHIPPED])
     assert said.exit_code == 0, said.output
-    assert "First order predicts 2 limit cycles" in said.output
+    assert "The describing function predicts 2 limit cycles" in said.output
     # The data are those of 200/(s (s + 2) (s + 5)) with 1 % noise: amplitude by hand from its gain 20/7 at sqrt(10).
     gain = 20.0 / 7.0
     stable = 4.0 * gain / np.pi * np.sqrt(0.5 + 0.5 * np.sqrt(1.0 - (0.5 * np.pi / gain) ** 2))

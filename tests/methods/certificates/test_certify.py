@@ -85,7 +85,7 @@ def test_a_fresh_process_accepts_what_was_written(all_files: dict[str, Path], na
 
 def test_the_check_says_what_is_proved(files: dict[str, Path]) -> None:
     roots, absence, with_play, orbit, elbow = (epp.check_certificate(files[name]) for name in files)
-    assert roots.accepted and "first order has exactly 2 roots for the loop in the file" in str(roots)
+    assert roots.accepted and "the describing function has exactly 2 roots for the loop in the file" in str(roots)
     assert absence.accepted and "the loop in the file has no periodic motion but rest" in str(absence)
     assert with_play.accepted and "for any gap (a function that falls, quadratic in 8 sectors)" in str(with_play)
     assert orbit.accepted and "arcs in the file: they close to a limit cycle of 2.197 s with 2 events" in str(orbit)

@@ -232,14 +232,16 @@ def test_stable_cycles_that_exist_and_are_not_predicted_are_missed(start: float,
     assert result.prediction is not None and len(result.prediction) == 0 and result.search is not None
     assert result.agreement is Agreement.MISSED and result.to_dict()["agreement"] == "missed"
     assert result.missed == (0,) and result.search[0].stable
-    assert "First order misses the stable limit cycle." in result.verdict and "refuted" not in result.verdict
+    assert (
+        "The describing function misses the stable limit cycle." in result.verdict and "refuted" not in result.verdict
+    )
     # Witness: a longer run of the engine is on that cycle.
     longer = epp.simulate(case.with_values({"loop.initial_state": [0.1, 0, 0]}).to_system(), t_end=300.0).limit_cycle
     assert longer is not None and longer.period == pytest.approx(result.search[0].period, rel=1e-6)
     figure = result.plot().figure
     drawn = {text.get_text() for ax in figure.axes if ax.get_legend() for text in ax.get_legend().get_texts()}
-    assert any(text.startswith("exact") and text.endswith("first order misses it") for text in drawn)
-    assert "First order misses" in said_above(figure)[1]
+    assert any(text.startswith("exact") and text.endswith("the describing function misses it") for text in drawn)
+    assert "The describing function misses" in said_above(figure)[1]
 
 
 def test_an_element_without_a_describing_function_has_only_its_simulation() -> None:
@@ -379,7 +381,7 @@ def test_in_discrete_time_a_run_at_rest_does_not_confirm_a_prediction_that_misse
     )  # fmt: skip
     result = epp.ladder(loop)
     assert result.run.status is epp.Status.SETTLED and len(result.prediction) == 0
-    assert result.search.stable and "First order misses stable limit cycles that exist" in str(result)
+    assert result.search.stable and "The describing function misses stable limit cycles that exist" in str(result)
     assert result.search.stable[0].period == round(result.search.stable[0].period)
 
 

@@ -76,6 +76,6 @@ def test_margins_that_cannot_be_taken_leave_the_prediction(gain, count):
     with pytest.raises(epp.ModelError, match="beyond all range"):
         epp.margins(loop)
     prediction = epp.predict_limit_cycles(loop)
-    assert len(prediction) == count and str(prediction).startswith("First order predicts")
+    assert len(prediction) == count and str(prediction).startswith("The describing function predicts")
     assert np.isnan(prediction.margins["gain_margin"]) and "beyond all range" in prediction.margins["message"]
     assert "beyond all range" in json.dumps(prediction.to_dict())

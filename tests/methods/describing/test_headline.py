@@ -44,11 +44,15 @@ def test_the_headline_counts_what_harmonics_leave(name):
     left = len(found) - gone
     first = str(found).split(" Hz")[0].split(".")[0]
     if left or not gone:
-        counted = re.match(r"First order predicts (\d+|no)( stable| unstable)? limit cycles?\b(?! that may not)", first)
+        counted = re.match(
+            r"The describing function predicts (\d+|no)( stable| unstable)? limit cycles?\b(?! that may not)", first
+        )
         assert counted is not None and counted[1] == (str(left) if left else "no")
         assert (f", and {gone} more that may not exist" in str(found)) == bool(gone)
     else:
-        assert re.match(rf"First order predicts {gone}( stable| unstable)? limit cycles? that may not exist,", first)
+        assert re.match(
+            rf"The describing function predicts {gone}( stable| unstable)? limit cycles? that may not exist,", first
+        )
 
 
 def test_a_ghost_far_below_all_that_moves_is_told_as_one():

@@ -77,7 +77,7 @@ def test_what_first_order_makes_nothing_of_is_refused():
     lag = epp.MeasuredResponse(omega, 1.0 / (1.0 + 1j * omega), static_gain=1.0)
     build = epp.AutomatonBuilder(n_inputs=3)
     build.mode("adds", from_input=[1.0, 0.0, 1.0])
-    with pytest.raises(epp.ModelError, match="AutomatonElement reads a second signal, of which first order makes"):
+    with pytest.raises(epp.ModelError, match="AutomatonElement reads a second signal, which no describing function"):
         epp.MeasuredLoop(epp.MeasuredMatrix([[lag], [lag]]), epp.AutomatonElement(build.build()))
 
 

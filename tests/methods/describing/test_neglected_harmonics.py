@@ -249,7 +249,7 @@ def test_ordinary_loops_are_not_warned_of():
 
 @pytest.mark.parametrize("name", ["two_mass_damped_shaft", "two_mass_damped_shaft_classical"])
 def test_an_element_of_two_inputs_and_outputs_is_asked_as_well(name):
-    assert str(predict_limit_cycles(epp.case(name))).startswith("First order predicts 1 stable limit cycle")
+    assert str(predict_limit_cycles(epp.case(name))).startswith("The describing function predicts 1 stable limit cycle")
 
 
 def test_a_pair_of_cycles_between_the_levels_of_a_quantiser():
@@ -325,7 +325,10 @@ def test_cycles_where_the_linear_part_swings_undamped_by_itself_are_told(coeffic
         Q = np.linalg.qr(np.random.default_rng(1).normal(size=(2, 2)))[0]
         loop = loop.in_coordinates(Q.T, Q)
     told = str(epp.predict_limit_cycles(loop))
-    assert f"at {1.0 / (2.0 * np.pi):.4g} Hz, where first order has cycles of about {sizes} peak to peak" in told
+    assert (
+        f"at {1.0 / (2.0 * np.pi):.4g} Hz, where the describing function has cycles of about {sizes} peak to peak"
+        in told
+    )
 
 
 def test_where_a_swing_is_damped_or_no_gain_passes_zero_nothing_is_told_of_it() -> None:

@@ -121,7 +121,7 @@ def test_results_are_plain_tables_and_pictures(jump):
     assert "jumps at 0.1229 Hz and 0.1325 Hz" in str(jump)
     upper, lower = jump.plot().figure.axes
     labels = [t.get_text() for t in upper.get_legend().get_texts()]
-    assert labels == ["first order", "stable", "unstable", "fold"]
+    assert labels == ["DF", "stable", "unstable", "fold"]
     assert lower.get_xlabel() == "frequency of force [Hz]"
     with pytest.raises(EppError, match="has 3 values in places; expected the part"):
         jump.to_control()

@@ -92,7 +92,7 @@ class MeasuredLoop:
             raise ModelError(self.name, self.feedback, "-1 or 1", field="feedback")
         for e in self.elements:
             if "unknown" in ways_of(e):
-                what = f"{self.name}: {type(e).__name__} reads a second signal, of which first order makes nothing"
+                what = f"{self.name}: {type(e).__name__} reads a second signal, which no describing function covers"
                 raise ModelError(what, expected="elements of one input, its rate, or a clock; or a rational model")
         rows, columns = (len(places) for places in self._places)
         if self.matrix.shape != (rows, columns):
