@@ -9,15 +9,19 @@ import threading
 from collections.abc import Generator
 from functools import cache
 
-# As the command line has it; numpy asks when it is imported. Threads of several test processes get in each other's way.
+# As the command line has it, for processes that tests start: threads of several get in each other's way.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import matplotlib as mpl
 import pytest
+import threadpoolctl
 import typer.testing
 from hypothesis import HealthCheck, settings
 
 mpl.use("Agg")
+
+# A plugin of pytest that another package brings may have imported numpy, which asks for that variable no more.
+threadpoolctl.threadpool_limits(1, "blas")
 
 # The command line is made once in a process, as its users do, and not for each command that a test runs.
 typer.testing._get_command = cache(typer.testing._get_command)

@@ -43,7 +43,8 @@ def said(given: dict[str, np.ndarray], model_error: float = 0.02) -> epp.Diagnos
     return explained(*servo(), record, oscillation_of(record), model_error)
 
 
-@pytest.mark.parametrize("mechanism", ["saturation", pytest.param("rate limit", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("mechanism", ["saturation", "rate limit"])
 def test_the_limit_that_made_a_record_is_named(mechanism):
     found, size = diagnosed(mechanism, 0)
     assert judged(mechanism, found, size) == ("right", True), str(found)
