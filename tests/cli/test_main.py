@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from eppanalysis.cli import main
 from eppanalysis.cli.commands import app
-from tests.shared import command_line
+from tests.shared import command_line, mostly_slow
 
 runner = CliRunner()
 
@@ -325,9 +325,16 @@ relay = { element = "hysteresis_relay", lower = "-5 deg", upper = "5 deg" }
 """
 
 
-@pytest.mark.parametrize("command", ["predict", "simulate", "validate", "cycles"])
+WRITE = ("predict", "simulate", "validate", "cycles")
+KINDS = ((".png", ""), (".svg", ""), (".pdf", ""), (".csv", ""), (".nc", ""), (".nc", "deg"))
+
+
 @pytest.mark.parametrize(
-    ("suffix", "typed"), [(".png", ""), (".svg", ""), (".pdf", ""), (".csv", ""), (".nc", ""), (".nc", "deg")]
+    ("command", "suffix", "typed"),
+    mostly_slow(
+        [(command, *kind) for command in WRITE for kind in KINDS],
+        [(WRITE[i % len(WRITE)], *kind) for i, kind in enumerate(KINDS)],
+    ),
 )
 def test_every_command_writes_every_kind_of_file(tmp_path, command, suffix, typed):
     """Of a loop without units, and of one whose file types them in others than SI."""
