@@ -204,7 +204,7 @@ def test_a_loop_whose_cycles_scale_with_the_gap_has_no_bound_on_it(coarse: None)
     ("within", "finding", "words"),
     [
         ((0.3, 0.6), "none", "The exact search finds no limit cycle"),
-        ((1.0, 1.3), "always", "none of them is free"),
+        pytest.param((1.0, 1.3), "always", "none of them is free", marks=pytest.mark.slow),
     ],
 )
 def test_questions_without_a_bound_get_a_sentence(
