@@ -371,6 +371,7 @@ def test_what_the_search_leaves_open_is_said_beside_what_it_finds() -> None:
         assert "The search leaves something open: 2 runs neither settled nor repeated themselves." in told
 
 
+@pytest.mark.slow
 def test_in_discrete_time_a_run_at_rest_does_not_confirm_a_prediction_that_misses_cycles() -> None:
     """A sampled servo with an encoder of coarse steps rests where it starts, and swings from other starts."""
     loop = epp.LureSystem.build(

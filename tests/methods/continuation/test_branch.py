@@ -14,7 +14,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.shown import for_people
 from tests.coordinates import InOtherWords, rotated
 from tests.noise import noise, with_shaken_matrices
-from tests.shared import cycles_of
+from tests.shared import cycles_of, mostly_slow
 
 POUND = 4.4482216152605
 
@@ -123,7 +123,7 @@ def test_a_branch_on_which_the_period_grows_without_bound_ends_there_once():
     assert "no folds; infinite period at 0.9893" in str(branch)
 
 
-@pytest.mark.parametrize("seed", [None, 3])
+@pytest.mark.parametrize("seed", mostly_slow([None, 3], [None]))
 def test_a_branch_ends_at_the_limit_of_linear_stability(seed):
     """Three lags of 1 s behind a limit: at 8 the loop ceases to be stable, and oscillates at sqrt(3) rad/s.
 
