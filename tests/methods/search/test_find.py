@@ -18,7 +18,7 @@ from eppanalysis.results import Status
 from tests.freeplay import freeplay
 from tests.random_loops import random_loop
 from tests.sampled_relay import sampled_relay
-from tests.shared import cycles_of
+from tests.shared import cycles_of, mostly_slow
 from tests.stress.families import problem, turned
 
 LOOPS = [
@@ -28,7 +28,18 @@ LOOPS = [
 ]
 
 
-@pytest.mark.parametrize("name", LOOPS)
+#: A memory, a smooth one, a bias, two cycles, two elements, two masses.
+FIRST = (
+    "backlash_servo_unseen",
+    "belt_leine",
+    "relay_biased_fopdt",
+    "relay_deadzone",
+    "sat_am165",
+    "two_mass_damped_shaft",
+)
+
+
+@pytest.mark.parametrize("name", mostly_slow(LOOPS, FIRST))
 def test_every_cycle_of_the_verification_set_is_found_to_eight_digits(name):
     case, found = epp.case(name), cycles_of(name)
     for expected in case.expected.exact:
@@ -122,7 +133,11 @@ def test_a_search_tells_how_far_it_is():
     assert told[-1][2].endswith(f"{found.provenance.statistics['boundaries']} basin boundaries, 2 cycles")
 
 
-@pytest.mark.parametrize("case", [epp.case("backlash_discrete_pi"), sampled_relay()], ids=lambda case: case.name)
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(epp.case("backlash_discrete_pi"), marks=pytest.mark.slow), sampled_relay()],
+    ids=lambda case: case.name,
+)
 def test_a_search_of_a_sampled_loop_tells_how_far_it_is(case: epp.Case) -> None:
     told: list[tuple[int, int | None, str]] = []
     found = epp.find_limit_cycles(case, progress=lambda *state: told.append(state))
@@ -166,7 +181,8 @@ def test_a_loop_of_integrators_alone_has_no_time_scale_of_its_own(slower):
     assert [c.stable for c in scaled] == [c.stable for c in own]
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
 def test_a_run_that_has_gone_is_not_made_longer(seed):
     """Beyond an unstable cycle of three integrators under a valve with overlap states grow to 1e23, and what turned
     states leave of the valve's input is rounding: it switched without number, until no work was left.
@@ -281,12 +297,13 @@ def test_starts_reach_beyond_the_elements_limits() -> None:
     assert search.settles and search.diverges
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plant", "element"),
     [
         (([1.0], [1.0, 1.0, 0.0]), epp.Relay()),
-        pytest.param(([1.0], [1.0, 2.0, 1.0]), epp.Relay(), marks=pytest.mark.slow),
-        pytest.param(([1.0], [1.0, 2.0, 1.0]), epp.Preload(0.5, 1.0), marks=pytest.mark.slow),
+        (([1.0], [1.0, 2.0, 1.0]), epp.Relay()),
+        (([1.0], [1.0, 2.0, 1.0]), epp.Preload(0.5, 1.0)),
     ],
 )
 def test_switches_that_pile_up_while_the_motion_dwindles_are_rest(plant, element) -> None:
@@ -371,7 +388,7 @@ def test_a_centre_is_one_continuum_and_not_a_list_of_cycles(plant, element, fami
 
 
 @pytest.mark.parametrize(
-    "element", [epp.DeadZone(), epp.Saturation(), pytest.param(epp.Play(0.2), marks=pytest.mark.slow)]
+    "element", [epp.DeadZone(), *(pytest.param(e, marks=pytest.mark.slow) for e in (epp.Saturation(), epp.Play(0.2)))]
 )
 def test_an_undamped_swing_does_not_settle(element):
     """However small it is beside what was predicted: nothing takes its energy."""

@@ -21,7 +21,7 @@ def sampled(step: float) -> epp.LureSystem:
 
 @pytest.mark.parametrize(
     "loop",
-    [epp.LureSystem.build(A, -B, C, [epp.Saturation()]), sampled(0.1)],
+    [epp.LureSystem.build(A, -B, C, [epp.Saturation()]), pytest.param(sampled(0.1), marks=pytest.mark.slow)],
     ids=["in time", "from sample to sample"],
 )
 def test_any_disturbance_of_an_unstable_rest_starts_a_cycle(loop: epp.LureSystem) -> None:
