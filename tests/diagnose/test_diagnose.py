@@ -170,6 +170,7 @@ t_end = "10 s"
     assert f"epp.design_bounds(case, 'K', '{named}', at=['5'], allow='x " in asked
 
 
+@pytest.mark.slow
 def test_a_size_is_said_in_the_unit_and_a_record_read_beside_the_time_that_the_case_types():
     """A run that is told in minutes has no signal "time", and a band in inches no millimetres."""
     servo = """

@@ -41,6 +41,7 @@ def test_bounds_are_kept_and_a_poor_begin_is_mended():
     assert np.sum(ridge(0.2, 0.3)(cloud.best) ** 2) < 0.5
 
 
+@pytest.mark.slow
 def test_what_is_no_quadratic_surface_is_worth_few_draws():
     """A comb of a hundred teeth: the weights say that the surface is none."""
     cloud = explore(

@@ -264,6 +264,7 @@ def test_every_slow_run_beside_a_bound_is_looked_at_to_its_end(wheelchair: epp.C
     assert test.verified and test.n_settled == 1000, test.message
 
 
+@pytest.mark.slow
 def test_runs_that_keep_moving_are_not_all_waited_for(wheelchair: epp.Case) -> None:
     question = BoundProblem(wheelchair, "loop.gain", 0.05, 2.0)
     orbit = epp.find_limit_cycles(wheelchair.to_system()).stable[0]

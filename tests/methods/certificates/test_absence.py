@@ -166,6 +166,7 @@ def relay_cycle(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> float | None:
     return None
 
 
+@pytest.mark.slow
 def test_no_relay_with_an_exact_cycle_is_certified() -> None:
     """Random stable plants of third to fifth order, in which a relay oscillates by an exact half period."""
     rng = np.random.default_rng(5)

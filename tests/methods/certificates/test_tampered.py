@@ -99,7 +99,7 @@ MADE: dict[str, Callable[[], Document]] = {
 FAST = ("roots, dead zone", "roots, relay", "balance, relay", "absence, saturation", "absence, play", "play")
 FIRST = ("roots, dead zone", "balance, relay", "absence, saturation", "play", "orbit")
 #: Of which all of that takes a second or two.
-FASTEST = ("roots, dead zone", "absence, saturation", "play")
+FASTEST = ("roots, dead zone", "absence, saturation")
 
 
 @pytest.fixture(scope="module")

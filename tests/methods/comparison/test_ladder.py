@@ -332,6 +332,7 @@ def test_a_run_that_stays_at_an_unstable_rest_is_guarded_by_nothing() -> None:
     assert result.agreement is Agreement.AT_REST and "guards" not in str(result)
 
 
+@pytest.mark.slow
 def test_a_search_does_not_confirm_what_is_far_off() -> None:
     """Rayleigh's equation, x'' - mu (x' - x'^3/3) + x = 0, a relaxation oscillation: a run too short to show it."""
     mu = 4.0

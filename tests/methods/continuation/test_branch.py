@@ -362,6 +362,7 @@ def test_a_cycle_whose_switch_comes_ever_later_is_followed_to_the_end_and_no_fur
     assert np.all(np.diff(branch.points["period"]) > 0) and branch.points["period"][-1] > 500
 
 
+@pytest.mark.slow
 def test_a_branch_that_turns_just_before_it_touches_a_breakpoint_goes_on_behind_it() -> None:
     """From its stable end it went back the way it had come, past a second fold, and ended where it had begun."""
     loop = epp.LureSystem.from_tf(([30.0, 9.0], [1.0, 4.0, 4.0, 0.0, 0.0]), epp.DeadZoneSaturation(0.5, 4.0, 3.0))

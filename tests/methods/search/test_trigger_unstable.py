@@ -33,6 +33,7 @@ def test_any_disturbance_of_an_unstable_rest_starts_a_cycle(loop: epp.LureSystem
         assert str(hit).startswith(f"Any disturbance of {hit.name} starts a limit cycle: linearised at rest")
 
 
+@pytest.mark.slow
 def test_so_does_a_far_smaller_one_than_was_tried() -> None:
     """An integration of its own comes from 1e-8 to the cycle, which is a thousand million times as large."""
 

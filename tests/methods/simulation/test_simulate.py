@@ -511,7 +511,7 @@ def test_another_process_gives_the_same_bits() -> None:
     assert there.stdout.split() == [here["digest"]]
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.3])
+@pytest.mark.parametrize("delay", [pytest.param(0.0, marks=pytest.mark.slow), 0.3])
 def test_a_run_in_the_workspaces_of_another_model_has_the_bits_of_one_in_new_workspaces(delay: float) -> None:
     def run(system: epp.LureSystem) -> epp.Trajectory:
         return epp.simulate(system, t_end=5.0, t_eval=np.linspace(0.0, 5.0, 51))

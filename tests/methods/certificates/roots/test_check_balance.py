@@ -16,6 +16,7 @@ from eppanalysis.methods.certificates.check_balance import Element, Jet, Refused
 from eppanalysis.methods.certificates.rational import element_data
 from eppanalysis.methods.certificates.registry import sealed
 from eppanalysis.methods.certificates.roots.ring import order_of
+from tests.shared import mostly_slow
 
 ELEMENTS = (
     epp.Saturation(-0.5, 2.0, 1.3),
@@ -77,7 +78,7 @@ def test_shipped_loops_with_a_bias_and_rings_are_decided(name: str) -> None:
         assert root.bias[0] == pytest.approx(cycle.elements[label]["bias"], rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.parametrize("least", [0.25, 0.3])
+@pytest.mark.parametrize("least", mostly_slow([0.25, 0.3], [0.3]))
 def test_a_ring_is_decided_though_its_cuts_meet_the_threshold_of_play(least: float) -> None:
     """Play passes nothing on at 0.5: the amplitude before the saturation is zero, and its phase anything."""
     found = epp.certify(epp.case("sat_plus_backlash"), box={"amplitude": (least, 64.0)})
@@ -99,7 +100,8 @@ def found() -> epp.Certificate:
     return epp.certify(relay(), box=BOX)
 
 
-@pytest.mark.parametrize(("unit", "seconds"), [(1e-6, 1e6), pytest.param(1e6, 1e-6, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("unit", "seconds"), [(1e-6, 1e6), (1e6, 1e-6)])
 def test_units_change_nothing(found: epp.Certificate, unit: float, seconds: float) -> None:
     ends = {"amplitude": unit, "omega": 1 / seconds, "bias": unit}
     (one,) = found.roots

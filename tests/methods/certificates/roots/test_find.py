@@ -129,6 +129,7 @@ def servo(gain: float, gap: float = 2.0, seconds: float = 1.0) -> epp.LureSystem
     return epp.LureSystem.from_tf(([gain], den), epp.Play(gap=gap), name="servo")
 
 
+@pytest.mark.slow
 def test_two_roots_that_are_about_to_meet_are_told_apart_and_none_is_none() -> None:
     """Independent: least gain at which the balance has a root, by the phase of G alone (dense in amplitude)."""
     below, beyond = epp.certify(servo(2.375)), epp.certify(servo(2.3758))

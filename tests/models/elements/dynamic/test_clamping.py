@@ -132,6 +132,7 @@ def test_with_hardly_any_derivative_it_is_the_one_without() -> None:
     np.testing.assert_allclose(other.gain, one.gain, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_cycle_with_a_derivative() -> None:
     """Three lags behind the controller: first order, exact orbit and run."""
     c = epp.ClampedPID(2.0, 1.5, kd=0.4, filter_time=0.05)
