@@ -88,7 +88,11 @@ def with_number(text: str) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize(
-    "text", ["1e999999999", "1/1e999999999", "9" * 5000, "1_000", "\u0661", "1/0", "nan", "--1", ""]
+    "text",
+    mostly_slow(
+        ["1e999999999", "1/1e999999999", "9" * 5000, "1_000", "\u0661", "1/0", "nan", "--1", ""],
+        ["1e999999999", "1_000", "1/0", "nan"],
+    ),
 )
 def test_numbers_are_written_in_one_way(text: str) -> None:
     for document in with_number(text):
@@ -96,7 +100,7 @@ def test_numbers_are_written_in_one_way(text: str) -> None:
         assert code == 1 and not said["accepted"] and took < PATIENCE
 
 
-@pytest.mark.parametrize("mark", ["?", "a", "w", "."])
+@pytest.mark.parametrize("mark", mostly_slow(["?", "a", "w", "."], ["?"]))
 def test_a_cover_of_millions_of_boxes_is_refused_at_once(mark: str) -> None:
     document = roots(evidence={"roots": [], "cover": [mark * 3_000_000]})
     ring = {"ring": [{n: x for n, x in document["loop"].items() if n != "time_step"}], "means": []}

@@ -226,6 +226,7 @@ def test_dry_friction_is_den_hartog_s(ratio, force):
     assert [half(r, "place") for r in found.stable] == pytest.approx([np.sqrt(size)], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_play_that_stays_in_its_gap_is_one_of_a_continuum():
     system = epp.Diagram(
         parts={"gear": epp.Play(gap=1.0), "motor": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0, 0.0])},

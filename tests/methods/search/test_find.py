@@ -226,7 +226,7 @@ def test_a_switched_current_has_its_cycle_however_slowly_the_drive_nears_it():
     assert 0.999 < abs(found[0].multipliers[0]) < 1.0
 
 
-@pytest.mark.parametrize("slower", [1.0, 1e3, 1e-3])
+@pytest.mark.parametrize("slower", mostly_slow([1.0, 1e3, 1e-3], [1e3]))
 def test_what_no_prediction_is_near_is_found_in_any_unit_of_time(slower):
     """A spacecraft under thrusters with a Schmitt trigger and dead time, of which first order sees nothing: runs were
     100 s long. The period is that of a run of relays and dead time alone, solved from switch to switch.
@@ -319,7 +319,7 @@ def test_switches_that_pile_up_while_the_motion_dwindles_are_rest(plant, element
     assert search.settles and not search.diverges
 
 
-@pytest.mark.parametrize("inside", [0.99, 0.997])
+@pytest.mark.parametrize("inside", mostly_slow([0.99, 0.997], [0.99]))
 def test_runs_that_are_held_up_beside_a_fold_come_to_rest(inside: float) -> None:
     """Below the gap at which cycles are born motions become smaller for long before they rest; all are decided."""
     case = epp.case("wheelchair")
@@ -376,7 +376,9 @@ CUBIC = 4.0 * ellipk(0.5)
         (([1.0], [1.0, 0.0, 0.0]), epp.DeadZone(), [lambda peak: 2.0 * np.pi + 4.0 / (peak - 1.0)]),
         (([1.0], [1.0, 0.0, 0.0]), epp.Relay(), [lambda peak: 4.0 * np.sqrt(2.0 * peak)]),
         # Linear within the dead zone, where nothing switches.
-        (([0.1], [1.0, 0.0, 1.0]), epp.DeadZone(), [lambda peak: 2.0 * np.pi, None]),
+        pytest.param(
+            ([0.1], [1.0, 0.0, 1.0]), epp.DeadZone(), [lambda peak: 2.0 * np.pi, None], marks=pytest.mark.slow
+        ),
     ],
     ids=["cubic", "dead zone", "relay", "oscillator"],
 )
@@ -421,7 +423,7 @@ def test_what_rounding_moves_at_rest_is_no_cycle():
     assert run.status is Status.SETTLED and run.limit_cycle is None
 
 
-@pytest.mark.parametrize("unit", [1.0, 1e-3])
+@pytest.mark.parametrize("unit", mostly_slow([1.0, 1e-3], [1.0]))
 def test_a_doubtful_slow_prediction_does_not_set_how_long_runs_are(unit: float):
     """Beyond 4 the relay cannot hold an unstable plant; a prediction of 271 s, 13 times off, took all steps before."""
     loop = epp.LureSystem.from_tf(
