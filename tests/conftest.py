@@ -17,6 +17,7 @@ import pytest
 import threadpoolctl
 import typer.testing
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 
 mpl.use("Agg")
 
@@ -31,6 +32,9 @@ settings.register_profile(
     "fixed", derandomize=True, deadline=None, print_blob=True, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("fixed")
+
+# It would also try the numbers that stand in the modules loaded by then, which hang on the tests that came before.
+providers._get_local_constants = lambda: providers._local_constants
 
 # A shell starts what runs in its background with interrupts ignored, and children inherit that; the tests send some.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():

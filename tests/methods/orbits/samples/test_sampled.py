@@ -12,6 +12,7 @@ import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.search import sampled
 from eppanalysis.results import Status
+from tests.shared import mostly_slow
 from tests.stress.families import problem
 
 
@@ -36,7 +37,7 @@ def states_after(system, start, n):
     return np.append(x, m)
 
 
-@pytest.mark.parametrize("name", KP_KI)
+@pytest.mark.parametrize("name", mostly_slow(KP_KI, KP_KI[2:]))
 def test_orbits_of_the_sampled_servo_close_and_their_multipliers_are_those_of_small_disturbances(name):
     system, found = search(name)
     assert found.status is Status.CONVERGED
