@@ -72,6 +72,7 @@ def test_a_run_by_the_method_of_steps_comes_back_to_the_cycle_and_departs_by_its
         np.testing.assert_allclose(second, first * cycle.multipliers[0].real, rtol=0, atol=2e-3 * np.abs(second).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "element",
     [
