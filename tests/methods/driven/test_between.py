@@ -36,6 +36,7 @@ def _position_and_speed(system: epp.LureSystem, response: epp.PeriodicResponse) 
     return np.array([row @ response.cycle.state, row @ system.A @ response.cycle.state])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("system", "amplitude", "rates", "omegas"),
     [

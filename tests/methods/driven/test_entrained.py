@@ -134,6 +134,7 @@ def test_beside_several_cycles_the_beat_is_that_of_the_ratio(loop: Callable[[], 
         assert np.all(np.isnan(found.tongue)) and "Adler" not in found.message
 
 
+@pytest.mark.slow
 def test_what_second_order_decides_is_not_told_by_first_order() -> None:
     loop = biased()
     (own,) = epp.find_limit_cycles(loop).stable

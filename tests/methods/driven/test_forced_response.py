@@ -33,6 +33,7 @@ def test_stable_responses_of_the_saturated_spring_are_those_of_runge_kutta(omega
     assert len(found) == 2 * len(amplitudes) - 1, "between two stable responses an unstable one"
 
 
+@pytest.mark.slow
 def test_both_stable_responses_are_those_of_an_independent_integrator():
     omega = 0.8
 
@@ -114,6 +115,7 @@ def test_duffing_is_that_of_an_independent_integrator_and_near_first_order():
     assert exact == pytest.approx(sizes, rel=0.03), "its third harmonic is some per cent of the fundamental"
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(
     zeta=st.floats(0.05, 1.5),

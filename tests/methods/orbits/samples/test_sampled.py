@@ -90,6 +90,7 @@ def test_relay_with_period_two_wipes_no_disturbance_out():
     assert cycle.multipliers[0] == pytest.approx(0.25, rel=1e-11)
 
 
+@pytest.mark.slow
 def test_dead_time_of_whole_samples_is_part_of_the_state():
     """Two samples of dead time written as a chain of two states more: the same orbits and multipliers."""
     law, step = epp.Relay(), {"time_step": 1.0}
