@@ -9,15 +9,20 @@ import threading
 from collections.abc import Generator
 from functools import cache
 
-# As the command line has it; numpy asks when it is imported. Threads of several test processes get in each other's way.
+# As the command line has it, for processes that tests start: threads of several get in each other's way.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import matplotlib as mpl
 import pytest
+import threadpoolctl
 import typer.testing
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 
 mpl.use("Agg")
+
+# A plugin of pytest that another package brings may have imported numpy, which asks for that variable no more.
+threadpoolctl.threadpool_limits(1, "blas")
 
 # The command line is made once in a process, as its users do, and not for each command that a test runs.
 typer.testing._get_command = cache(typer.testing._get_command)
@@ -27,6 +32,9 @@ settings.register_profile(
     "fixed", derandomize=True, deadline=None, print_blob=True, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("fixed")
+
+# It would also try the numbers that stand in the modules loaded by then, which hang on the tests that came before.
+providers._get_local_constants = lambda: providers._local_constants
 
 # A shell starts what runs in its background with interrupts ignored, and children inherit that; the tests send some.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():

@@ -2,14 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from functools import cache
 from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
+import pytest
 
 import eppanalysis as epp
+
+if TYPE_CHECKING:
+    import click
+    from matplotlib.figure import Figure
+
+
+def mostly_slow(values: Iterable[Any], quick: Collection[Any]) -> list[Any]:
+    """The values of a parametrisation, all but a few of which are the slow tier's."""
+    held = [(value, value if isinstance(value, tuple) else (value,)) for value in values]
+    return [value if value in quick else pytest.param(*row, marks=pytest.mark.slow) for value, row in held]
+
+
+@cache
+def command_line() -> click.Group:
+    """The command line as typer makes it, once in a process as its users do."""
+    from typer.main import get_command
+
+    from eppanalysis.cli.commands import app
+
+    return get_command(app)
 
 
 def said_above(figure: Figure) -> tuple[str, str]:

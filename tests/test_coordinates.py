@@ -6,7 +6,6 @@ amplitudes and states in other units. Some turns and units each; `tests/stress` 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -17,18 +16,11 @@ import eppanalysis as epp
 from eppanalysis.methods.describing.multi import choose_pivot
 from eppanalysis.methods.harmonic.loop import Loop
 from tests.coordinates import UNITS, assert_same_cycles, in_coordinates, orthogonal, rescaled, rotated, words
-from tests.shared import cycles_of, of_kind
+from tests.shared import cycles_of, mostly_slow, of_kind
 
 LOOPS = of_kind("loop")
-#: Cases with a search of less than a second or so.
-QUICK = ["pid_hunting", "relay_fopdt_closed", "relay_hyst_goncalves6", "relay_ideal_khalil79", "sat_am165",
-         "stiction_level_S5J2", "thruster_dz_hyst", "two_mass_damped_shaft",
-         "two_mass_damped_shaft_classical"]  # fmt: skip
-
-
-def others_slow(names: Iterable[str]) -> list:
-    """These names, of which all that are not quick are the other tier's."""
-    return [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in names]
+#: A search of half a second each: of an integrator, a dead time, a relay, a contact.
+QUICK = ["pid_hunting", "relay_fopdt_closed", "relay_hyst_goncalves6", "two_mass_damped_shaft_classical"]
 
 
 def roots(*values: float) -> np.ndarray:
@@ -111,7 +103,7 @@ def simulate_alike(case: epp.Case, wanted: epp.Trajectory, other: epp.LureSystem
             assert_same_cycles([found.limit_cycle], [wanted.limit_cycle], signal)
 
 
-@pytest.mark.parametrize("name", others_slow(LOOPS))
+@pytest.mark.parametrize("name", mostly_slow(LOOPS, QUICK))
 def test_predictions_do_not_depend_on_coordinates_and_units(name):
     system = epp.case(name).to_system()
     wanted = epp.predict_limit_cycles(system)
@@ -120,7 +112,7 @@ def test_predictions_do_not_depend_on_coordinates_and_units(name):
     predict_alike(wanted, rescaled(rotated(system, 2), time, amplitude, states), time, amplitude)
 
 
-@pytest.mark.parametrize("name", TEXTBOOK)
+@pytest.mark.parametrize("name", mostly_slow(TEXTBOOK, [name for name in TEXTBOOK if name != "play in a ring"]))
 def test_predictions_of_textbook_loops_do_not_depend_on_the_realisation(name):
     system = TEXTBOOK[name]
     wanted = epp.predict_limit_cycles(system)
@@ -131,7 +123,7 @@ def test_predictions_of_textbook_loops_do_not_depend_on_the_realisation(name):
         predict_alike(wanted, balanced(system) if minimal else rescaled(system, 1.0, 1.0, 5))
 
 
-@pytest.mark.parametrize("name", others_slow(LOOPS))
+@pytest.mark.parametrize("name", mostly_slow(LOOPS, QUICK))
 def test_runs_do_not_depend_on_coordinates(name):
     case = epp.case(name)
     system = case.to_system()
@@ -211,7 +203,7 @@ def test_a_gap_that_is_left_alone_has_no_cycles_of_rounding():
 
 
 @pytest.mark.parametrize(("plant", "element", "amplitude"), [
-    (([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0), 1e-6),
+    pytest.param(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0), 1e-6, marks=pytest.mark.slow),
     (([1.0], [1.0, 1.0]), epp.HysteresisRelay(-0.1, 0.1), 1e6),
 ])  # fmt: skip
 def test_searches_with_dead_time_do_not_depend_on_the_unit(plant, element, amplitude):

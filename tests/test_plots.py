@@ -23,7 +23,7 @@ from eppanalysis.results import Status
 from eppanalysis.results.picture import _extremes, periods, plot_limit_cycle, plot_nyquist, plot_trajectory
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.sweep import parallel, picture as sweep_picture
-from tests.shared import cycles_of, of_unknown_response, said_above
+from tests.shared import cycles_of, mostly_slow, of_unknown_response, said_above
 from tests.synthetic import cycle, prediction, prediction_of_several, trajectory
 
 
@@ -424,7 +424,7 @@ def test_the_curve_of_margins_leaves_the_window_where_the_loop_gain_goes_on(name
 
 
 @pytest.mark.parametrize("factor", [1.3, 2.6, 4.0])
-@pytest.mark.parametrize("unit", [0.021, 1.0, 370.0])
+@pytest.mark.parametrize("unit", mostly_slow([0.021, 1.0, 370.0], [0.021]))
 def test_numbers_along_the_peak_to_peak_do_not_run_into_one_another(factor, unit):
     """However little of a power of ten the loop gain covers; two numbers at least, for one tells no scale."""
     found = prediction_of_several()

@@ -18,7 +18,7 @@ from eppanalysis.cases.files import (
     shipped_cases,
     shipped_cases_folder,
 )
-from eppanalysis.cases.model import KINDS, Case, json_schema, load
+from eppanalysis.cases.model import Case, json_schema, load
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.variation import Variation
 from eppanalysis.errors import CaseError
@@ -164,4 +164,4 @@ def variation_of(case: Case) -> Variation:
     >>> [slider.label() for slider in variation_of(case("backlash_servo")).sliders()]
     ['loop gain', 'play gap']
     """
-    return KINDS[case.kind].variation(case)
+    return case._variation

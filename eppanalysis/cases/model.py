@@ -29,6 +29,7 @@ from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.values.shown import ShownCase
 from eppanalysis.cases.values.toml import plain_value, write_toml
 from eppanalysis.cases.values.typed import in_typed_units
+from eppanalysis.cases.variation import Variation
 from eppanalysis.errors import CaseError
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
 from eppanalysis.models.diagrams import Diagram
@@ -88,12 +89,17 @@ class Case(ShownCase):
     _computed: Mapping[str, Named] = field(default_factory=dict)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_validated"}
+        return {name: value for name, value in self.__dict__.items() if name not in ("_validated", "_variation")}
 
     @cached_property
     def _validated(self) -> Any:
         """The model of its file; in another process its classes are others, so there it is made once more."""
         return _model_of(self._raw)
+
+    @cached_property
+    def _variation(self) -> Variation:
+        """What is worth varying in it, which reports look up for each of their sections."""
+        return KINDS[self.kind].variation(self)
 
     @classmethod
     @checked

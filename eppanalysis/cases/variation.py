@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, Protocol
 
 from eppanalysis.cases.values.quantities import Parameter
@@ -102,7 +103,7 @@ class LoopVariation(Variation):
     def over(self) -> list[str]:
         """What is tunable, the gain, what else is positive, and the delay last; no half of what has two sides."""
         given = self.case.parameters
-        names = [name for name in self._positive() if _other_side(name) not in given]
+        names = [name for name in self._positive if _other_side(name) not in given]
 
         def place(name: str) -> tuple[bool, bool, bool]:
             tunable = name in given and given[name].mark == "tunable"
@@ -110,6 +111,7 @@ class LoopVariation(Variation):
 
         return sorted(names, key=place)
 
+    @cached_property
     def _positive(self) -> list[str]:
         """Parameters that are positive and may move a little: no counts and no sample times of discrete time."""
         given = self.case.parameters

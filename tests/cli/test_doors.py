@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 import eppanalysis as epp
 from eppanalysis.cli import main
 from eppanalysis.cli.commands import app
+from tests.shared import mostly_slow
 
 #: Files of valid fields whose run cannot begin, and words of why.
 NO_RUN = {
@@ -60,23 +61,29 @@ def test_one_file_that_cannot_run_keeps_no_other_from_being_checked(tmp_path: Pa
     assert "backlash_servo: valid" in found.stdout
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "cp1251", "cp932", "gbk", "utf-8"])
+ENCODINGS = ("ascii", "cp1251", "cp932", "gbk", "utf-8")
+WRITTEN = (
+    ("check", "fig8a_original"),
+    ("check", "fig8a_original", "--json"),
+    ("check", "mine.toml"),
+    ("check", "typo.toml"),
+    ("check", "mine.toml", "--json"),
+    ("simulate", "mine.toml", "--json"),
+    ("simulate", "mine.toml"),
+    ("margins", "mine.toml"),
+    ("cases",),
+    ("cases", "--json"),
+    ("simulate", "--help"),
+)
+
+
 @pytest.mark.parametrize(
-    "command",
-    [
-        ("check", "fig8a_original"),
-        ("check", "fig8a_original", "--json"),
-        ("check", "mine.toml"),
-        ("check", "typo.toml"),
-        ("check", "mine.toml", "--json"),
-        ("simulate", "mine.toml", "--json"),
-        ("simulate", "mine.toml"),
-        ("margins", "mine.toml"),
-        ("cases",),
-        ("cases", "--json"),
-        ("simulate", "--help"),
-    ],
-    ids=" ".join,
+    ("command", "encoding"),
+    mostly_slow(
+        [(command, encoding) for command in WRITTEN for encoding in ENCODINGS],
+        [(command, ENCODINGS[i % len(ENCODINGS)]) for i, command in enumerate(WRITTEN)],
+    ),
+    ids=lambda given: given if isinstance(given, str) else " ".join(given),
 )
 def test_signs_that_an_encoding_lacks_are_written_otherwise(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...], encoding: str

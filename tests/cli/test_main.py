@@ -13,11 +13,11 @@ import sys
 
 import click
 import pytest
-from typer.main import get_command
 from typer.testing import CliRunner
 
 from eppanalysis.cli import main
 from eppanalysis.cli.commands import app
+from tests.shared import command_line, mostly_slow
 
 runner = CliRunner()
 
@@ -28,7 +28,7 @@ def run(*arguments: str):
     return result
 
 
-@pytest.mark.parametrize("command", sorted(get_command(app).commands))
+@pytest.mark.parametrize("command", sorted(command_line().commands))
 def test_no_word_of_the_help_is_cut_off(command: str) -> None:
     """On a console of 80 letters, where columns of names leave little room for what they mean."""
     told = runner.invoke(app, [command, "--help"], env={"COLUMNS": "80", "TERMINAL_WIDTH": "80"}, color=False).output
@@ -325,9 +325,16 @@ relay = { element = "hysteresis_relay", lower = "-5 deg", upper = "5 deg" }
 """
 
 
-@pytest.mark.parametrize("command", ["predict", "simulate", "validate", "cycles"])
+WRITE = ("predict", "simulate", "validate", "cycles")
+KINDS = ((".png", ""), (".svg", ""), (".pdf", ""), (".csv", ""), (".nc", ""), (".nc", "deg"))
+
+
 @pytest.mark.parametrize(
-    ("suffix", "typed"), [(".png", ""), (".svg", ""), (".pdf", ""), (".csv", ""), (".nc", ""), (".nc", "deg")]
+    ("command", "suffix", "typed"),
+    mostly_slow(
+        [(command, *kind) for command in WRITE for kind in KINDS],
+        [(WRITE[i % len(WRITE)], *kind) for i, kind in enumerate(KINDS)],
+    ),
 )
 def test_every_command_writes_every_kind_of_file(tmp_path, command, suffix, typed):
     """Of a loop without units, and of one whose file types them in others than SI."""
@@ -556,6 +563,6 @@ def test_a_closed_output_is_no_reason_for_a_traceback(command: str, end: str) ->
     ],
 )
 def test_a_shell_completes_the_words_of_an_option(command: str, name: str, begin: str, words: list[str]) -> None:
-    found = get_command(app).get_command(None, command)
+    found = command_line().get_command(None, command)
     option = next(option for option in found.params if option.name == name)
     assert [item.value for item in option.shell_complete(click.Context(found), begin)] == words

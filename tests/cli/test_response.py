@@ -51,6 +51,13 @@ def test_the_case_s_own_sine_is_taken_where_none_is_named(case: str) -> None:
     assert row.split()[-3:] == ["2.538", "3.522", "3.642"]
 
 
+def test_responses_to_one_sine_as_json_and_picture(case: str, tmp_path: Path) -> None:
+    picture = tmp_path / "response.png"
+    code, text = run("response", case, "--json", "-o", str(picture))
+    assert code == 0 and picture.stat().st_size > 10_000
+    assert len(json.loads(text)["cases"][0]["result"]["responses"]) == 3
+
+
 def test_a_range_of_frequencies_gives_folds_a_table_and_a_picture(case: str, tmp_path: Path) -> None:
     table = tmp_path / "response.csv"
     code, text = run("response", case, "--input", "force", "--frequency", "0.115 Hz..140 mHz", "-o", str(table))
@@ -61,6 +68,7 @@ def test_a_range_of_frequencies_gives_folds_a_table_and_a_picture(case: str, tmp
     assert {row["amplitude [m]"] for row in rows} == {"0.5"}
 
 
+@pytest.mark.slow
 def test_a_range_of_amplitudes_as_json_and_picture(case: str, tmp_path: Path) -> None:
     picture = tmp_path / "response.png"
     ask = ["--amplitude", "300 mm..700 mm", "--frequency", "0.128", "--json", "-o", str(picture)]

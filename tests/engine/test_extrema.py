@@ -7,6 +7,7 @@ import pytest
 from numpy.polynomial import Legendre
 
 from eppanalysis.engine.runs import spans
+from tests.shared import mostly_slow
 
 GRID = np.linspace(-1.0, 1.0, 33)
 
@@ -17,7 +18,7 @@ def greatest(series: list[Legendre]) -> float:
     return max(float(s(np.append(u[np.abs(u) <= 1.0], [-1.0, 1.0])).max()) for s, u in zip(series, turns, strict=True))
 
 
-@pytest.mark.parametrize("pieces", [1, 2, 7])
+@pytest.mark.parametrize("pieces", mostly_slow([1, 2, 7], [2]))
 def test_the_span_is_that_between_the_extrema_that_the_derivative_tells(pieces):
     rng = np.random.default_rng(pieces)
     c = rng.standard_normal((200, pieces, 16)) * 0.4 ** np.arange(16)

@@ -24,6 +24,7 @@ from eppanalysis.methods.bounds.tolerances.result import Quantile
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.tables.manual import MANUALS
 from tests.made_bounds import bounds_of
+from tests.shared import mostly_slow
 
 PAIR = ("bands.range", "lock_pin.backlash")
 LBF, DEGREE = 4.4482216152605, np.pi / 180.0
@@ -164,7 +165,9 @@ def test_a_step_that_cannot_be_is_refused(bounds, step):
         epp.manual_table(bounds, step)
 
 
-@pytest.mark.parametrize("finding", [f for f in Finding if f is not Finding.BOUND])
+@pytest.mark.parametrize(
+    "finding", mostly_slow([f for f in Finding if f is not Finding.BOUND], [Finding.ALWAYS, Finding.NONE])
+)
 def test_no_bound_is_an_answer_that_is_written_in_every_file(monkeypatch, bounds, tmp_path: Path, finding):
     """Manual, picture and table say why, and the exit code is 0: "always" ended in code 2 without a manual."""
     none = replace(bounds, cells=(BoundCell(4.0 * LBF, finding), BoundCell(5.0 * LBF, finding)))

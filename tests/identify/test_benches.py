@@ -80,6 +80,7 @@ def test_a_log_of_benches_is_gone_on_with(tmp_path, monkeypatch):
     assert asked[:2] == [[0, 1, 2], [2, 3, 4]]
 
 
+@pytest.mark.slow
 def test_ball_bearing_shows_no_friction(tmp_path):
     fit = identify(weight_tray(0, bearing=True), tmp_path, "tray")
     friction = fit["pulley.friction"]
@@ -116,6 +117,7 @@ def test_saturation_that_is_not_reached_is_not_identified(tmp_path):
     assert any("never saturates" in note for note in fit.notes)
 
 
+@pytest.mark.slow
 def test_friction_scales_with_the_angle_of_the_pulley(tmp_path):
     full = identify(weight_tray(4), tmp_path, "tray")["pulley.friction"]
     half = identify(weight_tray(4), tmp_path, "tray", wrap=np.pi / 3)["pulley.friction"]

@@ -88,6 +88,7 @@ def test_degrees_called_radians_are_refused_in_both_tests_of_the_angle(bench, tm
         epp.identify(epp.case("elbow"), backlash=tmp_path / "cycling.csv")
 
 
+@pytest.mark.slow
 def test_a_fit_that_leaves_more_than_noise_is_none_to_rely_on(tmp_path) -> None:
     """An oscillation with no elbow behind it, as large as a response: residuals many times the noise are a status."""
     t = np.arange(-0.02, 1.0, 0.002)

@@ -40,6 +40,7 @@ def test_drive_and_timing_are_found(oscillating):
     assert abs(fit.residuals["angle"].autocorrelation) < 0.3  # nothing but noise is left
 
 
+@pytest.mark.slow
 def test_what_was_known_becomes_sharper(oscillating):
     bench, found = oscillating
     for name, value in bench.setting.items():
@@ -47,6 +48,7 @@ def test_what_was_known_becomes_sharper(oscillating):
         assert found.case.parameters[name].mark == "measured"
 
 
+@pytest.mark.slow
 def test_prediction_from_the_identified_case_is_that_from_the_true_one(oscillating):
     bench, found = oscillating
     truth = epp.case("fig8a_original").with_values(dict(bench.truth))

@@ -8,7 +8,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from typer.main import get_command
 from typer.testing import CliRunner
 
 import eppanalysis as epp
@@ -23,6 +22,7 @@ from eppanalysis.report.advice import Found
 from eppanalysis.report.notebook import make_notebook
 from eppanalysis.report.sections import SECTIONS
 from eppanalysis.sweep.axes import make_design
+from tests.shared import command_line, mostly_slow
 
 CASES = epp.shipped_cases()
 #: A discrete loop, an elbow, and a loop with dead time; a ring with play is that of one's own.
@@ -96,7 +96,7 @@ def resolve(text: str) -> None:
     """What the command line makes of a command: its options are known, its case loads, its fields and values are."""
     program, verb, *words = shlex.split(text)
     assert program == "eppanalysis"
-    command = get_command(app).commands[verb]
+    command = command_line().commands[verb]
     given = command.make_context(verb, list(words)).params
     named = given.get("case") or given["cases"][0]
     case = load_case(named, given["settings"])
@@ -118,12 +118,12 @@ def resolve(text: str) -> None:
         assert given["over"] and given["limit"] and given["over"] != given["limit"]
 
 
-def test_commands_of_a_shipped_case_are_understood() -> None:
-    for name in CASES:
-        texts = printed(epp.case(name))
-        assert texts and all(shlex.split(text)[2] == name for text in texts)
-        for text in texts:
-            resolve(text)
+@pytest.mark.parametrize("name", mostly_slow(CASES, SOME))
+def test_commands_of_a_shipped_case_are_understood(name: str) -> None:
+    texts = printed(epp.case(name))
+    assert texts and all(shlex.split(text)[2] == name for text in texts)
+    for text in texts:
+        resolve(text)
 
 
 @pytest.fixture
@@ -142,7 +142,7 @@ def test_commands_of_a_file_of_ones_own_are_understood(mine: epp.Case, settings:
     for text in texts:
         resolve(text)
         _, verb, *words = shlex.split(text)
-        given = get_command(app).commands[verb].make_context(verb, list(words)).params
+        given = command_line().commands[verb].make_context(verb, list(words)).params
         there = load_case(given.get("case") or given["cases"][0], given["settings"])
         assert (
             there.with_values({"run.t_end": case.t_end}).to_toml()

@@ -35,7 +35,7 @@ from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.shown import Shown, for_people, frame_of
 from tests.made_bounds import bounds_of
-from tests.shared import cycles_of, touching
+from tests.shared import cycles_of, mostly_slow, touching
 from tests.synthetic import cycle, prediction, trajectory
 from tests.wrong_arguments import doors
 
@@ -242,7 +242,16 @@ def test_a_notebook_shows_axes_as_their_whole_figure():
     assert len(pickle.dumps(axes.figure)) > 0
 
 
-def test_notebook_shows_sentence_table_picture_and_origin(result):
+@pytest.mark.parametrize(
+    "kind",
+    mostly_slow(
+        sorted(result_classes(), key=lambda kind: kind.__name__),
+        [epp.Trajectory, epp.CycleSearch, epp.DesignBounds, epp.Ladder, Basin, epp.MeasuredMatrix],
+    ),
+    ids=lambda kind: kind.__name__,
+)
+def test_notebook_shows_sentence_table_picture_and_origin(kind):
+    result = examples()[kind]
     page = result._repr_html_()
     assert f"<strong>{html.escape(str(result))}</strong>" in page
     assert "<table" in page and 'src="data:image/png;base64,iVBOR' in page and "<details>" in page

@@ -12,6 +12,7 @@ from eppanalysis.cli.sweep import INCOMPLETE
 from eppanalysis.errors import EppError
 from eppanalysis.sweep import sweep
 from eppanalysis.sweep.analyses import NOT_RUN
+from tests.shared import mostly_slow
 
 CASE = epp.case("fig8a_original").with_values({"run.t_end": "1 s"})
 AXES = {"bands.range": "1:5:6:lbf", "lock_pin.backlash": "0:3:8:deg"}
@@ -30,7 +31,7 @@ def join(store, chunk=4) -> xarray.Dataset:
     return sweep(CASE, AXES, store=store, merge=True, chunk=chunk, progress=False)
 
 
-@pytest.mark.parametrize(("count", "chunk"), [(1, 4), (3, 5), (4, 1)])
+@pytest.mark.parametrize(("count", "chunk"), mostly_slow([(1, 4), (3, 5), (4, 1)], [(3, 5)]))
 def test_shares_joined_are_the_sweep_to_the_bit(wanted, tmp_path, count, chunk) -> None:
     cells = 0
     for number in range(1, count + 1):

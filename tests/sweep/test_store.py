@@ -24,6 +24,7 @@ from eppanalysis.sweep import open_sweep, sweep
 from eppanalysis.sweep.analyses import NOT_RUN
 from eppanalysis.sweep.store import ZarrStore, block_shape
 from eppanalysis.sweep.work import Work
+from tests.shared import mostly_slow
 
 CASE = epp.case("fig8a_original").with_values({"run.t_end": "1 s"})
 AXES = {"bands.range": "1:5:6:lbf", "lock_pin.backlash": "0:3:8:deg"}
@@ -58,7 +59,7 @@ def done(path: Path) -> int:
     return sum(1 for f in (path / "progress" / "done").rglob("*") if f.is_file() and f.suffix != ".partial")
 
 
-@pytest.mark.parametrize("chunk", [1, 5, 48, 1000])
+@pytest.mark.parametrize("chunk", mostly_slow([1, 5, 48, 1000], [5]))
 def test_a_store_holds_the_same_bits(wanted, tmp_path, chunk) -> None:
     found = sweep(CASE, AXES, store=tmp_path / "map.zarr", chunk=chunk, progress=False)
     assert wanted.identical(found.load())

@@ -74,7 +74,8 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
         terms = np.array([slope[1:] * edges, offset[1:], -slope[:-1] * edges, -offset[:-1]])
         jumps = terms.sum(axis=0)
         # Neighbouring pieces that meet only to rounding are continuous: else slopes there would seem infinite.
-        jumps[np.abs(jumps) <= 16 * np.finfo(float).eps * np.abs(terms).sum(axis=0)] = 0.0
+        size = np.abs(terms).sum(axis=0) + np.finfo(float).tiny  # below that number rounding becomes no smaller
+        jumps[np.abs(jumps) <= 16 * np.finfo(float).eps * size] = 0.0
         for name, values in (("breakpoints", edges), ("slopes", slope), ("intercepts", offset), ("jumps", jumps)):
             values.flags.writeable = False
             object.__setattr__(self, name, values)

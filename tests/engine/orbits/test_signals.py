@@ -9,10 +9,11 @@ from scipy.optimize import minimize_scalar
 
 from eppanalysis.arrays import Array
 from eppanalysis.engine.orbits import extents
+from tests.shared import mostly_slow
 
 
 @pytest.mark.parametrize("fastest", [0.5, 8.0, 30.0, 1000.0])  # in eight steps of an arc the last two are over
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", mostly_slow(range(4), [0]))
 def test_ranges_of_signals_are_those_of_the_exponential(seed: int, fastest: float) -> None:
     rng = np.random.default_rng(seed)
     n, N, n_y, p = 4, 5, 6, 2

@@ -204,7 +204,7 @@ def test_a_loop_whose_cycles_scale_with_the_gap_has_no_bound_on_it(coarse: None)
     ("within", "finding", "words"),
     [
         ((0.3, 0.6), "none", "The exact search finds no limit cycle"),
-        ((1.0, 1.3), "always", "none of them is free"),
+        pytest.param((1.0, 1.3), "always", "none of them is free", marks=pytest.mark.slow),
     ],
 )
 def test_questions_without_a_bound_get_a_sentence(
@@ -264,6 +264,7 @@ def test_every_slow_run_beside_a_bound_is_looked_at_to_its_end(wheelchair: epp.C
     assert test.verified and test.n_settled == 1000, test.message
 
 
+@pytest.mark.slow
 def test_runs_that_keep_moving_are_not_all_waited_for(wheelchair: epp.Case) -> None:
     question = BoundProblem(wheelchair, "loop.gain", 0.05, 2.0)
     orbit = epp.find_limit_cycles(wheelchair.to_system()).stable[0]

@@ -16,6 +16,7 @@ from eppanalysis.methods.bounds.exact import farthest_turn
 from eppanalysis.methods.bounds.harmonic import BoundProblem
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Known, Turn
 from tests import made_bounds
+from tests.shared import mostly_slow
 
 #: The block and its friction (Veraszto and Stepan 2017, tables 1 and 2) [SI].
 MASS, STIFFNESS, COULOMB, FADES, VISCOUS = 0.538, 6957.0, 2.0, 0.1, 0.2
@@ -68,7 +69,9 @@ def _last_to_stick(damping: float, static: float) -> float:
     return float(brentq(short_of, 0.2, 0.4, xtol=1e-12))
 
 
-@pytest.mark.parametrize(("damping", "static"), [(5.746, 6.0), (7.0, 6.0), (5.746, 7.0), (8.0, 7.0)])
+@pytest.mark.parametrize(
+    ("damping", "static"), mostly_slow([(5.746, 6.0), (7.0, 6.0), (5.746, 7.0), (8.0, 7.0)], [(7.0, 6.0)])
+)
 def test_where_nothing_continues_a_branch_its_family_ends(damping, static):
     case = _belt(damping, static).with_values({"v": 0.21})
     cycle = epp.simulate(case).limit_cycle

@@ -166,6 +166,7 @@ def test_a_controller_that_holds_its_integrator_is_bounded_by_the_search() -> No
     assert "no balance of harmonics: bounds are where the answer of the search" in str(found)
 
 
+@pytest.mark.slow
 def test_a_loop_in_discrete_time_is_bounded_by_the_search() -> None:
     """x+ = a x - (1 - a) relay(x) changes its sign at each sample as long as (1 - a)/(1 + a) is above the dead zone."""
     loop = epp.LureSystem.from_tf(epp.StateSpace([[0.5]], [[0.5]], [[1.0]], [[0.0]], 0.1), epp.RelayDeadZone(0.2))

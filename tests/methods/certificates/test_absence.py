@@ -16,6 +16,7 @@ from eppanalysis.methods.certificates import check_absence
 from eppanalysis.methods.certificates.check_absence import Refused, criterion, positive, sector, times
 from eppanalysis.methods.certificates.rational import element_data
 from eppanalysis.methods.certificates.registry import sealed
+from tests.shared import mostly_slow
 from tests.stress.proofs import PROVABLE, proof
 
 #: Third order without an integrator, and with one, each with the gain at which the linear loop oscillates.
@@ -166,6 +167,7 @@ def relay_cycle(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> float | None:
     return None
 
 
+@pytest.mark.slow
 def test_no_relay_with_an_exact_cycle_is_certified() -> None:
     """Random stable plants of third to fifth order, in which a relay oscillates by an exact half period."""
     rng = np.random.default_rng(5)
@@ -225,7 +227,7 @@ def test_hypotheses_that_fail_are_named(loop: epp.LureSystem, why: str) -> None:
 
 
 @pytest.mark.parametrize("element", [epp.Saturation(), epp.Relay(), epp.Cube(1.0), epp.Play(0.5)], ids=lambda e: e.kind)
-@pytest.mark.parametrize("seen", ["moved, not seen", "seen, not moved", "neither"])
+@pytest.mark.parametrize("seen", mostly_slow(["moved, not seen", "seen, not moved", "neither"], ["moved, not seen"]))
 def test_a_mode_without_damping_that_the_element_does_not_see_swings_for_ever(
     element: epp.Nonlinearity, seen: str
 ) -> None:

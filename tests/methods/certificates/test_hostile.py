@@ -14,6 +14,7 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.methods.certificates.registry import STATEMENTS, Asked, of_text, sealed
+from tests.shared import mostly_slow
 
 pytest.importorskip("flint")
 CHECKERS = sorted({statement.program for statement in STATEMENTS.values()})
@@ -52,7 +53,7 @@ TEXTS = {
 }
 
 
-@pytest.mark.parametrize("program", CHECKERS, ids=lambda p: p.stem)
+@pytest.mark.parametrize("program", mostly_slow(CHECKERS, CHECKERS[:1]), ids=lambda p: p.stem)
 def test_texts_that_are_no_certificate_end_in_a_sentence(program: Path) -> None:
     for name, text in TEXTS.items():
         code, said, _ = run(program, text)
@@ -87,7 +88,11 @@ def with_number(text: str) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize(
-    "text", ["1e999999999", "1/1e999999999", "9" * 5000, "1_000", "\u0661", "1/0", "nan", "--1", ""]
+    "text",
+    mostly_slow(
+        ["1e999999999", "1/1e999999999", "9" * 5000, "1_000", "\u0661", "1/0", "nan", "--1", ""],
+        ["1e999999999", "1_000", "1/0", "nan"],
+    ),
 )
 def test_numbers_are_written_in_one_way(text: str) -> None:
     for document in with_number(text):
@@ -95,7 +100,7 @@ def test_numbers_are_written_in_one_way(text: str) -> None:
         assert code == 1 and not said["accepted"] and took < PATIENCE
 
 
-@pytest.mark.parametrize("mark", ["?", "a", "w", "."])
+@pytest.mark.parametrize("mark", mostly_slow(["?", "a", "w", "."], ["?"]))
 def test_a_cover_of_millions_of_boxes_is_refused_at_once(mark: str) -> None:
     document = roots(evidence={"roots": [], "cover": [mark * 3_000_000]})
     ring = {"ring": [{n: x for n, x in document["loop"].items() if n != "time_step"}], "means": []}

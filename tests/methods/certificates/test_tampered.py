@@ -20,6 +20,7 @@ from eppanalysis.methods.certificates.registry import STATEMENTS, of_text, seale
 from eppanalysis.methods.certificates.result import sentence
 from eppanalysis.results import LimitCycle, Status
 from tests.methods.certificates.tampering import Edit, another_form, another_size, twice
+from tests.shared import mostly_slow
 
 pytest.importorskip("flint")
 Document = dict[str, Any]
@@ -94,8 +95,11 @@ MADE: dict[str, Callable[[], Document]] = {
     "cells": _cells,
     "cells, two cycles": _two_cycles,
 }
-#: Those of which changed values are tried in seconds.
+#: Those of which changed values are tried in seconds; of each checker one whose names and kinds of values are changed.
 FAST = ("roots, dead zone", "roots, relay", "balance, relay", "absence, saturation", "absence, play", "play")
+FIRST = ("roots, dead zone", "balance, relay", "absence, saturation", "play", "orbit")
+#: Of which all of that takes a second or two.
+FASTEST = ("roots, dead zone", "absence, saturation")
 
 
 @pytest.fixture(scope="module")
@@ -135,17 +139,13 @@ def some(edits: Iterator[Edit], step: int) -> Iterator[Edit]:
         yield from list(group)[::step]
 
 
-def kinds(slow: tuple[str, ...]) -> list[Any]:
-    return [pytest.param(name, marks=pytest.mark.slow) if name in slow else name for name in MADE]
-
-
 def test_every_kind_of_certificate_is_here() -> None:
     texts = {statement.text for statement in STATEMENTS.values()}
     assert {name.split(",")[0] for name in MADE} == {"roots", "balance", "absence", "play", "orbit", "elbow", "cells"}
     assert len(texts) == 7
 
 
-@pytest.mark.parametrize("name", kinds(slow=("cells, two cycles", "elbow")))
+@pytest.mark.parametrize("name", mostly_slow(MADE, FIRST))
 def test_names_and_kinds_of_values_are_as_they_should_be(made: Callable[[str], Document], name: str) -> None:
     document = made(name)
     checker = checker_of(document)
@@ -162,7 +162,7 @@ def test_names_and_kinds_of_values_are_as_they_should_be(made: Callable[[str], D
     assert tried > 100
 
 
-@pytest.mark.parametrize("name", kinds(slow=tuple(name for name in MADE if name not in FAST)))
+@pytest.mark.parametrize("name", mostly_slow(MADE, FASTEST))
 def test_what_is_not_refused_is_true(made: Callable[[str], Document], name: str) -> None:
     document, said = made(name), 0
     checker = checker_of(document)

@@ -334,6 +334,7 @@ def test_a_run_that_stays_at_an_unstable_rest_is_guarded_by_nothing() -> None:
     assert result.agreement is Agreement.AT_REST and "guards" not in str(result)
 
 
+@pytest.mark.slow
 def test_a_search_does_not_confirm_what_is_far_off() -> None:
     """Rayleigh's equation, x'' - mu (x' - x'^3/3) + x = 0, a relaxation oscillation: a run too short to show it."""
     mu = 4.0
@@ -373,6 +374,7 @@ def test_what_the_search_leaves_open_is_said_beside_what_it_finds() -> None:
         assert "The search leaves something open: 2 runs neither settled nor repeated themselves." in told
 
 
+@pytest.mark.slow
 def test_in_discrete_time_a_run_at_rest_does_not_confirm_a_prediction_that_misses_cycles() -> None:
     """A sampled servo with an encoder of coarse steps rests where it starts, and swings from other starts."""
     loop = epp.LureSystem.build(

@@ -14,7 +14,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.shown import for_people
 from tests.coordinates import InOtherWords, rotated
 from tests.noise import noise, with_shaken_matrices
-from tests.shared import cycles_of
+from tests.shared import cycles_of, mostly_slow
 
 POUND = 4.4482216152605
 
@@ -123,7 +123,7 @@ def test_a_branch_on_which_the_period_grows_without_bound_ends_there_once():
     assert "no folds; infinite period at 0.9893" in str(branch)
 
 
-@pytest.mark.parametrize("seed", [None, 3])
+@pytest.mark.parametrize("seed", mostly_slow([None, 3], [None]))
 def test_a_branch_ends_at_the_limit_of_linear_stability(seed):
     """Three lags of 1 s behind a limit: at 8 the loop ceases to be stable, and oscillates at sqrt(3) rad/s.
 
@@ -362,6 +362,7 @@ def test_a_cycle_whose_switch_comes_ever_later_is_followed_to_the_end_and_no_fur
     assert np.all(np.diff(branch.points["period"]) > 0) and branch.points["period"][-1] > 500
 
 
+@pytest.mark.slow
 def test_a_branch_that_turns_just_before_it_touches_a_breakpoint_goes_on_behind_it() -> None:
     """From its stable end it went back the way it had come, past a second fold, and ended where it had begun."""
     loop = epp.LureSystem.from_tf(([30.0, 9.0], [1.0, 4.0, 4.0, 0.0, 0.0]), epp.DeadZoneSaturation(0.5, 4.0, 3.0))

@@ -14,6 +14,7 @@ import pytest
 import eppanalysis as epp
 from tests.coordinates import UNITS, InOtherWords, rescaled, rotated
 from tests.sampled_relay import sampled_relay
+from tests.shared import mostly_slow
 
 #: Parameter and range of a branch: relays, rings, a smooth element, dead time, servos, stiction, an elbow.
 BRANCHES = {
@@ -95,7 +96,7 @@ def in_units(name: str, time: float, amplitude: float, states: int | None) -> In
     return InOtherWords(epp.case(name), lambda system: rescaled(system, time, amplitude, states), time)
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n == "clegg_loop")) for n in QUICK])
+@pytest.mark.parametrize("name", mostly_slow(QUICK, ("relay_deadzone", "relay_fopdt_closed")))
 def test_branches_do_not_depend_on_coordinates_and_units(name):
     branch_alike(name, turned(name, 2))
     if name not in TURNED_ONLY:
@@ -131,7 +132,7 @@ def test_where_a_branch_ends_at_a_grazing_contact_does_not_depend_on_coordinates
     assert branch.points["value"][-1] == branch.special[-1].value
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", mostly_slow([0, 1], [1]))
 def test_a_cycle_that_creeps_to_a_threshold_has_an_infinite_period_in_all_coordinates(seed):
     """A drive under a relay that has let go comes to rest just on its other threshold; order and period were chance."""
     ring = [epp.RelayDeadZone(0.08), ([4.0], [0.2, 1.0, 0.0]), epp.Play(0.1)]

@@ -33,6 +33,7 @@ def test_a_cycle_of_play_grows_with_its_gap() -> None:
     np.testing.assert_allclose(branch.simulated["m"], 3.332089194 * branch.simulated["value"] / 2.0, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_relay_alternates_as_far_as_its_levels_let_it() -> None:
     """x -> x/2 - w/2: in turn x = (h + 2 l)/3 ... between levels l < 0 < h, while both have the sign that they need."""
     loop = epp.LureSystem.build([[0.5]], [[-0.5]], [[1.0]], [epp.Relay()], x0=[0.9], time_step=1.0, name="relay")

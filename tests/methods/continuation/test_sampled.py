@@ -64,6 +64,7 @@ def test_what_it_does_not_cover_is_said_everywhere(branch: epp.Branch) -> None:
     assert "samples" in branch.to_frame().columns
 
 
+@pytest.mark.slow
 def test_a_sample_time_is_an_axis_like_any_other(case: epp.Case) -> None:
     along = epp.continue_branch(case, "T", "0.5 s", "0.47 s", max_step=0.5)
     assert along.status is epp.Status.INCOMPLETE and not along.missing
@@ -75,6 +76,7 @@ def test_where_nothing_oscillates_there_is_no_branch(case: epp.Case) -> None:
         epp.continue_branch(case, "dead", 0.3, 0.4)
 
 
+@pytest.mark.slow
 def test_a_cycle_that_is_given_begins_it(case: epp.Case, branch: epp.Branch) -> None:
     found = epp.find_limit_cycles(case)
     own = max(found, key=lambda c: c.peak_to_peak["plant"])

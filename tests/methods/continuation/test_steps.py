@@ -17,6 +17,7 @@ from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
 from eppanalysis.methods.orbits.orbit import CONVERGED, evaluate, solve
 from eppanalysis.methods.orbits.shooting import orbits_near
+from tests.shared import mostly_slow
 
 RELAY = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0))
 
@@ -98,9 +99,7 @@ FURTHER = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("name", "parameters"), [*KINDS, *(pytest.param(*case, marks=pytest.mark.slow) for case in FURTHER)]
-)
+@pytest.mark.parametrize(("name", "parameters"), mostly_slow([*KINDS, *FURTHER], KINDS[:3]))
 def test_the_slope_is_that_of_forward_mode_in_forty_digits(name, parameters):
     case = epp.case(name)
     orbit = _orbit(case)
@@ -153,7 +152,10 @@ def _on_the_belt(shape):
     return numbers, belt, cycle
 
 
-@pytest.mark.parametrize(("shape", "varied"), [(1.0, "static"), (3.0, "velocity"), (1.5, "velocity"), (1.5, "shape")])
+@pytest.mark.parametrize(
+    ("shape", "varied"),
+    mostly_slow([(1.0, "static"), (3.0, "velocity"), (1.5, "velocity"), (1.5, "shape")], [(1.5, "shape")]),
+)
 def test_the_slope_through_powers_of_the_velocity(shape, varied):
     numbers, belt, cycle = _on_the_belt(shape)
     value = numbers[varied]
@@ -176,7 +178,7 @@ def test_the_slope_through_powers_of_the_velocity(shape, varied):
     ("name", "parameter"),
     [("fig8a_original", "lock_pin.backlash"), ("belt_leine", "friction.static"), ("relay_fopdt_closed", "loop.delay")],
 )
-@pytest.mark.parametrize("patience", [0, 1000])
+@pytest.mark.parametrize("patience", mostly_slow([0, 1000], [0]))
 def test_a_step_leads_to_where_scipy_finds_the_orbit_in_the_same_plane(name, parameter, patience):
     """With polynomials that stand in for the loop, and with the loop built anew at each value."""
     case = epp.case(name)
@@ -198,7 +200,7 @@ def test_a_step_leads_to_where_scipy_finds_the_orbit_in_the_same_plane(name, par
     assert found.orbit.residual < CONVERGED
 
 
-@pytest.mark.parametrize("name", ["fig8a_original", "belt_leine", "relay_fopdt_closed"])
+@pytest.mark.parametrize("name", mostly_slow(["fig8a_original", "belt_leine", "relay_fopdt_closed"], ["belt_leine"]))
 def test_newtons_method_leads_to_the_orbit_from_where_scipys_does(name):
     orbit = _orbit(epp.case(name))
     rng = np.random.default_rng(3)

@@ -78,6 +78,7 @@ def test_every_crossing_of_the_picture_is_listed(changed):
     assert all(cycle.residual < 1e-9 for cycle in prediction)
 
 
+@pytest.mark.slow
 def test_a_cycle_between_steps_of_an_encoder_is_found():
     """The gain of an encoder has a kink at each step that the motion meets: the corrector goes along the curve."""
     (cycle,) = epp.predict_limit_cycles(axis())

@@ -35,7 +35,10 @@ def alone(name: str) -> list[tuple[float, float, bool]]:
     return [(c.omega, c.amplitude(f"plant_{name}"), c.stable) for c in found]
 
 
-@pytest.mark.parametrize("names", [*permutations(list(LOOPS)[:4], 2), tuple(LOOPS)])
+PAIRS = list(permutations(list(LOOPS)[:4], 2))
+
+
+@pytest.mark.parametrize("names", [*(pytest.param(pair, marks=pytest.mark.slow) for pair in PAIRS), tuple(LOOPS)])
 def test_each_loop_has_the_cycles_that_it_has_alone(names) -> None:
     found = epp.predict_limit_cycles(diagram(*names, set_point=0.05))
     for name in names:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
+from tests.shared import mostly_slow
 
 
 def axis(sample_time: float | None, motor: epp.Nonlinearity, load: epp.Nonlinearity, set_point: float = 0.0):
@@ -40,7 +41,7 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("sample_time", [None, 2e-3])
+@pytest.mark.parametrize("sample_time", mostly_slow([None, 2e-3], [None]))
 @pytest.mark.parametrize(("motor", "load"), list(product(KINDS, KINDS)))
 def test_a_servo_that_stands_still_has_a_state_of_rest(sample_time, motor, load):
     """Speeds that may be anything on one side count as what they are in the balance, not as nothing."""

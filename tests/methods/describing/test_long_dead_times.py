@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 
 import eppanalysis as epp
 from eppanalysis.results import Status
+from tests.shared import mostly_slow
 
 
 def modes(late: float, n: int) -> list[float]:
@@ -21,7 +22,7 @@ def modes(late: float, n: int) -> list[float]:
     return [brentq(lambda w, k=k: turned(w) - (2 * k + 1) * np.pi, 1e-12, 10.0) for k in range(n)]
 
 
-@pytest.mark.parametrize("late", [10.0, 3600.0, pytest.param(1e4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("late", mostly_slow([10.0, 3600.0, 1e4], [10.0]))
 def test_the_slowest_cycles_are_told_and_what_is_open_is_said(late: float) -> None:
     """At each mode a relay of threshold and level one has two amplitudes, roots of a quadratic."""
     begun = time.process_time()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import eppanalysis as epp
 from eppanalysis.methods.describing.predict import predict_limit_cycles
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.results import Status
+from tests.shared import mostly_slow
 from tests.stress.first_order_loops import random_loop
 
 
@@ -84,8 +86,7 @@ LIMITED = {
 STICKY = [epp.Friction(0.38, static=0.6), epp.StribeckFriction(0.38, 0.6, 0.1)]
 
 
-@pytest.mark.parametrize("law", LIMITED)
-@pytest.mark.parametrize("friction", STICKY, ids=["static", "Stribeck"])
+@pytest.mark.parametrize(("law", "friction"), mostly_slow(product(LIMITED, STICKY), [("saturated PI", STICKY[0])]))
 def test_friction_hunts_under_a_limited_law_as_under_one_without_limits(law, friction):
     """What keeps an integrator at the limits does not act within them, where the friction sticks."""
     (plain,) = predict_limit_cycles(positioned(epp.blocks.PI(kp=5.0, ti=5.0), friction)).warnings
@@ -114,8 +115,7 @@ FLOW = {
 }
 
 
-@pytest.mark.parametrize("law", FLOW)
-@pytest.mark.parametrize("jump", [0.03, 0.1])
+@pytest.mark.parametrize(("law", "jump"), mostly_slow(product(FLOW, [0.03, 0.1]), [("saturated PI", 0.03)]))
 def test_a_valve_that_slips_by_jumps_hunts_under_integral_action(law, jump):
     """A flow between two jumps of its valve: a stable cycle that first order does not have, and it says so."""
     loop = through_a_valve(FLOW[law](), epp.JumpAndFollow(stick_band=0.1, slip_jump=jump))
@@ -124,8 +124,10 @@ def test_a_valve_that_slips_by_jumps_hunts_under_integral_action(law, jump):
     assert len(prediction.warnings) == 1 and "valve goes on in jumps" in prediction.warnings[0]
 
 
-@pytest.mark.parametrize("law", [*FLOW, "P"])
-@pytest.mark.parametrize("jump", [0.0, 0.03])
+@pytest.mark.parametrize(
+    ("law", "jump"),
+    mostly_slow(product([*FLOW, "P"], [0.0, 0.03]), [("PI", 0.0), ("PI", 0.03), ("saturated PI", 0.03), ("P", 0.03)]),
+)
 def test_a_valve_that_follows_from_where_it_stuck_or_that_nothing_integrates_does_not(law, jump):
     """Without a jump any place is reached, and without integral action none need be."""
     controller = FLOW[law]() if law in FLOW else epp.blocks.Gain(gain=0.8)
@@ -140,13 +142,15 @@ def test_a_predicted_cycle_of_a_valve_is_not_warned_of():
     assert any(c.stable for c in prediction) and not any("jumps" in w for w in prediction.warnings)
 
 
-@pytest.mark.parametrize("law", ["saturated PI", "clamped PI"])
+@pytest.mark.parametrize("law", mostly_slow(["saturated PI", "clamped PI"], ["saturated PI"]))
 def test_the_hunting_that_is_warned_of_is_there(law):
     assert epp.simulate(positioned(LIMITED[law](), STICKY[0]), t_end=600.0).limit_cycle is not None
 
 
-@pytest.mark.parametrize("law", [*LIMITED, "P"])
-@pytest.mark.parametrize("friction", STICKY, ids=["static", "Stribeck"])
+@pytest.mark.parametrize(
+    ("law", "friction"),
+    mostly_slow(product([*LIMITED, "P"], STICKY), [("saturated PI", STICKY[0]), ("P", STICKY[0])]),
+)
 def test_friction_beside_elements_of_several_outputs_is_dragged_by_a_belt(law, friction):
     """One input and one balance an element, however many outputs it has."""
     controller = LIMITED[law]() if law in LIMITED else epp.blocks.Gain(gain=5.0)
@@ -182,8 +186,9 @@ def encoder(reference: float, proportional: float = 0.0, unit: float = 1.0, **mo
     return epp.LureSystem.build(A, B, C, [epp.Quantiser(unit, 20)], constant_state=np.array(constant) * unit, **more)
 
 
-@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
-@pytest.mark.parametrize("proportional", [0.5, 1.0])
+@pytest.mark.parametrize(
+    ("unit", "proportional"), mostly_slow(product([1e-6, 1.0, 1e6], [0.5, 1.0]), [(1.0, 0.5), (1e6, 1.0)])
+)
 def test_a_reference_between_the_levels_of_an_encoder_is_said_to_hunt(proportional, unit):
     """Integral action comes to rest only where the encoder gives just the reference, which no level does."""
     for level in (-2.0, 0.0, 3.0):
@@ -237,6 +242,7 @@ def test_a_cycle_that_only_harmonics_make_is_said_with_its_frequency(gain):
     assert min(abs(c.frequency / said - 1.0) for c in find_limit_cycles(loop)) < 0.02
 
 
+@pytest.mark.slow
 def test_far_below_that_gain_there_is_nothing_to_say():
     loop = epp.LureSystem.from_tf(([1.5], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))
     assert predict_limit_cycles(loop).warnings == () and len(find_limit_cycles(loop)) == 0
@@ -502,7 +508,10 @@ def turns_of_iteration(loop: epp.LureSystem) -> set[int]:
 
 
 @pytest.mark.parametrize("element", [epp.Quantiser(1.0, 20), epp.RelayDeadZone(0.5)], ids=["quantiser", "relay"])
-@pytest.mark.parametrize(("lag", "gain"), [(1.6, 1.0), (2.3, 0.9), (4.0, 0.95), (6.0, 1.0), (8.0, 0.2), (3.0, 0.2)])
+@pytest.mark.parametrize(
+    ("lag", "gain"),
+    mostly_slow([(1.6, 1.0), (2.3, 0.9), (4.0, 0.95), (6.0, 1.0), (8.0, 0.2), (3.0, 0.2)], [(2.3, 0.9), (8.0, 0.2)]),
+)
 def test_cycles_that_lock_to_samples_are_warned_of(element, lag, gain):
     """First order has none there; where an iteration has some their numbers of samples are said, elsewhere nothing."""
     loop = sampled_servo(element, lag, gain)

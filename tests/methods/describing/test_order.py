@@ -78,6 +78,7 @@ def test_where_a_ring_is_begun_does_not_decide_which_cycles_are_found():
     assert len(cycles(ring(0, *parts))) == len(cycles(ring(3, *parts)))
 
 
+@pytest.mark.slow
 @pytest.mark.xfail(
     strict=True,
     reason="Loeb's criterion is asked at the element that leads, and contradicts itself at another one; multipliers "

@@ -20,7 +20,7 @@ from eppanalysis.models.devices.elbow.loop import elbow
 from eppanalysis.models.devices.elbow.parameters import Parking
 from eppanalysis.results import Status
 from tests.random_loops import random_loop
-from tests.shared import of_unknown_response, shipped, touching
+from tests.shared import mostly_slow, of_unknown_response, shipped, touching
 
 from_tf, from_blocks = epp.LureSystem.from_tf, epp.LureSystem.from_blocks
 LBF, DEG = 4.4482216152605, np.pi / 180
@@ -573,7 +573,9 @@ def test_cycles_between_levels_satisfy_the_balance_by_quadrature(reference):
     assert all(sampled(v) == pytest.approx(1.0, abs=1e-2) for v in seen)
 
 
-@pytest.mark.parametrize("plant", [[1.0, 0.0, 0.0], [1.0, 2.0, 1.0, 0.0]], ids=["pendulum", "damped"])
+@pytest.mark.parametrize(
+    "plant", [[1.0, 0.0, 0.0], pytest.param([1.0, 2.0, 1.0, 0.0], marks=pytest.mark.slow)], ids=["pendulum", "damped"]
+)
 def test_an_element_that_turns_back_for_ever_is_covered_in_part_and_soon(plant):
     """The mean of a sine's output is zero at every multiple of pi and at every zero of a Bessel function."""
     begun = time.process_time()
@@ -661,7 +663,9 @@ def test_the_input_of_an_element_has_the_unit_of_the_signal_that_it_is() -> None
             assert told is None or unit_at_input(system, i) == told, (case.name, name)
 
 
-@pytest.mark.parametrize("name", ["buck_converter", "sat_plus_backlash", "fig8a_original"])
+@pytest.mark.parametrize(
+    "name", mostly_slow(["buck_converter", "sat_plus_backlash", "fig8a_original"], ["buck_converter"])
+)
 def test_numbers_on_the_axes_of_a_loop_gain_stand_apart(name) -> None:
     """Below a decade or two there are numbers between the powers of ten, which ran into each other."""
     figure = epp.predict_limit_cycles(epp.case(name)).plot().figure

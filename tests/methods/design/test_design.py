@@ -99,6 +99,7 @@ def test_at_an_optimum_inside_its_range_the_other_parameter_has_no_price(found: 
     assert found.optimum.at_end == ""
 
 
+@pytest.mark.slow
 def test_what_was_not_tested_is_not_called_confirmed(found: epp.Design) -> None:
     assert not found.optimum.confirmed and not found.status.ok
     assert "Not confirmed: it was not tested." in found.sentence

@@ -86,6 +86,7 @@ def test_what_is_kept_is_read_with_its_unit(case: epp.Case) -> None:
     assert [str(k) for k in goal.kept][:2] == ["phase margin of 45 deg", "bandwidth of 2 Hz"]
 
 
+@pytest.mark.slow
 def test_the_largest_gain_at_a_phase_margin_is_its_closed_form(case: epp.Case) -> None:
     """45 deg at the crossover 1/tau = 10 rad/s, where k = 10 sqrt(2); play makes no cycle with two poles."""
     found = epp.design(case, {"k": ("0.5", 40.0)}, maximise="k", subject_to={"phase_margin": "45 deg"}, verify=False)

@@ -8,6 +8,7 @@ from scipy.integrate import quad
 from scipy.special import ellipe
 
 import eppanalysis as epp
+from tests.shared import mostly_slow
 
 SWEPT = (epp.Relay(), epp.Saturation(), epp.DeadZone(), epp.RelayDeadZone(threshold=0.7), epp.Cube(1.0))
 
@@ -81,7 +82,7 @@ def mean_beside(element: epp.Nonlinearity, centre: float, x: float, dither: floa
     return float(np.sum(half * weight * values)) / (2.0 * end)
 
 
-@pytest.mark.parametrize("wave", ["sine", "triangle"])
+@pytest.mark.parametrize("wave", mostly_slow(["sine", "triangle"], ["triangle"]))
 @pytest.mark.parametrize("name", STEEP)
 def test_steep_elements_are_their_mean_in_time(name: str, wave: str) -> None:
     """To the documented 1e-9, whether or not the element has breakpoints."""

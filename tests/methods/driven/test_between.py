@@ -36,11 +36,18 @@ def _position_and_speed(system: epp.LureSystem, response: epp.PeriodicResponse) 
     return np.array([row @ response.cycle.state, row @ system.A @ response.cycle.state])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("system", "amplitude", "rates", "omegas"),
     [
         (saturated, 0.35, _saturated_spring, (0.868, 0.872, 0.876, 0.877, 0.879, 0.88, 0.881, 0.882, 0.883, 0.884)),
-        (lambda: duffing(1.0, DAMPING, 1.0), FORCE, _cubic_spring, (1.34, 1.42, 1.5, 1.54, 1.62, 1.66, 1.7, 1.74)),
+        pytest.param(
+            lambda: duffing(1.0, DAMPING, 1.0),
+            FORCE,
+            _cubic_spring,
+            (1.34, 1.42, 1.5, 1.54, 1.62, 1.66, 1.7, 1.74),
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=["saturated spring", "cubic spring"],
 )
@@ -94,6 +101,7 @@ def test_where_one_between_is_not_found_it_is_said(monkeypatch):
     assert "At least one more response of one period was not found" in found.message
 
 
+@pytest.mark.slow
 @pytest.mark.xfail(strict=True, reason="first order does not come near the pair of responses beside a fold")
 @pytest.mark.parametrize("share", [0.001, 0.01])
 def test_beside_a_fold_there_are_three_responses(share: float) -> None:

@@ -11,6 +11,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import eppanalysis as epp
+from tests.shared import mostly_slow
 
 
 def driven(name: str, element: epp.Nonlinearity, num: list[float], den: list[float]) -> epp.Diagram:
@@ -35,7 +36,7 @@ def own_cycle(name: str) -> epp.LimitCycle:
 @pytest.mark.parametrize(
     ("name", "amplitude"),
     [
-        pytest.param(name, amplitude, marks=[pytest.mark.slow] * ((i + k) % 4 > 0))
+        pytest.param(name, amplitude, marks=[pytest.mark.slow] * (i + k > 0))
         for i, name in enumerate(LOOPS)
         for k, amplitude in enumerate([1e-3, 1e-12, 1e-8, 1e-5])
         if (i + k) % 4 < 2
@@ -123,7 +124,7 @@ def biased() -> epp.Diagram:
     return driven("relay", epp.Relay(-0.6, 1.0), [1.0], [1.0, 3.0, 2.0, 0.0])
 
 
-@pytest.mark.parametrize("loop", [LOOPS["relay"], biased])
+@pytest.mark.parametrize("loop", [LOOPS["relay"], pytest.param(biased, marks=pytest.mark.slow)])
 def test_beside_several_cycles_the_beat_is_that_of_the_ratio(loop: Callable[[], epp.Diagram]) -> None:
     (own,) = epp.find_limit_cycles(loop()).stable
     for ratio, (n, m) in ((1.3, (4, 3)), (1.48, (3, 2))):
@@ -133,6 +134,7 @@ def test_beside_several_cycles_the_beat_is_that_of_the_ratio(loop: Callable[[], 
         assert np.all(np.isnan(found.tongue)) and "Adler" not in found.message
 
 
+@pytest.mark.slow
 def test_what_second_order_decides_is_not_told_by_first_order() -> None:
     loop = biased()
     (own,) = epp.find_limit_cycles(loop).stable
@@ -145,7 +147,7 @@ def test_what_second_order_decides_is_not_told_by_first_order() -> None:
         assert "2 of which last about 3 periods of the input" in weak.message and "second order" in weak.message
 
 
-@pytest.mark.parametrize("ratio", [1.0, 1.3, 1.46])
+@pytest.mark.parametrize("ratio", mostly_slow([1.0, 1.3, 1.46], [1.3]))
 def test_a_play_that_stays_within_its_gap_answers_at_any_frequency(ratio: float) -> None:
     plant, amplitude = 4.0, 1e-3
     parts = {"play": epp.Play(1.0), "plant": epp.blocks.TransferFunction(num=[plant], den=[0.2, 1.2, 1.0, 0.0])}

@@ -33,6 +33,7 @@ def test_stable_responses_of_the_saturated_spring_are_those_of_runge_kutta(omega
     assert len(found) == 2 * len(amplitudes) - 1, "between two stable responses an unstable one"
 
 
+@pytest.mark.slow
 def test_both_stable_responses_are_those_of_an_independent_integrator():
     omega = 0.8
 
@@ -114,6 +115,7 @@ def test_duffing_is_that_of_an_independent_integrator_and_near_first_order():
     assert exact == pytest.approx(sizes, rel=0.03), "its third harmonic is some per cent of the fundamental"
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(
     zeta=st.floats(0.05, 1.5),
@@ -226,6 +228,7 @@ def test_dry_friction_is_den_hartog_s(ratio, force):
     assert [half(r, "place") for r in found.stable] == pytest.approx([np.sqrt(size)], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_play_that_stays_in_its_gap_is_one_of_a_continuum():
     system = epp.Diagram(
         parts={"gear": epp.Play(gap=1.0), "motor": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0, 0.0])},

@@ -10,6 +10,7 @@ import pytest
 
 import eppanalysis as epp
 from tests.models.elements.test_elements import SHIPPED, lag_behind
+from tests.shared import mostly_slow
 
 
 def kinds(element: epp.Nonlinearity) -> set[str]:
@@ -92,7 +93,9 @@ def test_events_without_end_are_found_where_they_are() -> None:
     assert endless and found.deterministic is False and found.can_chatter and endless[0].inputs[0] > 0.5
 
 
-@pytest.mark.parametrize("name", ["play", "hysteresis relay", "falling hysteresis relay", "jump and follow"])
+@pytest.mark.parametrize(
+    "name", mostly_slow(["play", "hysteresis relay", "falling hysteresis relay", "jump and follow"], ["play"])
+)
 def test_the_energy_is_the_area_that_a_slow_loop_encloses(name: str) -> None:
     element, size = SHIPPED[name], 2.9
     phase = np.linspace(0.0, 4.0 * np.pi, 40_001)

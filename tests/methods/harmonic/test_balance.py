@@ -14,7 +14,7 @@ from eppanalysis.methods.harmonic.elements import PeriodicElement
 from eppanalysis.models.elements import ParkingBandLaw
 from tests.fourier import series, turning_points, value
 from tests.harmonic_coverage import entries
-from tests.shared import predicted
+from tests.shared import mostly_slow, predicted
 
 LAW = epp.FiveBandLaw(1.0, 2.0, 3.0, 4.0, 16.0, 0.5)
 
@@ -108,7 +108,7 @@ def by_quadrature(element, c: np.ndarray, omega: float) -> np.ndarray:
     return W
 
 
-@pytest.mark.parametrize("name", ELEMENTS)
+@pytest.mark.parametrize("name", mostly_slow(ELEMENTS, [*ELEMENTS][::4]))
 @settings(max_examples=8)
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 6))
 def test_coefficients_equal_quadrature_of_the_map_in_time(name, seed, n):

@@ -7,6 +7,7 @@ from hypothesis import given, settings, strategies as st
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements import ParkingBandLaw, SampledLaw
+from tests.shared import mostly_slow
 from tests.wrong_arguments import fields_of_elements
 
 STATIC = [
@@ -119,7 +120,7 @@ def in_time(element, amplitude, bias, omega):
     return last.mean(), 2j * np.mean(last * np.exp(-1j * phi)) / amplitude
 
 
-@pytest.mark.parametrize("omega", [1.0, 5.0, 20.0, 60.0])
+@pytest.mark.parametrize("omega", mostly_slow([1.0, 5.0, 20.0, 60.0], [5.0]))
 @pytest.mark.parametrize(("amplitude", "bias"), [(1.6, 2.3), (0.8, 2.4)])
 def test_a_clock_that_an_element_declares_is_its_clock(omega, amplitude, bias):
     """Not the rate of its input: it parks where it dwells too long, which hangs on the frequency."""

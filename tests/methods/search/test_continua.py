@@ -22,6 +22,7 @@ def _jet(speed: float) -> epp.LureSystem:
     return epp.LureSystem.build([[0.0, 1.0], [0.0, 0.0]], [[0.0], [-1.0]], [[1.0, 0.0]], [valve], x0=[0.0, speed])
 
 
+@pytest.mark.slow
 @pytest.mark.xfail(
     strict=True,
     reason="a continuum is shown by the one member that a run came to; one motion that carries its family gives the "

@@ -20,6 +20,7 @@ def spiral(element: epp.Nonlinearity) -> epp.LureSystem:
     return epp.LureSystem.build(A, [[0.2], [0.0]], [[1.0, 0.0]], [element], x0=[0.5, 0.0], time_step=1.0)
 
 
+@pytest.mark.slow
 def test_cycles_beside_those_that_runs_end_on_are_found_and_what_was_sought_is_said():
     """One run of a thousand ends on either of a mirrored pair of 27 samples; four others have 26."""
     system = problem("quantiser, sampled", 402).system
@@ -37,6 +38,7 @@ def test_cycles_beside_those_that_runs_end_on_are_found_and_what_was_sought_is_s
     assert "sought by Newton's method at" in found.search and "with small basins may be missed" in str(found)
 
 
+@pytest.mark.slow
 def test_an_unstable_motion_that_no_samples_close_is_not_passed_over():
     """Inside it the spiral decays, beyond it the dead zone's gain drives it out: in between lies what is predicted."""
     found = epp.find_limit_cycles(spiral(epp.DeadZone(-1.0, 1.0)))
@@ -102,6 +104,7 @@ def test_two_integrators_in_a_chain_have_continua_alone_in_any_form() -> None:
     assert 0 < found.n_continua == len(found) < 20
 
 
+@pytest.mark.slow
 def test_each_cycle_of_a_digital_filter_is_listed() -> None:
     """Cycles that differ in size by whole steps of rounding are no continuum."""
     loop = epp.LureSystem.build(
@@ -127,9 +130,8 @@ def filter_of_whole_numbers(a: float, b: float) -> epp.LureSystem:
     )
 
 
-@pytest.mark.parametrize(
-    ("damping", "status"), [pytest.param(0.99, Status.UNDECIDED, marks=pytest.mark.slow), (0.8, Status.CONVERGED)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("damping", "status"), [(0.99, Status.UNDECIDED), (0.8, Status.CONVERGED)])
 def test_a_search_that_meets_ever_other_cycles_says_that_there_are_more(damping: float, status: Status) -> None:
     """Poles just within the unit circle: rounding holds more cycles of six samples than runs meet."""
     loop = filter_of_whole_numbers(damping, -damping)

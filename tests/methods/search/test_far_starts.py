@@ -24,7 +24,7 @@ def _windup(reference: float, start: tuple[float, float]) -> epp.LureSystem:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("start", [1.0, 1e6, 1e7, 1e8])
+@pytest.mark.parametrize("start", [1.0, pytest.param(1e6, marks=pytest.mark.slow), 1e7, 1e8])
 def test_a_hysteresis_relay_on_an_integrator_never_rests_however_far_out_it_begins(start):
     found = epp.find_limit_cycles(_hysteresis(start))
     assert [c.period for c in found] == [pytest.approx(0.4, rel=1e-12)]

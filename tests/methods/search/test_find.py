@@ -18,7 +18,7 @@ from eppanalysis.results import Status
 from tests.freeplay import freeplay
 from tests.random_loops import random_loop
 from tests.sampled_relay import sampled_relay
-from tests.shared import cycles_of
+from tests.shared import cycles_of, mostly_slow
 from tests.stress.families import problem, turned
 
 LOOPS = [
@@ -28,7 +28,18 @@ LOOPS = [
 ]
 
 
-@pytest.mark.parametrize("name", LOOPS)
+#: A memory, a smooth one, a bias, two cycles, two elements, two masses.
+FIRST = (
+    "backlash_servo_unseen",
+    "belt_leine",
+    "relay_biased_fopdt",
+    "relay_deadzone",
+    "sat_am165",
+    "two_mass_damped_shaft",
+)
+
+
+@pytest.mark.parametrize("name", mostly_slow(LOOPS, FIRST))
 def test_every_cycle_of_the_verification_set_is_found_to_eight_digits(name):
     case, found = epp.case(name), cycles_of(name)
     for expected in case.expected.exact:
@@ -40,7 +51,7 @@ def test_every_cycle_of_the_verification_set_is_found_to_eight_digits(name):
             assert abs(near.multipliers[0]) == pytest.approx(expected.largest_multiplier, rel=1e-5)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", mostly_slow(range(2), [0]))
 def test_a_loop_in_turned_states_has_the_cycles_that_it_has_in_its_own(seed):
     """Three of four were missing: in the states of its stiffest motions nothing was predicted."""
     section = freeplay(20.0)
@@ -70,7 +81,9 @@ def test_unstable_cycle_separates_outcomes():
     assert ends == [Status.SETTLED, Status.LIMIT_CYCLE]
 
 
-@pytest.mark.parametrize("name", ["fig8b_reduced_backlash", "fig6b_ball_bearing", "soft_cable", "upright"])
+@pytest.mark.parametrize(
+    "name", mostly_slow(["fig8b_reduced_backlash", "fig6b_ball_bearing", "soft_cable", "upright"], ["soft_cable"])
+)
 def test_nothing_is_invented_where_all_starts_settle(name):
     case = epp.case(name)
     found = epp.find_limit_cycles(case)
@@ -122,7 +135,11 @@ def test_a_search_tells_how_far_it_is():
     assert told[-1][2].endswith(f"{found.provenance.statistics['boundaries']} basin boundaries, 2 cycles")
 
 
-@pytest.mark.parametrize("case", [epp.case("backlash_discrete_pi"), sampled_relay()], ids=lambda case: case.name)
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(epp.case("backlash_discrete_pi"), marks=pytest.mark.slow), sampled_relay()],
+    ids=lambda case: case.name,
+)
 def test_a_search_of_a_sampled_loop_tells_how_far_it_is(case: epp.Case) -> None:
     told: list[tuple[int, int | None, str]] = []
     found = epp.find_limit_cycles(case, progress=lambda *state: told.append(state))
@@ -166,7 +183,8 @@ def test_a_loop_of_integrators_alone_has_no_time_scale_of_its_own(slower):
     assert [c.stable for c in scaled] == [c.stable for c in own]
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
 def test_a_run_that_has_gone_is_not_made_longer(seed):
     """Beyond an unstable cycle of three integrators under a valve with overlap states grow to 1e23, and what turned
     states leave of the valve's input is rounding: it switched without number, until no work was left.
@@ -208,7 +226,7 @@ def test_a_switched_current_has_its_cycle_however_slowly_the_drive_nears_it():
     assert 0.999 < abs(found[0].multipliers[0]) < 1.0
 
 
-@pytest.mark.parametrize("slower", [1.0, 1e3, 1e-3])
+@pytest.mark.parametrize("slower", mostly_slow([1.0, 1e3, 1e-3], [1e3]))
 def test_what_no_prediction_is_near_is_found_in_any_unit_of_time(slower):
     """A spacecraft under thrusters with a Schmitt trigger and dead time, of which first order sees nothing: runs were
     100 s long. The period is that of a run of relays and dead time alone, solved from switch to switch.
@@ -223,7 +241,11 @@ def test_what_no_prediction_is_near_is_found_in_any_unit_of_time(slower):
 
 
 @pytest.mark.parametrize(
-    ("seed", "periods", "many"), [(41032, [6.70328410720], False), (41033, [5.26874840229, 5.28214585336], True)]
+    ("seed", "periods", "many"),
+    [
+        pytest.param(41032, [6.70328410720], False, marks=pytest.mark.slow),
+        (41033, [5.26874840229, 5.28214585336], True),
+    ],
 )
 def test_cycles_along_which_an_element_slides_or_holds_are_listed_once(seed, periods, many):
     # Hundreds were listed: a play within its gap holds any value, and cycles are a continuum. A preload that slides all
@@ -281,12 +303,13 @@ def test_starts_reach_beyond_the_elements_limits() -> None:
     assert search.settles and search.diverges
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plant", "element"),
     [
         (([1.0], [1.0, 1.0, 0.0]), epp.Relay()),
-        pytest.param(([1.0], [1.0, 2.0, 1.0]), epp.Relay(), marks=pytest.mark.slow),
-        pytest.param(([1.0], [1.0, 2.0, 1.0]), epp.Preload(0.5, 1.0), marks=pytest.mark.slow),
+        (([1.0], [1.0, 2.0, 1.0]), epp.Relay()),
+        (([1.0], [1.0, 2.0, 1.0]), epp.Preload(0.5, 1.0)),
     ],
 )
 def test_switches_that_pile_up_while_the_motion_dwindles_are_rest(plant, element) -> None:
@@ -296,7 +319,7 @@ def test_switches_that_pile_up_while_the_motion_dwindles_are_rest(plant, element
     assert search.settles and not search.diverges
 
 
-@pytest.mark.parametrize("inside", [0.99, 0.997])
+@pytest.mark.parametrize("inside", mostly_slow([0.99, 0.997], [0.99]))
 def test_runs_that_are_held_up_beside_a_fold_come_to_rest(inside: float) -> None:
     """Below the gap at which cycles are born motions become smaller for long before they rest; all are decided."""
     case = epp.case("wheelchair")
@@ -353,7 +376,9 @@ CUBIC = 4.0 * ellipk(0.5)
         (([1.0], [1.0, 0.0, 0.0]), epp.DeadZone(), [lambda peak: 2.0 * np.pi + 4.0 / (peak - 1.0)]),
         (([1.0], [1.0, 0.0, 0.0]), epp.Relay(), [lambda peak: 4.0 * np.sqrt(2.0 * peak)]),
         # Linear within the dead zone, where nothing switches.
-        (([0.1], [1.0, 0.0, 1.0]), epp.DeadZone(), [lambda peak: 2.0 * np.pi, None]),
+        pytest.param(
+            ([0.1], [1.0, 0.0, 1.0]), epp.DeadZone(), [lambda peak: 2.0 * np.pi, None], marks=pytest.mark.slow
+        ),
     ],
     ids=["cubic", "dead zone", "relay", "oscillator"],
 )
@@ -371,7 +396,7 @@ def test_a_centre_is_one_continuum_and_not_a_list_of_cycles(plant, element, fami
 
 
 @pytest.mark.parametrize(
-    "element", [epp.DeadZone(), epp.Saturation(), pytest.param(epp.Play(0.2), marks=pytest.mark.slow)]
+    "element", [epp.DeadZone(), *(pytest.param(e, marks=pytest.mark.slow) for e in (epp.Saturation(), epp.Play(0.2)))]
 )
 def test_an_undamped_swing_does_not_settle(element):
     """However small it is beside what was predicted: nothing takes its energy."""
@@ -398,7 +423,7 @@ def test_what_rounding_moves_at_rest_is_no_cycle():
     assert run.status is Status.SETTLED and run.limit_cycle is None
 
 
-@pytest.mark.parametrize("unit", [1.0, 1e-3])
+@pytest.mark.parametrize("unit", mostly_slow([1.0, 1e-3], [1.0]))
 def test_a_doubtful_slow_prediction_does_not_set_how_long_runs_are(unit: float):
     """Beyond 4 the relay cannot hold an unstable plant; a prediction of 271 s, 13 times off, took all steps before."""
     loop = epp.LureSystem.from_tf(
@@ -418,17 +443,26 @@ def test_a_start_on_an_unstable_state_of_rest_is_no_motion_that_settles():
     assert found.diverges and not found.settles and not found.rest_state.size
 
 
-@pytest.mark.parametrize(
-    "before",
-    [pytest.param(epp.Play(0.5), id="play", marks=pytest.mark.slow), pytest.param(epp.Relay(-1.0, 1.0), id="relay")],
-)
-def test_a_limiter_straight_behind_another_element_is_said_to_chatter(before):
-    loop = epp.LureSystem.from_blocks([([1.0], [1.0, 1.0, 0.0]), before, epp.RateLimiter(1.0)])
-    run, found = epp.simulate(loop, t_end=30.0), epp.find_limit_cycles(loop)
-    why = "as the output of an element, its own or another's, acts straight on it"
-    assert run.status is epp.Status.EVENT_LIMIT and why in run.note and not found.status.ok and why in found.message
-    alone = epp.LureSystem.from_blocks([([1.0], [1.0, 1.0, 0.0]), before, ([5.0], [1.0, 5.0]), epp.RateLimiter(1.0)])
-    assert why not in epp.simulate(alone, t_end=30.0).note and why not in epp.find_limit_cycles(alone).message
+CHATTERS = "as the output of an element, its own or another's, acts straight on it"
+
+
+def limited(before: epp.Nonlinearity, *between: tuple[list[float], list[float]]) -> epp.LureSystem:
+    return epp.LureSystem.from_blocks([([1.0], [1.0, 1.0, 0.0]), before, *between, epp.RateLimiter(1.0)])
+
+
+@pytest.mark.parametrize("before", [epp.Play(0.5), epp.Relay(-1.0, 1.0)], ids=["play", "relay"])
+def test_a_run_of_a_limiter_straight_behind_another_element_is_said_to_chatter(before):
+    run = epp.simulate(limited(before), t_end=30.0)
+    assert run.status is epp.Status.EVENT_LIMIT and CHATTERS in run.note
+    assert CHATTERS not in epp.simulate(limited(before, ([5.0], [1.0, 5.0])), t_end=30.0).note
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("before", [epp.Play(0.5), epp.Relay(-1.0, 1.0)], ids=["play", "relay"])
+def test_a_search_of_a_limiter_straight_behind_another_element_is_said_to_chatter(before):
+    found = epp.find_limit_cycles(limited(before))
+    assert not found.status.ok and CHATTERS in found.message
+    assert CHATTERS not in epp.find_limit_cycles(limited(before, ([5.0], [1.0, 5.0]))).message
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ def _van_der_pol(stop: float) -> epp.LureSystem:
     ).to_system()
 
 
-@pytest.mark.parametrize("stop", [2.3, 50.0])
+@pytest.mark.parametrize("stop", [2.3, pytest.param(50.0, marks=pytest.mark.slow)])
 def test_a_stop_that_is_not_touched_changes_no_cycle(stop: float) -> None:
     loop = _van_der_pol(stop)
     found = epp.find_limit_cycles(loop)
@@ -59,6 +59,7 @@ def _slipping_return(amplitude: float) -> tuple[float, float]:
     return float(run.y[0, -1]), float(run.t[-1])
 
 
+@pytest.mark.slow
 def test_an_unstable_cycle_that_slips_all_the_time_is_found() -> None:
     block = epp.Diagram(
         parts={

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
+from tests.shared import mostly_slow
 from tests.stress.families import problem, turned
 
 #: Slip motions of a mass under PID: a swing that decays faster than one real motion does (a multiple of one, and more).
@@ -36,7 +37,7 @@ def _slips_for_ever(loop: epp.LureSystem, start: np.ndarray) -> bool:
 
 
 @pytest.mark.parametrize("slowest", [0.1, 0.2, 0.3])
-@pytest.mark.parametrize("seed", [None, 1, 2])
+@pytest.mark.parametrize("seed", mostly_slow([None, 1, 2], [None]))
 def test_rest_on_the_edge_of_a_slip_is_named_where_a_slip_decays_to_it(slowest, seed):
     loop = _hunting(slowest)
     if seed is not None:
@@ -91,7 +92,7 @@ def test_the_rest_that_a_run_creeps_to_is_handed_out():
     assert found.rest_state == pytest.approx([1.0, 0.0])
 
 
-@pytest.mark.parametrize("seed", [None, 5, 8])
+@pytest.mark.parametrize("seed", mostly_slow([None, 5, 8], [None]))
 def test_rest_that_a_motion_could_only_swing_to_is_not_named(seed):
     """A double integrator behind a play that holds drifts; in contact the loop swings, and leaves it before rest."""
     loop = epp.LureSystem.from_blocks([epp.Play(0.8), ([4.0, 1.5], [1.0, 7.0, 0.0, 0.0])])
@@ -100,7 +101,7 @@ def test_rest_that_a_motion_could_only_swing_to_is_not_named(seed):
     assert len(found) == 1 and not found.settles
 
 
-@pytest.mark.parametrize(("detuning", "rests"), [(0.6, True), (1.3, False)])
+@pytest.mark.parametrize(("detuning", "rests"), mostly_slow([(0.6, True), (1.3, False)], [(0.6, True)]))
 def test_a_phase_locked_loop_rests_within_its_hold_range_alone(detuning: float, rests: bool) -> None:
     """A sine has no threshold and its loop no gain of one: no run was made; a slip for ever drifts, and is no rest."""
     loop = epp.LureSystem.build(

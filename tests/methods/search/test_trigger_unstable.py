@@ -21,7 +21,7 @@ def sampled(step: float) -> epp.LureSystem:
 
 @pytest.mark.parametrize(
     "loop",
-    [epp.LureSystem.build(A, -B, C, [epp.Saturation()]), sampled(0.1)],
+    [epp.LureSystem.build(A, -B, C, [epp.Saturation()]), pytest.param(sampled(0.1), marks=pytest.mark.slow)],
     ids=["in time", "from sample to sample"],
 )
 def test_any_disturbance_of_an_unstable_rest_starts_a_cycle(loop: epp.LureSystem) -> None:
@@ -33,6 +33,7 @@ def test_any_disturbance_of_an_unstable_rest_starts_a_cycle(loop: epp.LureSystem
         assert str(hit).startswith(f"Any disturbance of {hit.name} starts a limit cycle: linearised at rest")
 
 
+@pytest.mark.slow
 def test_so_does_a_far_smaller_one_than_was_tried() -> None:
     """An integration of its own comes from 1e-8 to the cycle, which is a thousand million times as large."""
 

@@ -34,6 +34,7 @@ def test_clocks_of_an_orbit_with_dead_time_cost_no_more_than_clocks() -> None:
     assert [round(c.period, 9) for c in found] == [5.523452919]
 
 
+@pytest.mark.slow
 def test_predictions_leave_work_for_the_runs() -> None:
     """However many predictions there are to close, the stable cycle that runs end on is found."""
     loop = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0))

@@ -256,7 +256,7 @@ def test_what_is_left_of_a_decay_within_a_dead_zone_is_no_cycle() -> None:
     assert set(statuses.values()) <= {epp.Status.UNDECIDED, epp.Status.SETTLED}
 
 
-@pytest.mark.parametrize("start", [0.3, 1.0], ids=["grows", "shrinks"])
+@pytest.mark.parametrize("start", [0.3, pytest.param(1.0, marks=pytest.mark.slow)], ids=["grows", "shrinks"])
 def test_a_motion_whose_size_still_changes_from_turn_to_turn_is_no_cycle(start: float) -> None:
     """An oscillator of little damping under a sampled law: its turns wander by a sample, its size goes one way."""
     T, A, b = 0.06, np.array([[0.0, 1.0], [-0.6, -0.1]]), np.array([0.0, 1.0])

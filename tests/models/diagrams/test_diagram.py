@@ -17,6 +17,7 @@ from eppanalysis.models.diagrams.blocks import (
     StateSpaceBlock,
     TransferFunction,
 )
+from tests.shared import mostly_slow
 
 OMEGA = np.geomspace(0.01, 100.0, 7)
 
@@ -190,7 +191,7 @@ def _late_rings(valve, tau=0.5):
     ]
 
 
-@pytest.mark.parametrize("number", range(7))
+@pytest.mark.parametrize("number", mostly_slow(range(7), [1, 4]))
 def test_dead_time_is_the_same_before_in_and_behind_a_block_with_states(number):
     relay = epp.HysteresisRelay(lower=-0.1, upper=0.1, low=-0.7, high=1.3)
     by_hand = epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), relay, delay=0.5, x0=[0.3])

@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from tests.models.elements.quadrature import assert_agrees, crossings, fourier_with_rate
+from tests.shared import mostly_slow
 
 amplitudes = st.floats(1e-2, 20)
 ratios = st.just(0.0) | st.floats(1e-9, 30)
@@ -210,6 +211,7 @@ def test_nordin_shaft_by_hand() -> None:
     np.testing.assert_allclose(shaft.thresholds(), [1.0])
 
 
+@pytest.mark.slow
 def test_nordin_shaft_releases_where_its_torque_is_zero() -> None:
     """The torque of a driven shaft is spring plus damper of twist minus contact angle, in every phase."""
     shaft, omega = epp.NordinShaft(1.0, 10.0, 2.0), 3.0
@@ -268,7 +270,7 @@ def settled_contacts(shaft: epp.NordinShaft, a: float, b: float, omega: float) -
     return out
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", mostly_slow(range(20), range(4)))
 def test_nordin_shaft(seed: int) -> None:
     """By adaptive quadrature of the torque over the contacts of a motion that has settled."""
     rng = np.random.default_rng(seed)

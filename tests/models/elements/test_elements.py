@@ -17,6 +17,7 @@ from eppanalysis.cases.files import parse_raw
 from eppanalysis.cases.values.automata import automaton_table
 from eppanalysis.cases.values.toml import write_toml
 from eppanalysis.models.elements import ELEMENTS, ParkingBandLaw
+from tests.shared import mostly_slow
 
 BANDS = epp.FiveBandLaw(5.0, 10.0, 11.0, 16.0, 16.0, 2.0)
 SHIPPED: dict[str, Any] = {
@@ -234,7 +235,9 @@ def test_its_describing_function_by_quadrature_is_the_closed_one(name: str) -> N
     np.testing.assert_allclose(gain_own, gain, rtol=1e-10, atol=1e-11)
 
 
-@pytest.mark.parametrize("name", ["play", "hysteresis relay", "hysteresis relay with dead zone", "jump and follow"])
+@pytest.mark.parametrize(
+    "name", mostly_slow(["play", "hysteresis relay", "hysteresis relay with dead zone", "jump and follow"], ["play"])
+)
 def test_its_map_is_that_of_the_element(name: str) -> None:
     shipped = SHIPPED[name]
     x, y = walk(epp.AutomatonElement(shipped.automaton()), 3)

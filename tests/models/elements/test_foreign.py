@@ -10,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.foreign import as_element, is_element
+from tests.shared import mostly_slow
 
 SIZES = st.floats(0.01, 100.0)
 AMPLITUDES = np.geomspace(1.01, 200.0, 40)
@@ -53,7 +54,13 @@ def test_unsymmetric_saturation_keeps_its_limits():
 
 @pytest.mark.parametrize(
     "element",
-    [epp.Play(0.7), epp.Relay(), epp.DeadZone(), epp.RelayDeadZone(0.3), epp.Cube(2.0), epp.Quantiser(0.2, 4)],
+    [
+        *(epp.Play(0.7), epp.Cube(2.0)),
+        *(
+            pytest.param(e, marks=pytest.mark.slow)
+            for e in (epp.Relay(), epp.DeadZone(), epp.RelayDeadZone(0.3), epp.Quantiser(0.2, 4))
+        ),
+    ],
 )
 def test_sampled_describing_function_of_the_calls_is_near_the_closed_form(element):
     """python-control samples what is called, memory and all, and keeps what one amplitude leaves for the next."""
@@ -113,7 +120,7 @@ MEMORYLESS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("element", MEMORYLESS, ids=lambda e: type(e).__name__)
+@pytest.mark.parametrize("element", mostly_slow(MEMORYLESS, MEMORYLESS[::4]), ids=lambda e: type(e).__name__)
 def test_what_remembers_nothing_is_a_function_that_python_control_samples_to_the_closed_form(element) -> None:
     for amplitude in (0.5, 1.7):
         sampled = control.describing_function(element, amplitude, num_points=4000, zero_check=False, try_method=False)

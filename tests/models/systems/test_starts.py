@@ -13,6 +13,7 @@ from eppanalysis.models.elements import ParkingBandLaw, SampledLaw, Slip
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.starts import remembered
 from tests.restarts import check_restart, cycles_of
+from tests.shared import mostly_slow
 
 #: The others take longer; they are in the tests of stress.
 QUICK = [
@@ -31,7 +32,7 @@ LOOPS = {
 }
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize("name", mostly_slow(QUICK, QUICK[::4]))
 def test_shipped_cycles_go_on_from_state_and_memory(name: str) -> None:
     system, value, cycles = cycles_of(name)
     assert cycles

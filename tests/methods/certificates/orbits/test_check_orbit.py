@@ -81,6 +81,7 @@ def test_the_period_that_is_proved_holds_the_closed_form(relay: Document) -> Non
     assert 0 < high - low < Fraction(1, 10**30) and claim["events"] == 2
 
 
+@pytest.mark.slow
 def test_events_without_delay_are_checked_as_well(elbow: Document) -> None:
     assert any(arc["at_once"] for arc in elbow["loop"]["arcs"]) and any(arc["levels"] for arc in elbow["loop"]["arcs"])
     low, high = map(Fraction, check_orbit.verify(copy_of(elbow))["period"])

@@ -8,6 +8,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.methods.certificates import check_roots
 from eppanalysis.methods.certificates.registry import sealed
+from tests.shared import mostly_slow
 
 pytest.importorskip("flint")
 L = epp.LureSystem.from_tf
@@ -31,7 +32,7 @@ LOOPS = {
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n == "bias" else n for n in LOOPS])
+@pytest.mark.parametrize("name", mostly_slow(LOOPS, [n for n in LOOPS if n != "bias"][::4]))
 def test_no_predicted_cycle_lies_outside_of_the_default_box(name: str) -> None:
     loop = LOOPS[name]
     found, predicted = epp.certify(loop), epp.predict_limit_cycles(loop)

@@ -16,6 +16,7 @@ from eppanalysis.methods.certificates.check_balance import Element, Jet, Refused
 from eppanalysis.methods.certificates.rational import element_data
 from eppanalysis.methods.certificates.registry import sealed
 from eppanalysis.methods.certificates.roots.ring import order_of
+from tests.shared import mostly_slow
 
 ELEMENTS = (
     epp.Saturation(-0.5, 2.0, 1.3),
@@ -77,7 +78,7 @@ def test_shipped_loops_with_a_bias_and_rings_are_decided(name: str) -> None:
         assert root.bias[0] == pytest.approx(cycle.elements[label]["bias"], rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.parametrize("least", [0.25, 0.3])
+@pytest.mark.parametrize("least", mostly_slow([0.25, 0.3], [0.3]))
 def test_a_ring_is_decided_though_its_cuts_meet_the_threshold_of_play(least: float) -> None:
     """Play passes nothing on at 0.5: the amplitude before the saturation is zero, and its phase anything."""
     found = epp.certify(epp.case("sat_plus_backlash"), box={"amplitude": (least, 64.0)})
@@ -94,10 +95,16 @@ def relay(unit: float = 1.0, seconds: float = 1.0) -> epp.LureSystem:
 BOX = {"amplitude": (0.05, 2.0), "omega": (0.25, 4.0), "bias": (-1.0, 1.0)}
 
 
-@pytest.mark.parametrize(("unit", "seconds"), [(1e-6, 1e6), pytest.param(1e6, 1e-6, marks=pytest.mark.slow)])
-def test_units_change_nothing(unit: float, seconds: float) -> None:
+@pytest.fixture(scope="module")
+def found() -> epp.Certificate:
+    return epp.certify(relay(), box=BOX)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("unit", "seconds"), [(1e-6, 1e6), (1e6, 1e-6)])
+def test_units_change_nothing(found: epp.Certificate, unit: float, seconds: float) -> None:
     ends = {"amplitude": unit, "omega": 1 / seconds, "bias": unit}
-    (one,) = epp.certify(relay(), box=BOX).roots
+    (one,) = found.roots
     scaled = epp.certify(relay(unit, seconds), box={n: (a * ends[n], b * ends[n]) for n, (a, b) in BOX.items()})
     (other,) = scaled.roots
     assert scaled.proved
@@ -105,19 +112,19 @@ def test_units_change_nothing(unit: float, seconds: float) -> None:
         assert getattr(other, name)[0] == pytest.approx(scale * getattr(one, name)[0], rel=1e-10)
 
 
-def test_a_constant_input_biases_a_loop_as_much_as_a_shifted_relay() -> None:
+def test_a_constant_input_biases_a_loop_as_much_as_a_shifted_relay(found: epp.Certificate) -> None:
     """The same loop with its input counted from elsewhere has the same cycle, and the bias moved by as much."""
     loop = epp.LureSystem.build(
         relay().A, relay().B, relay().C, [epp.HysteresisRelay(0.1, 0.3, -0.7, 1.3)], constant_input=[0.2]
     )
-    (moved,), (root,) = epp.certify(loop, box=BOX).roots, epp.certify(relay(), box=BOX).roots
+    (moved,), (root,) = epp.certify(loop, box=BOX).roots, found.roots
     assert moved.amplitude[0] == pytest.approx(root.amplitude[0], rel=1e-12)
     assert moved.bias[0] - 0.2 == pytest.approx(root.bias[0], rel=1e-12)
 
 
 @pytest.fixture(scope="module")
-def document() -> dict[str, Any]:
-    return dict(epp.certify(relay(), box=BOX).document)
+def document(found: epp.Certificate) -> dict[str, Any]:
+    return dict(found.document)
 
 
 @pytest.mark.parametrize(
@@ -153,8 +160,7 @@ def test_changed_certificates_are_refused(document: dict[str, Any], place: tuple
         check_balance.verify(sealed(changed))
 
 
-def test_the_sentence_names_the_biases_and_the_box_refuses_what_is_none(document: dict[str, Any]) -> None:
-    found = epp.certify(relay(), box=BOX)
+def test_the_sentence_names_the_biases_and_the_box_refuses_what_is_none(found: epp.Certificate) -> None:
     assert str(found).endswith("for amplitudes 0.05 to 2, 0.25 to 4 rad/s and biases -1 to 1.")
     assert found.to_frame().bias_from[0] == found.roots[0].bias[0]
     assert found.plot().get_ylabel()

@@ -16,6 +16,7 @@ from eppanalysis.methods.certificates.check_roots import Gain, Refused
 from eppanalysis.methods.certificates.rational import element_data
 from eppanalysis.methods.certificates.registry import sealed
 from eppanalysis.methods.certificates.roots import find as roots
+from tests.shared import mostly_slow
 
 ELEMENTS = (
     epp.Saturation(-0.7, 0.7, 1.3),
@@ -103,7 +104,7 @@ def covered() -> list[str]:
     return [name for name in names if name not in left_out | {"belt_leine"}]
 
 
-@pytest.mark.parametrize("name", covered())
+@pytest.mark.parametrize("name", mostly_slow(covered(), covered()[::6]))
 def test_shipped_loops_are_decided(name: str) -> None:
     """Witness: the search of the prediction, which knows no balls."""
     case = epp.case(name)
@@ -128,10 +129,11 @@ def servo(gain: float, gap: float = 2.0, seconds: float = 1.0) -> epp.LureSystem
     return epp.LureSystem.from_tf(([gain], den), epp.Play(gap=gap), name="servo")
 
 
+@pytest.mark.slow
 def test_two_roots_that_are_about_to_meet_are_told_apart_and_none_is_none() -> None:
     """Independent: least gain at which the balance has a root, by the phase of G alone (dense in amplitude)."""
-    assert len(epp.certify(servo(2.375)).roots) == 0 and epp.certify(servo(2.375)).proved
-    assert len(epp.certify(servo(2.3758)).roots) == 2 and epp.certify(servo(2.3758)).proved
+    below, beyond = epp.certify(servo(2.375)), epp.certify(servo(2.3758))
+    assert len(below.roots) == 0 and below.proved and len(beyond.roots) == 2 and beyond.proved
     # The fold is at 2.3757882677689...: ten digits on either side are no harder.
     assert [len(epp.certify(servo(k)).roots) for k in (2.3757882677, 2.3757882678)] == [0, 2]
     from scipy.optimize import brentq
@@ -146,7 +148,7 @@ def test_two_roots_that_are_about_to_meet_are_told_apart_and_none_is_none() -> N
     assert least == pytest.approx(2.3757882677, abs=1e-8)
 
 
-@pytest.mark.parametrize("scale", [1e-6, 1e6])
+@pytest.mark.parametrize("scale", mostly_slow([1e-6, 1e6], [1e6]))
 def test_units_change_nothing(scale: float) -> None:
     base, wide = epp.certify(servo(2.4)), epp.certify(servo(2.4, gap=2.0 * scale))
     slow = epp.certify(servo(2.4, seconds=scale))

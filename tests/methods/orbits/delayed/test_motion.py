@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 
 import eppanalysis as epp
 from eppanalysis.results import LimitCycle
+from tests.shared import mostly_slow
 
 DELAY = 0.3
 #: Saturation, dead time, plant, dead zone: small motions die out, beyond an unstable cycle they grow to a stable one.
@@ -56,7 +57,7 @@ def by_steps(cycle: LimitCycle, larger: float, periods: int) -> np.ndarray:
     return np.array(found)
 
 
-@pytest.mark.parametrize("which", [0, 1], ids=["unstable", "stable"])
+@pytest.mark.parametrize("which", [pytest.param(0, marks=pytest.mark.slow), 1], ids=["unstable", "stable"])
 def test_a_run_by_the_method_of_steps_comes_back_to_the_cycle(which: int) -> None:
     cycle = pair()[which]
     begin, end = by_steps(cycle, 0.0, 1)
@@ -64,7 +65,9 @@ def test_a_run_by_the_method_of_steps_comes_back_to_the_cycle(which: int) -> Non
     np.testing.assert_allclose(end, begin, rtol=0, atol=1e-6 * np.abs(begin).max())
 
 
-@pytest.mark.parametrize(("which", "larger"), [(0, 1e-5), (1, 1e-2)], ids=["unstable", "stable"])
+@pytest.mark.parametrize(
+    ("which", "larger"), mostly_slow([(0, 1e-5), (1, 1e-2)], [(0, 1e-5)]), ids=["unstable", "stable"]
+)
 def test_a_disturbance_grows_by_the_multiplier(which: int, larger: float) -> None:
     cycle = pair()[which]
     away = np.subtract(*(by_steps(cycle, side * larger, 3) for side in (1.0, -1.0)))

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 import eppanalysis as epp
+from tests.shared import mostly_slow
 
 DELAY = 0.5
 Function = Callable[[float], float]
@@ -53,7 +54,7 @@ def by_steps(loop: epp.LureSystem, cycle: epp.LimitCycle, f: Function, larger: f
     return np.array(found)
 
 
-@pytest.mark.parametrize(("element", "f"), LOOPS, ids=NAMES)
+@pytest.mark.parametrize(("element", "f"), mostly_slow(LOOPS, LOOPS[:2]), ids=NAMES)
 def test_a_run_by_the_method_of_steps_comes_back_to_the_cycle_and_departs_by_its_multiplier(
     element: epp.Nonlinearity, f: Function
 ) -> None:
@@ -71,6 +72,7 @@ def test_a_run_by_the_method_of_steps_comes_back_to_the_cycle_and_departs_by_its
         np.testing.assert_allclose(second, first * cycle.multipliers[0].real, rtol=0, atol=2e-3 * np.abs(second).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "element",
     [

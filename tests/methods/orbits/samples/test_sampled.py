@@ -12,6 +12,7 @@ import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.search import sampled
 from eppanalysis.results import Status
+from tests.shared import mostly_slow
 from tests.stress.families import problem
 
 
@@ -36,7 +37,7 @@ def states_after(system, start, n):
     return np.append(x, m)
 
 
-@pytest.mark.parametrize("name", KP_KI)
+@pytest.mark.parametrize("name", mostly_slow(KP_KI, KP_KI[2:]))
 def test_orbits_of_the_sampled_servo_close_and_their_multipliers_are_those_of_small_disturbances(name):
     system, found = search(name)
     assert found.status is Status.CONVERGED
@@ -58,7 +59,7 @@ def test_orbits_of_the_sampled_servo_close_and_their_multipliers_are_those_of_sm
         assert c.stable == (wanted[0] < 1)
 
 
-@pytest.mark.parametrize("name", KP_KI)
+@pytest.mark.parametrize("name", mostly_slow(KP_KI, KP_KI[2:]))
 def test_mirrored_orbits_are_both_listed(name):
     """The loop is odd: the mirror image of an orbit is one too, the same one half a period on or another."""
     found = search(name)[1]
@@ -89,6 +90,7 @@ def test_relay_with_period_two_wipes_no_disturbance_out():
     assert cycle.multipliers[0] == pytest.approx(0.25, rel=1e-11)
 
 
+@pytest.mark.slow
 def test_dead_time_of_whole_samples_is_part_of_the_state():
     """Two samples of dead time written as a chain of two states more: the same orbits and multipliers."""
     law, step = epp.Relay(), {"time_step": 1.0}
@@ -113,6 +115,7 @@ def test_prediction_leads_to_the_orbit_next_to_it_and_a_run_to_its_own():
     assert again.peak_to_peak["m"] == pytest.approx(run.peak_to_peak["m"], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_curve_of_motions_without_a_period_is_said_to_be_undecided():
     """Two samples of dead time and a saturation: the period is no whole number of samples."""
     law = epp.Saturation(-1.0, 1.0, 1.0)
@@ -128,6 +131,7 @@ def test_a_start_without_state_is_refused():
         epp.exact_orbit(system, replace(guess, state=np.zeros(0)))
 
 
+@pytest.mark.slow
 def test_a_search_ends_with_its_work_and_says_what_it_left(monkeypatch):
     """A share of the work lists a share of the orbits, the same ones each time, and none is claimed to be all."""
     system, whole = search("backlash_discrete_pi_kp02_ki02")
@@ -141,6 +145,7 @@ def test_a_search_ends_with_its_work_and_says_what_it_left(monkeypatch):
     assert cut.provenance.statistics["work"] < 1.1 * sampled._MOST_WORK
 
 
+@pytest.mark.slow
 def test_runs_are_as_long_as_a_slow_loop_takes_to_rest():
     """Nothing is predicted; the affine map of the saturation's one piece decays by 0.99 a sample to its fixed point."""
     system = problem("saturation, sampled", 326).system

@@ -63,6 +63,7 @@ def test_at_1_khz_it_is_the_only_one_and_short_samples_lead_to_the_cycle_of_cont
     assert 2 * periods[1] - periods[0] == pytest.approx(1.576642, rel=2e-4)
 
 
+@pytest.mark.slow
 def test_a_run_that_still_grows_is_no_motion():
     """A spiral whose turns grow by a thousandth each, of which a saturation takes nothing off yet."""
     angle, growth = 2 * np.pi / 40.3, 1.001 ** (1 / 40.3)

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from tests.models.elements.quadrature import assert_agrees, crossings, fourier, fourier_adaptive
+from tests.shared import mostly_slow
 
 numbers, amplitudes = st.floats(-3, 3), st.floats(1e-3, 20)
 positive = st.floats(0.05, 4)
@@ -99,7 +100,7 @@ def driven(element: epp.Nonlinearity) -> epp.LureSystem:
 
 
 @pytest.mark.parametrize("element", SMOOTH, ids=repr)
-@pytest.mark.parametrize("size", [1e-6, 1.5])
+@pytest.mark.parametrize("size", mostly_slow([1e-6, 1.5], [1.5]))
 def test_in_a_loop_against_another_integrator(element: Any, size: float) -> None:
     # The run begins at zero, where powers and drag vanish with their first terms.
     times = np.linspace(0.0, 15.0, 151)
@@ -184,7 +185,7 @@ def test_invalid_fields_are_refused_in_one_sentence(make: object, words: str) ->
 
 
 @pytest.mark.parametrize("level", [30.0, 1e3])
-@pytest.mark.parametrize("step", [0.05, 0.5, 3.0])
+@pytest.mark.parametrize("step", mostly_slow([0.05, 0.5, 3.0], [0.5]))
 def test_a_tanh_deep_in_saturation_leaves_it_within_a_step(level: float, step: float) -> None:
     """There its slope is beneath the rounding of one, and the first terms of its series too: steps went on across."""
     loop = epp.LureSystem.from_tf(([level], [1.0, 0.923, 0.468, 0.165]), epp.Tanh(1.0))

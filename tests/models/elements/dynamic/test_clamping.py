@@ -109,8 +109,8 @@ class WithDerivative:
 
 
 @pytest.mark.parametrize(("fields", "amplitude", "bias", "omega"), [
-    ((1.0, 2.0, -1.0, 1.0, 0.4, 0.1), 3.0, 0.3, 1.5),
-    ((1.5, 0.6, -0.4, 1.2, 1.0, 0.3), 2.0, -0.9, 0.4),
+    pytest.param((1.0, 2.0, -1.0, 1.0, 0.4, 0.1), 3.0, 0.3, 1.5, marks=pytest.mark.slow),
+    pytest.param((1.5, 0.6, -0.4, 1.2, 1.0, 0.3), 2.0, -0.9, 0.4, marks=pytest.mark.slow),
     ((-0.7, -1.3, -0.5, 0.5, -0.5, 0.02), 4.0, 0.0, 6.0),
     ((0.5, 2.0, -1.0, 0.7, 0.3, 0.5), 0.6, 0.6, 2.0),
 ])  # fmt: skip
@@ -132,6 +132,7 @@ def test_with_hardly_any_derivative_it_is_the_one_without() -> None:
     np.testing.assert_allclose(other.gain, one.gain, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_cycle_with_a_derivative() -> None:
     """Three lags behind the controller: first order, exact orbit and run."""
     c = epp.ClampedPID(2.0, 1.5, kd=0.4, filter_time=0.05)

@@ -98,6 +98,7 @@ def test_the_first_sample_comes_at_its_offset_and_what_was_held_before_is_y0() -
     assert run.events == ()  # samples are no switches
 
 
+@pytest.mark.slow
 def test_samples_do_not_drift_in_a_million() -> None:
     T = 0.001  # no binary fraction
     counter = epp.SampledController([[1.0]], [[1.0]], [[1.0]], [[0.0]], T)

@@ -40,6 +40,7 @@ def test_no_value_outside_the_data():
     assert np.isfinite(response.at([0.1, 100.0])).all()
 
 
+@pytest.mark.slow
 def test_deviation_of_the_fitted_curve_is_that_of_draws():
     rng = np.random.default_rng(5)
     off = []
