@@ -97,6 +97,12 @@ IN_A_CALLBACK = AT_IMPORT.replace(
     "            del gone, asked_once\n",
 )
 
+#: The same in text that is executed, as that is of which a dataclass is made.
+IN_TEXT = AT_IMPORT.replace(
+    "            os.kill(os.getpid(), number)\n",
+    """            exec("os.kill(os.getpid(), number)\\nlist(range(9))")\n""",
+)
+
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="signals of this system")
@@ -108,14 +114,19 @@ IN_A_CALLBACK = AT_IMPORT.replace(
         ("pydantic", AT_IMPORT),
         ("eppanalysis.tables.console", AT_IMPORT),
         ("pydantic", IN_A_CALLBACK),
+        ("typer", IN_TEXT),
+        ("eppanalysis.tables.console", IN_TEXT),
     ],
-    ids=["commands", "arguments", "in a command", "in a callback"],
+    ids=["commands", "arguments", "in a command", "in a callback", "in text", "in text of a command"],
 )
 def test_a_command_that_still_imports_or_reads_its_arguments_says_that_it_was_interrupted(
-    module: str, script: str, signalled: signal.Signals
+    tmp_path: Path, module: str, script: str, signalled: signal.Signals
 ) -> None:
+    (tmp_path / "asked.py").write_text(script)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    command = [sys.executable, "-c", script, signalled.name, module, "check", "backlash_servo"]
-    ended = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=60)
+    command = [sys.executable, "-m", "asked", signalled.name, module, "check", "backlash_servo"]
+    ended = subprocess.run(
+        command, check=False, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
     assert ended.returncode == 128 + signalled
     assert ended.stderr == "Interrupted: nothing is kept.\n" and not ended.stdout
