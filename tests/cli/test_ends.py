@@ -73,6 +73,27 @@ def test_threads_of_a_sweep_end_with_the_code_of_the_signal(tmp_path: Path, sign
     assert process.returncode == 128 + signalled
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks at processes")
+@pytest.mark.parametrize("signalled", [signal.SIGTERM, signal.SIGINT])
+def test_the_explorer_ends_with_the_code_of_the_signal(tmp_path: Path, signalled: signal.Signals) -> None:
+    pytest.importorskip("bokeh")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p), "TMPDIR": str(tmp_path)}
+    command = [sys.executable, "-m", "eppanalysis", "explore", "backlash_servo", "--no-browser", "--port", "0"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(command, env=environment, text=True, **pipes)
+    assert process.stdout is not None and process.stdout.readline().endswith("(Ctrl-C ends it)\n")
+    children = family(process.pid)
+    process.send_signal(signalled)
+    _, said = process.communicate(timeout=40)
+    assert (process.returncode, said) == (128 + signalled, "")
+    end = time.monotonic() + 10.0
+    while [pid for pid in children if Path(f"/proc/{pid}").exists()] and time.monotonic() < end:
+        time.sleep(0.1)
+    assert not [pid for pid in children if Path(f"/proc/{pid}").exists()]
+    assert not list(tmp_path.rglob("eppanalysis-*"))
+
+
 #: Has the process send itself a signal when it imports a module, and then is the command.
 AT_IMPORT = """
 import os, signal, sys
