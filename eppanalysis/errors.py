@@ -34,7 +34,7 @@ def shown(value: Any) -> str:
     ("'1 deg'", '[1, 2]')
     """
     if getattr(value, "shape", ()):
-        return f"an array of shape {value.shape}"
+        return f"{'an array' if hasattr(value, 'dtype') else f'a {type(value).__name__}'} of shape {value.shape}"
     if hasattr(value, "dtype"):
         value = value.item()  # a number of numpy
     if type(value).__repr__ is object.__repr__:

@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
@@ -54,18 +54,24 @@ class Workers(ProcessPoolExecutor):
             ) from error
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """As of every pool; a process that starts for it is insensitive to interrupts from its first moment on."""
+        """As of every pool; a process that starts for it is insensitive to interrupts from its first moment on.
+
+        An interrupt of this process comes once the new one has been given all that it reads.
+        """
         with interrupts_wait(), _one_thread_each():
             future = super().submit(fn, *args, **kwargs)
         self.started |= self._processes or {}
         return future
 
     def end(self) -> None:
-        """End the processes, whatever they are doing."""
+        """End the processes, whatever they are doing, and the thread that speaks with them.
+
+        Python, when it ends, would wake that thread through a pipe that it may be closing just then.
+        """
         processes: dict[int, Any] = dict(getattr(self, "_processes", None) or {})
-        self.shutdown(wait=False, cancel_futures=True)
         for process in processes.values():
             process.terminate()
+        self.shutdown(cancel_futures=True)
 
     def why_lost(self) -> EppError | None:
         """What is wrong with the script that has started the processes, where they have ended for that."""
@@ -129,15 +135,42 @@ def _some(n: int) -> Workers | None:
 @contextmanager
 def interrupts_wait() -> Iterator[None]:
     """An interrupt comes after the block; what is started in it, threads too, inherits that it hears none."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows, where a worker ignores interrupts only once it has begun
+    with _handlers_wait():
+        if not hasattr(signal, "pthread_sigmask"):  # Windows, where a worker ignores them only once it has begun
+            yield
+            return
+        resource_tracker.ensure_running()  # which would let interrupts through again when it is started inside
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _handlers_wait() -> Iterator[None]:
+    """What Python does at an interrupt, or where the system asks it to end, it does after the block.
+
+    A signal that is blocked in the main thread alone reaches another thread, and is handled in the main one all the
+    same.
+    """
+    if threading.current_thread() is not threading.main_thread():  # in which nothing is handled
         yield
         return
-    resource_tracker.ensure_running()  # which would let interrupts through again when it is started inside
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
+    come: list[int] = []
+    with ExitStack() as after:
+        after.callback(_raise_all, come)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            handler = signal.getsignal(number)
+            if callable(handler):
+                after.callback(signal.signal, number, handler)
+                signal.signal(number, lambda number, frame: come.append(number))
         yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _raise_all(signals: Iterable[int]) -> None:
+    for number in signals:
+        signal.raise_signal(number)
 
 
 @contextmanager

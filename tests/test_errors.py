@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pickle
 
+import control
 import numpy as np
 import pytest
 
-from eppanalysis.errors import CaseError, EppError, ModelError
+from eppanalysis.errors import CaseError, EppError, ModelError, shown
 
 ERRORS = [
     (ModelError("Pulley", 1.5, "0 to 1", field="kinetic_ratio"), "Pulley: kinetic_ratio is 1.5; expected 0 to 1."),
@@ -32,6 +33,12 @@ def test_sentence_and_fields_survive_another_process(error: EppError, sentence: 
     assert type(again) is type(error) and str(again) == str(error) == sentence
     if error.args and not sentence.startswith("A loop"):
         assert (again.field, again.expected) == (error.field, error.expected)
+
+
+def test_what_has_a_shape_and_is_no_array_is_called_what_it_is() -> None:
+    """A transfer function of python-control, or a table."""
+    assert shown(control.tf([1], [1, 1])) == "a TransferFunction of shape (1, 1)"
+    assert shown(np.zeros((2, 3))) == "an array of shape (2, 3)"
 
 
 def test_numbers_of_numpy_are_shown_as_numbers() -> None:

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -87,6 +88,49 @@ def test_an_interrupt_while_workers_start_is_no_different(parent: subprocess.Pop
     _, errors = parent.communicate(timeout=20)
     assert "Traceback" not in errors
     assert gone(pids)
+
+
+#: Sends itself a signal when a worker has been started and has not been given all that it reads.
+AMID = """
+import os, signal, sys
+from multiprocessing import util
+from eppanalysis.cli.ends import end_as_interrupted
+from eppanalysis.workers import workers
+
+begin = util.spawnv_passfds
+
+def spawn(path, args, passed):
+    pid = begin(path, args, passed)
+    if "--multiprocessing-fork" in map(os.fsdecode, args):
+        os.kill(os.getpid(), signal.Signals[sys.argv[1]])
+    return pid
+
+if __name__ == "__main__":
+    util.spawnv_passfds = spawn
+    end_as_interrupted()
+    try:
+        with workers(2) as pool:
+            print("not interrupted")
+    except KeyboardInterrupt:
+        print("interrupted")
+"""
+
+
+@pytest.mark.parametrize("signalled", [signal.SIGTERM, signal.SIGINT])
+def test_an_interrupt_amid_the_start_of_a_worker_comes_behind_it(tmp_path: Path, signalled: signal.Signals) -> None:
+    script = tmp_path / "amid.py"
+    script.write_text(AMID)
+    command = [sys.executable, str(script), signalled.name]
+    ended = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
+    assert (ended.stdout, ended.stderr) == ("interrupted\n", "")
+
+
+def test_no_thread_of_the_workers_is_left_where_their_block_ends_badly() -> None:
+    before = set(threading.enumerate())
+    with pytest.raises(KeyboardInterrupt), workers(2) as pool:
+        pool.submit(time.sleep, 300)
+        raise KeyboardInterrupt
+    assert set(threading.enumerate()) == before
 
 
 def test_workers_do_not_outlive_a_parent_that_is_killed(parent: subprocess.Popen[str]) -> None:

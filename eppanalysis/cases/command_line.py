@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from eppanalysis.cases.files import Missing
+from eppanalysis.cases.files import GROUPS, Missing
 from eppanalysis.cases.model import Case
 from eppanalysis.cases.variation import takes
 from eppanalysis.errors import EppError
@@ -68,7 +68,9 @@ def _from_here(path: str) -> str:
         way = os.path.relpath(os.path.realpath(path))
     except ValueError:  # on another drive
         return ""
-    return "" if way.split(os.sep)[0] == os.pardir else way
+    if way.split(os.sep)[0] == os.pardir:
+        return ""
+    return os.path.join(os.curdir, way) if way.startswith("-") or way in GROUPS else way  # else an option, or several
 
 
 def _computed(held: Any) -> Any:

@@ -7,6 +7,7 @@ import gc
 import io
 import os
 import sys
+from typing import NoReturn
 
 from eppanalysis.cli.ends import end_as_interrupted, exit_code
 from eppanalysis.cli.signs import write_plainly
@@ -30,8 +31,18 @@ def main() -> None:
         app()
     except KeyboardInterrupt:  # before a command has begun
         sys.stderr.write("Interrupted: nothing is kept.\n")
-        sys.exit(exit_code())
+        _end_interrupted()
     except SystemExit as ended:
         if ended.code == 130:  # of any interrupt, whoever has caught it
-            sys.exit(exit_code())
+            _end_interrupted()
         raise
+
+
+def _end_interrupted() -> NoReturn:
+    """End with the code of an interrupt.
+
+    Python notes when one passes through text that it executes (a dataclass is made of some), and would end by SIGINT
+    for that; it forgets the note with the next text.
+    """
+    exec("")
+    sys.exit(exit_code())

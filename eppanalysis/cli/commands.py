@@ -150,10 +150,10 @@ class _Command(TyperCommand):
 
 
 def _public_functions() -> list[str]:
-    """What Python calls the analyses."""
+    """What Python calls the analyses, and what they change a case with."""
     import eppanalysis
 
-    return [name for name in dir(eppanalysis) if name.islower()]
+    return [*(name for name in dir(eppanalysis) if name.islower()), "with_values"]
 
 
 def _check_choice(option: Any, hint: Any, given: Any) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from eppanalysis.cli.common import check_output
-from eppanalysis.errors import EppError
+from eppanalysis.errors import CaseError, EppError
 
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
@@ -54,8 +54,13 @@ def step_for_manual(case: Case, limit: str, paths: Sequence[Path], step: str | N
     for path in paths:
         check_output(path, MANUALS)
         check_manual(path)
-    found = None if step is None else case.readable(limit)[1] * case.si(limit, step)
-    if found is not None and not found > 0:
+    if step is None:
+        return None
+    try:
+        found = case.readable(limit)[1] * case.si(limit, step)
+    except CaseError as error:
+        raise CaseError("--step", limit, step, error.expected) if error.field == limit else error from None
+    if not found > 0:
         raise EppError(f"--step {step}: is no step; expected a positive one.")
     return found
 

@@ -38,14 +38,16 @@ def question(
         return ""
     if e.name == OWN:
         return next((f"How far {n} must go for it to end: {q}" for n in asking.over if (q := asking.bounds(n))), "")
-    if not (e.parameter and e.over):
+    asked = asking.bounds(e.parameter, e.over) if e.parameter and e.over else ""
+    if not asked:
         return ""
     if not e.in_proportion:
-        asked = asking.bounds(e.parameter, e.over)
         return f"How large {e.parameter} may be beside the model's other elements: {asked}"
     half = _half(found, units)
-    asked = asking.bounds(e.parameter, e.over, "--allow", half) if asking.words else ""
-    asked = asked or f"{asking.bounds(e.parameter, e.over).removesuffix(')')}, allow={half!r})"
+    if asking.words:
+        asked = asking.bounds(e.parameter, e.over, "--allow", half)
+    else:
+        asked = f"{asked.removesuffix(')')}, allow={half!r})"
     return f"How large {e.parameter} may be for an oscillation of half the size ({half} peak to peak): {asked}"
 
 

@@ -33,6 +33,8 @@ _EXPLAINED = 0.5
 #: Lines of the spectrum within which a sine is not told from another; chance below which a line is no noise, and share
 #: of the oscillation from which on it is told: a model's waveform may be off by as much.
 _NEAREST, _CHANCE, _SEEN = 2.0, 1e-6, 0.05
+#: Part of a sample's distance within which samples are even; points of a grid for each that is not.
+_EVEN, _FINE = 1e-3, 8
 #: Places between two harmonics at which the noise is read, in multiples of the fundamental.
 _BETWEEN = np.array([-0.45, -0.35, -0.25, 0.25, 0.35, 0.45])
 
@@ -216,14 +218,15 @@ def _lines_beside(
         aside = places - rate * np.maximum(np.round(places / rate), 1.0)
         image = np.abs(aside - omega * np.clip(np.round(aside / omega), -K, K)) <= _NEAREST * width
         places = places[~image]
-    found = np.abs(_amplitudes(t, rest, places)) if places.size else np.zeros((0, len(names)))
+    if not places.size:
+        return
+    found = _spectrum(t, rest)[np.round(places / (0.25 * width)).astype(int)]
     for i, name in enumerate(names):
-        if not places.size:
-            return
         k = int(np.argmax(found[:, i]))
+        size = abs(_amplitudes(t, rest[:, [i]], places[[k]]).item())
         # The power of a line in white noise is exponential: the chance that the largest of n has so much.
-        power = len(t) * found[k, i] ** 2 / (4.0 * max(float(rest[:, i].var()), 1e-300))
-        share = float(found[k, i] / np.abs(c[i]).max(initial=1e-300))
+        power = len(t) * size**2 / (4.0 * max(float(rest[:, i].var()), 1e-300))
+        share = size / float(np.abs(c[i]).max(initial=1e-300))
         if len(t) * np.exp(-power) < _CHANCE and share > _SEEN:
             yield Line(name, float(places[k] / (2.0 * np.pi)), share)
 
@@ -241,6 +244,26 @@ def _amplitudes(t: Array, Y: Array, omegas: Array) -> ComplexArray:
     out = np.empty((len(omegas), Y.shape[1]), complex)
     for i in range(0, len(omegas), 64):
         out[i : i + 64] = np.exp(-1j * np.outer(omegas[i : i + 64], t)) @ Y * (2.0 / len(t))
+    return out
+
+
+def _spectrum(t: Array, Y: Array) -> Array:
+    """Sizes of amplitudes at quarters of the width of a line, to twice as many as there are samples.
+
+    Each sample is shared between the two nearest points of an even grid, eight to a sample, which leaves lines where
+    they are and takes 2 % off the fastest; samples that are even lie on one of their own, and lose nothing.
+    """
+    n = len(t)
+    at = (t - t[0]) * ((n - 1) / float(np.ptp(t)))
+    fine = 1 if np.abs(at - np.round(at)).max() < _EVEN else _FINE
+    length = 4 * fine * (n - 1)
+    left = np.minimum((fine * at + (0.5 if fine == 1 else 0.0)).astype(int), fine * (n - 1))
+    share = np.zeros(n) if fine == 1 else fine * at - left
+    out = np.empty((2 * n, Y.shape[1]))
+    for i, y in enumerate(Y.T):
+        grid = np.bincount(left, (1.0 - share) * y, length) + np.bincount(left + 1, share * y, length)
+        whole = np.abs(np.fft.rfft(grid)) * (2.0 / n)
+        out[:, i] = whole[np.minimum(np.arange(2 * n), length - np.arange(2 * n))]
     return out
 
 

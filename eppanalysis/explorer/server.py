@@ -10,7 +10,6 @@ from __future__ import annotations
 import hmac
 import logging
 import secrets
-import signal
 import socket
 import sys
 from collections.abc import Callable
@@ -113,7 +112,6 @@ def serve(case: Case, port: int, ready: Callable[[str], None]) -> None:
     http = HTTPServer(app)
     http.listen(port, ADDRESS)
     server = BaseServer(IOLoop.current(), app, http)
-    signal.signal(signal.SIGTERM, lambda *_: server.io_loop.add_callback_from_signal(server.io_loop.stop))
     try:
         server.start()
         ready(f"http://{ADDRESS}:{port}/{token}/")

@@ -13,7 +13,7 @@ from decimal import Decimal
 from typing import TypeVar
 
 from eppanalysis.arguments import checked
-from eppanalysis.errors import EppError, shown
+from eppanalysis.errors import ArgumentError, EppError, shown
 from eppanalysis.guides.result import Guide, GuideRow, Region, Side, in_words
 from eppanalysis.limits import Limit, Printed
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Known
@@ -96,8 +96,8 @@ def in_steps(result: R, step: float | None) -> R:
     limits = [row.printed for row in rows if math.isfinite(row.printed.value)]
     least = min((printed.factor * limit.safe for limit in limits), default=math.inf)
     if step > least and not any(limit.holds_above for limit in limits):
-        shortest = f"{number(least)} {printed.unit}".rstrip()
-        raise EppError(f"manual_table: step is {number(step)}; expected at most the smallest bound, {shortest}.")
+        given, shortest = (f"{number(value)} {printed.unit}".rstrip() for value in (step, least))
+        raise ArgumentError("step", f" is {given}; expected at most the smallest bound, {shortest}.", "manual_table")
     return replace(result, step=step)
 
 

@@ -379,6 +379,8 @@ class Guide(Result):
                 else quantity(abs(row.trigger), self.case.input_unit, 2)
             )
             where = "at the harness" if self.of_backlash else f"of {words(row.struck)}"
+            if row.trigger == 0.0:
+                return out + f"any step {where}, however small, starts an oscillation{larger} that stays."
             return out + f"a step of {step} {where} starts an oscillation{larger} that stays."
         if self.of_backlash and self.allowed is None:
             return out + "an oscillation exists, but no step of the harness that was tried starts it."

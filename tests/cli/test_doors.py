@@ -140,6 +140,7 @@ def needs(command: str) -> None:
         (("response", "backlash_servo", "--amplitude", "1", "--frequency", "1"), "response: backlash_servo has no ext"),
         (("identify", "fig8a_original"), "no measured file is given; expected --tray, --backlash or --step."),
         ((*GOAL, "--tune", "loop.gain 1..3"), "--tune loop.gain: is given twice; expected it once."),
+        ((*BOUNDED, "--within", "-1..2"), "bounds: play.gap is -1.0; expected zero or more."),
         ((*BOUNDED, "--own-run"), "--own-run is asked of a loop whose bounds are folds; expected a loop whose"),
         ((*BOUNDED, "--within", "2..1"), "--within is 2 to 1; expected low < high"),
         ((*BOUNDED, "--set", "play.gap=0"), "--within is not given, and play.gap is 0 in this case; expected a range"),

@@ -73,6 +73,27 @@ def test_threads_of_a_sweep_end_with_the_code_of_the_signal(tmp_path: Path, sign
     assert process.returncode == 128 + signalled
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks at processes")
+@pytest.mark.parametrize("signalled", [signal.SIGTERM, signal.SIGINT])
+def test_the_explorer_ends_with_the_code_of_the_signal(tmp_path: Path, signalled: signal.Signals) -> None:
+    pytest.importorskip("bokeh")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p), "TMPDIR": str(tmp_path)}
+    command = [sys.executable, "-m", "eppanalysis", "explore", "backlash_servo", "--no-browser", "--port", "0"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(command, env=environment, text=True, **pipes)
+    assert process.stdout is not None and process.stdout.readline().endswith("(Ctrl-C ends it)\n")
+    children = family(process.pid)
+    process.send_signal(signalled)
+    _, said = process.communicate(timeout=40)
+    assert (process.returncode, said) == (128 + signalled, "")
+    end = time.monotonic() + 10.0
+    while [pid for pid in children if Path(f"/proc/{pid}").exists()] and time.monotonic() < end:
+        time.sleep(0.1)
+    assert not [pid for pid in children if Path(f"/proc/{pid}").exists()]
+    assert not list(tmp_path.rglob("eppanalysis-*"))
+
+
 #: Has the process send itself a signal when it imports a module, and then is the command.
 AT_IMPORT = """
 import os, signal, sys
@@ -97,6 +118,12 @@ IN_A_CALLBACK = AT_IMPORT.replace(
     "            del gone, asked_once\n",
 )
 
+#: The same in text that is executed, as that is of which a dataclass is made.
+IN_TEXT = AT_IMPORT.replace(
+    "            os.kill(os.getpid(), number)\n",
+    """            exec("os.kill(os.getpid(), number)\\nlist(range(9))")\n""",
+)
+
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="signals of this system")
@@ -108,14 +135,19 @@ IN_A_CALLBACK = AT_IMPORT.replace(
         ("pydantic", AT_IMPORT),
         ("eppanalysis.tables.console", AT_IMPORT),
         ("pydantic", IN_A_CALLBACK),
+        ("typer", IN_TEXT),
+        ("eppanalysis.tables.console", IN_TEXT),
     ],
-    ids=["commands", "arguments", "in a command", "in a callback"],
+    ids=["commands", "arguments", "in a command", "in a callback", "in text", "in text of a command"],
 )
 def test_a_command_that_still_imports_or_reads_its_arguments_says_that_it_was_interrupted(
-    module: str, script: str, signalled: signal.Signals
+    tmp_path: Path, module: str, script: str, signalled: signal.Signals
 ) -> None:
+    (tmp_path / "asked.py").write_text(script)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    command = [sys.executable, "-c", script, signalled.name, module, "check", "backlash_servo"]
-    ended = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=60)
+    command = [sys.executable, "-m", "asked", signalled.name, module, "check", "backlash_servo"]
+    ended = subprocess.run(
+        command, check=False, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
     assert ended.returncode == 128 + signalled
     assert ended.stderr == "Interrupted: nothing is kept.\n" and not ended.stdout

@@ -81,6 +81,12 @@ def test_frame_has_units_and_numbers(guide: Guide) -> None:
     assert "a step of 0.25 mm at the harness starts" in sentence
 
 
+def test_where_any_disturbance_starts_the_oscillation_no_step_of_nothing_does(guide: Guide) -> None:
+    """A loop that is unstable at rest: the smallest disturbance that starts its cycle has size zero."""
+    any_step = dataclasses.replace(guide, rows=(dataclasses.replace(guide.rows[0], trigger=0.0),))
+    assert "any step at the harness, however small, starts an oscillation that stays." in any_step.sentences()[0]
+
+
 def test_numbers_are_rounded_to_the_safe_side(guide: Guide, tmp_path: Path) -> None:
     """A bound of 0.45977 deg is not 0.46 deg, nor 0.4598 in a cell of a spreadsheet that shows four digits."""
     cell = dataclasses.replace(guide.rows[0].cell, exact=0.45977 * DEGREE)

@@ -165,6 +165,18 @@ def test_a_step_that_cannot_be_is_refused(bounds, step):
         epp.manual_table(bounds, step)
 
 
+def test_a_step_on_the_command_line_is_called_by_its_option_in_its_unit(monkeypatch, bounds, tmp_path: Path):
+    monkeypatch.setattr("eppanalysis.methods.bounds.design.design_bounds", lambda *_, **__: bounds)
+    command = ["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash"]
+    manual = [*command, "--manual", str(tmp_path / "b.md"), "--step"]
+    larger = CliRunner().invoke(app, [*manual, "400 deg"])
+    assert larger.exit_code == 2
+    assert re.fullmatch(r"--step is 400 deg; expected at most the smallest bound, [\d.]+ deg\.\n", larger.stderr)
+    other = CliRunner().invoke(app, [*manual, "1 N"])
+    assert other.exit_code == 2
+    assert other.stderr.startswith("--step: lock_pin.backlash is '1 N'; expected an angle")
+
+
 @pytest.mark.parametrize(
     "finding", mostly_slow([f for f in Finding if f is not Finding.BOUND], [Finding.ALWAYS, Finding.NONE])
 )

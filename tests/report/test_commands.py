@@ -185,6 +185,17 @@ def test_a_notebook_names_no_folder_of_the_machine(
         assert epp.read_case(words[0]).to_toml() == case.to_toml() and f"called={words}" in code
 
 
+@pytest.mark.parametrize("name", ["-servo.toml", "truth-table"])
+def test_a_notebook_names_a_file_so_that_it_is_no_option_and_no_group(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / name
+    path.write_text(MINE, encoding="utf-8")
+    done = CliRunner().invoke(app, ["check", *called(epp.read_case(path), carried=True)])
+    assert done.exit_code == 0 and done.output.count("valid") == 1, done.output
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SOME)
 def test_commands_of_a_shipped_case_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -98,8 +98,8 @@ def certify(
     ... )
     >>> found = epp.certify(servo)
     >>> print(found)
-    Proved: the describing function has exactly 2 roots for servo; for amplitudes 0.0009766 to
-    2119, 0.0007325 to 5120 rad/s and no bias.
+    Proved: the describing function has exactly 2 roots for servo; for amplitudes
+    0.0009766 to 2119, 0.0007325 to 5120 rad/s and no bias.
     >>> [f"{root.amplitude[0]:.6f}" for root in found.roots]
     ['1.485175', '1.490930']
     >>> limited = epp.LureSystem.from_tf(

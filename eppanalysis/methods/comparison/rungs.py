@@ -278,10 +278,10 @@ def _belonging(rows: tuple[Rung, ...], truth: Sequence[LimitCycle], signal: str)
 def _with_errors(row: Rung, exact: int | None, truth: Sequence[LimitCycle], signal: str) -> Rung:
     if exact is None or row.cycle is None:
         return row
-    errors = {
-        "period": pace(truth[exact], signal) / pace(row.cycle, signal) - 1.0,
-        "peak-to-peak": row.cycle.peak_to_peak[signal] / truth[exact].peak_to_peak[signal] - 1.0,
-    }
+    errors = {"period": pace(truth[exact], signal) / pace(row.cycle, signal) - 1.0}
+    size = truth[exact].peak_to_peak[signal]
+    if size > 0.0:  # else the signal stands still, and no error is relative to that
+        errors["peak-to-peak"] = row.cycle.peak_to_peak[signal] / size - 1.0
     return replace(row, exact=exact, errors=errors)
 
 

@@ -34,6 +34,6 @@ def error_sentences(errors: dict[str, dict[str, float]], signal: str) -> list[st
     """How far first order is off on the matched cycle."""
     if not errors:
         return []
-    f, a = errors["frequency"]["frequency"], errors.get(signal, {}).get("peak_to_peak", float("nan"))
-    size = f"{signed_percent(a)} in the size of {words(signal)}"
-    return [f"The describing function is off by {signed_percent(f)} in frequency and {size}."]
+    f, a = errors["frequency"]["frequency"], errors.get(signal, {}).get("peak_to_peak")
+    size = "" if a is None else f" and {signed_percent(a)} in the size of {words(signal)}"
+    return [f"The describing function is off by {signed_percent(f)} in frequency{size}."]

@@ -147,16 +147,19 @@ class BalancedOscillation:
 
     @cached_property
     def measures(self) -> Array:
-        """What an error is measured in: frequency, fundamental and peak-to-peak of the first signal that moves."""
+        """What an error is measured in: frequency, fundamental and peak-to-peak of the first signal that moves.
+
+        Of the input of the pivot where none does: those of a file may all stand still.
+        """
         system = self.loop.system
         W, _ = self.loop.outputs(self._without_overshoot, self.omega)
         response = system.signal_response(self.omega * orders(self.order)[1:])
         c = (response @ W.T[1:, :, None])[..., 0].T
         moves = np.flatnonzero(np.abs(c[:, 0]) > 0)
-        i = int(moves[0]) if moves.size else 0
-        sizes = [self.omega, float(np.abs(c[i, 0]))]
-        if not np.any(system.signals.D[i]):  # series of signals that jump overshoot
-            _, value = extrema(np.concatenate([[[0.0]], c[i : i + 1]], 1))[0]
+        series = c[moves[0]] if moves.size else self.Z[self.pivot, 1:]
+        sizes = [self.omega, float(np.abs(series[0]))]
+        if not (moves.size and np.any(system.signals.D[moves[0]])):  # series of signals that jump overshoot
+            _, value = extrema(np.concatenate([[0.0], series])[None])[0]
             sizes.append(float(np.ptp(value)))
         return np.array(sizes)
 

@@ -405,3 +405,36 @@ def test_of_a_run_that_grows_without_bound_no_longer_one_is_asked_for(plant, ele
 def test_no_sentence_beside_a_run_without_bound_calls_it_undecided(agreement) -> None:
     assert "undecided" not in agreement.sentence(Status.DIVERGED)
     assert agreement.sentence(Status.UNDECIDED) == agreement.value
+
+
+STILL = """
+kind = "loop"
+title = "Only the set point is shown"
+[loop]
+A = [[-1, 0], [1, 0]]
+B = [[-5], [0]]
+C = [[0, 1]]
+inputs = ["reference"]
+input_matrix = [[0], [0]]
+[loop.signals]
+reference = { state = [0, 0], input = [1] }
+[[loop.elements]]
+element = "play"
+gap = 2.0
+[run]
+t_end = "100 s"
+"""
+
+
+def test_a_loop_whose_signals_all_stand_still_has_errors_of_frequency_alone() -> None:
+    """The size of a signal that stands still has no relative error; that of a prediction is estimated elsewhere."""
+    found = epp.ladder(epp.case_from_text(STILL))
+    assert found.agreement is Agreement.AGREE and set(found.errors) == {"frequency"}
+    assert all(row.errors.get("peak-to-peak") in (None, 0.0) for row in found.rows)  # none, or exact
+    assert "First order is off by +1.2 % in frequency." in str(found)
+    moving = STILL.replace("input = [1] }", "input = [1] }\nangle = { state = [0, 1] }")
+    errors = [
+        [cycle.error_estimate for cycle in epp.predict_limit_cycles(epp.case_from_text(text)).cycles]
+        for text in (STILL, moving)
+    ]
+    np.testing.assert_allclose(*errors, rtol=0.2)
