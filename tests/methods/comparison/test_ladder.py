@@ -431,7 +431,7 @@ def test_a_loop_whose_signals_all_stand_still_has_errors_of_frequency_alone() ->
     found = epp.ladder(epp.case_from_text(STILL))
     assert found.agreement is Agreement.AGREE and set(found.errors) == {"frequency"}
     assert all(row.errors.get("peak-to-peak") in (None, 0.0) for row in found.rows)  # none, or exact
-    assert "First order is off by +1.2 % in frequency." in str(found)
+    assert "The describing function is off by +1.2 % in frequency." in str(found)
     moving = STILL.replace("input = [1] }", "input = [1] }\nangle = { state = [0, 1] }")
     errors = [
         [cycle.error_estimate for cycle in epp.predict_limit_cycles(epp.case_from_text(text)).cycles]
