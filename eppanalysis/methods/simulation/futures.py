@@ -148,12 +148,22 @@ class _Mode:
         """P of a function e' P e of what decays."""
         return _lyapunov(self.L[self.decays, self.decays])
 
+    def _compared_with(self, size: Array) -> Array:
+        """How large the terms of guards are that memory values are compared with: they were made of such, and are known
+        to the rounding of these alone. Of a play that is let go near rest its output is a difference.
+        """
+        memory = np.abs(self.g[:, len(self.F) : -1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            beside = (np.abs(self.g) @ size)[:, None] / memory
+        return np.max(beside, axis=0, where=memory > 0.0, initial=0.0)
+
     def future(self, y: Array) -> Future | None:
         """What is to come from y, (N,)."""
         # A state that the parts of the motion cancel in is their rounding.
         y = self.levels @ y
         size = np.abs(y)
         size[self.repeats] = np.abs(self.W) @ (np.abs(self.Wi) @ size[self.repeats])
+        size[len(self.F) : -1] = np.maximum(size[len(self.F) : -1], self._compared_with(size))
         rates, terms = self.F @ y, np.abs(self.F) @ size
         if np.any(np.abs(rates[self.clocks]) > _ROUNDING * terms[self.clocks]):
             return None
