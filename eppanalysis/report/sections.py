@@ -317,8 +317,7 @@ SECTIONS: tuple[Section, ...] = (
     Section(
         "Ladder",
         "Prediction and event-exact simulation side by side, with the error of the describing function in per cent; "
-        "that of a "
-        "mean is in per cent of the simulated peak to peak.",
+        "that of a mean is in per cent of the simulated peak to peak.",
         lambda case: _LADDER.format(signals=_shown(case)),
     ),
     Section(

@@ -39,9 +39,8 @@ if TYPE_CHECKING:
 #: How to read an estimate that says no more than that it cannot tell.
 _BEYOND = (
     "may not exist: the harmonics that the describing function neglects take this cycle away, or it passes a "
-    "threshold by less "
-    "than they are; where they move it by more than its own size (> 100 %) the estimate cannot say how wrong it is. "
-    "Compare with the exact cycles (validate, cycles)."
+    "threshold by less than they are; where they move it by more than its own size (> 100 %) the estimate cannot say "
+    "how wrong it is. Compare with the exact cycles (validate, cycles)."
 )
 #: What a state is called that was given no name.
 _STATE = re.compile(r"^x\d+$")

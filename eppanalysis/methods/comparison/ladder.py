@@ -71,8 +71,8 @@ class Agreement(Enum):
     )
     ROUGH = (
         "The run settles on the stable cycle that the describing function predicts, but the describing function is "
-        "off by more than "
-        f"{100 * _AGREES:g} % in frequency or size: it tells that there is a cycle, not what it is like."
+        f"off by more than {100 * _AGREES:g} % in frequency or size: it tells that there is a cycle, not what it is "
+        "like."
     )
     FREE = "Prediction and simulation agree: no stable limit cycle is predicted, and the run settles at rest."
     GUARDED = (
@@ -90,24 +90,21 @@ class Agreement(Enum):
     )
     MISSED = (
         "The describing function misses stable limit cycles that exist: the exact search finds what it does not "
-        "predict. "
-        "The run is on none of them by its end."
+        "predict. The run is on none of them by its end."
     )
     CONFIRMED = f"The exact search confirms what the describing function predicts{_LEFT_OPEN}, so simulate for longer."
     CONFIRMED_STABLE = (
         "The exact search confirms the stable cycle that the describing function predicts, but not every unstable "
-        "one to within "
-        f"{100 * _AGREES:g} %{_LEFT_OPEN}, simulate for longer to see the stable one there."
+        f"one to within {100 * _AGREES:g} %{_LEFT_OPEN}, simulate for longer to see the stable one there."
     )
     NONE_STABLE = (
         "The describing function predicts no stable cycle and the exact search finds none, but unstable ones differ "
-        "by more than "
-        f"{100 * _AGREES:g} %{_LEFT_OPEN}, simulate for longer."
+        f"by more than {100 * _AGREES:g} %{_LEFT_OPEN}, simulate for longer."
     )
     FOUND = (
         "The exact search finds the stable cycle that the describing function predicts, but the describing function "
-        "is off by more than "
-        f"{100 * _AGREES:g} % in frequency or size{_LEFT_OPEN}, simulate for longer to see it there."
+        f"is off by more than {100 * _AGREES:g} % in frequency or size{_LEFT_OPEN}, simulate for longer to see it "
+        "there."
     )
     UNDECIDED = (
         "The run is undecided by its end, so the prediction is neither confirmed nor refuted; simulate for longer."

@@ -220,8 +220,7 @@ def _undamped(balance: Balance) -> Iterator[str]:
         yield (
             f"The linear part swings undamped by itself at {listed([f'{w / (2.0 * np.pi):.4g}' for w in alone])} Hz, "
             f"where the describing function has cycles of about {listed(sorted(sizes, key=float)[:_PLACES])}{unit} "
-            "peak to peak at "
-            f"{system.element_names[0]}, whose gain passes zero, and does not follow them here."
+            f"peak to peak at {system.element_names[0]}, whose gain passes zero, and does not follow them here."
         )
 
 
@@ -267,8 +266,8 @@ def _stick_slip(balance: Balance) -> Iterator[str]:
             why, how = ("integral action", "hunt") if winds_up else ("what drags it", "judder")
             yield (
                 f"{system.element_names[i]} sticks, which the describing function does not see, and {why} does not "
-                "let it "
-                f"stick for ever: the loop may {how}, in cycles of sticking and slipping that are not predicted here."
+                f"let it stick for ever: the loop may {how}, in cycles of sticking and slipping that are not "
+                "predicted here."
             )
 
 
@@ -361,9 +360,8 @@ def _locked(balance: Balance, points: Sequence[Point]) -> Iterator[str]:
             which = f"{turns[0]}" if len(turns) == 1 else f"{turns[0]} to {turns[-1]}"
             yield (
                 "The describing function does not see where the samples fall beside the jumps of "
-                f"{system.element_names[i]}: "
-                f"cycles of about {which} samples a turn, or of several such turns, may lock to them that are not "
-                "predicted here."
+                f"{system.element_names[i]}: cycles of about {which} samples a turn, or of several such turns, may "
+                "lock to them that are not predicted here."
             )
 
 

@@ -107,14 +107,12 @@ class Dither(Result):
             told = (
                 f"The least dither that removes the limit cycle has amplitude {self.amplitude:.4g}, {what}; at "
                 f"{self.stays:.4g} {self._below()}. The describing function says {first}. The effective gain for "
-                "small signals is "
-                f"then {self.gain:.4g}."
+                f"small signals is then {self.gain:.4g}."
             )
         if self.returned > _MUCH:
             told += (
                 f" The loop returns {percent(self.returned)} of the dither to the element, which the describing "
-                "function leaves "
-                "out: of a faster one it would return less."
+                "function leaves out: of a faster one it would return less."
             )
         return (
             f"{told} Shown by {count(len(self.runs), 'run')} from the cycle and from the loop's own start; "
