@@ -109,7 +109,7 @@ class LimitCycle(Result):
     stability_criterion: str = ""
     multipliers: ComplexArray | None = None
     residual: float = float("nan")
-    error_estimate: WhenAsked = WhenAsked()
+    error_estimate: WhenAsked[float] = WhenAsked(float("nan"))
     events: Sequence[Event] = ()
     time: Array = field(default_factory=lambda: np.zeros(0))
     waveform: dict[str, Array] = field(default_factory=dict)
@@ -119,7 +119,7 @@ class LimitCycle(Result):
     mean_state: Array = field(default_factory=lambda: np.zeros(0))
     event_states: Array = field(default_factory=lambda: np.zeros((0, 0)))
     elements: dict[str, dict[str, float]] = field(default_factory=dict)
-    harmonic_content: WhenAsked = WhenAsked()
+    harmonic_content: WhenAsked[float] = WhenAsked(float("nan"))
     note: str = ""
 
     in_json = (
@@ -271,7 +271,7 @@ class Trajectory(Result):
     settled_since: float = float("nan")
     units: dict[str, str] = field(default_factory=dict)
     n_events: int = 0
-    note: str = ""
+    note: WhenAsked[str] = WhenAsked("")
     again: Callable[[Array], Mapping[str, Array]] | None = None
 
     in_json = "status message settled_at settled_since limit_cycle n_events operating_point end_time provenance"

@@ -14,10 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray, IntArray
-from eppanalysis.engine.orbits import READY, SINGULAR, Chain, Channels, build_arcs
+from eppanalysis.engine.orbits import Chain, Channels
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.simulation.levels import on_levels
-from eppanalysis.methods.simulation.workspaces import of_thread
+from eppanalysis.methods.simulation.modes import laws_of, on_levels
 from eppanalysis.methods.steady.flow import advances
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
@@ -137,27 +136,16 @@ class Arcs:
         """
         model = hybrid.model
         _refuse_another_structure(hybrid, event_sequence, like)
-        n, n_w = model.B.shape
-        n_s, N, n_y = model.S.shape[1], n + model.K.shape[1], model.Yx.shape[0]
-        p = event_sequence.guards.size
-        F, S, g, gs = np.empty((p, n, N)), np.empty((p, n, n_s)), np.empty((p, N)), np.empty((p, n_s))
-        J, smooth, sense = np.empty((p, N, N)), np.empty(p, np.int64), np.ones((p, n_s))
-        Y, Ys, W = np.empty((p, n_y, N)), np.empty((p, n_y, n_s)), np.empty((p, n_w, N))
-        base = 2.0 * hybrid.time_scale  # as runs have it
-        compiled, work, _ = of_thread.workspaces(hybrid, base)
-        modes, guards, timing = event_sequence.modes, event_sequence.guards, event_sequence.timing
-        code = build_arcs(model, compiled, work, base, modes, guards, timing, F, S, g, gs, J, smooth, sense, Y, Ys, W)
-        if code != READY:
-            what = (
-                "a combination of modes without a unique solution" if code == SINGULAR else "an event it does not have"
-            )
-            raise ModelError(f"orbit: the sequence of events runs through {what}.")
+        n, n_s = model.S.shape
+        F, S, g, gs, J, smooth, sense, Y, Ys, W = laws_of(
+            hybrid, event_sequence.modes, event_sequence.guards, event_sequence.timing
+        )
         channels = Channels(
             model.smooth_kind, model.smooth_x, model.smooth_H, model.smooth_s, model.smooth_scale, sense
         )
         shift = np.concatenate([np.zeros(n), advances(hybrid)[n:]])
         free = np.zeros(0, np.int64) if like is None else like.free
-        J = on_levels(hybrid, modes) @ J
+        J = on_levels(hybrid, event_sequence.modes) @ J
         arcs = cls(event_sequence, F, S, g, gs, J, smooth, Y, Ys, W, channels, n, 0, free, shift)
         if n_s and np.any(model.smooth_kind == DELAY_LINE):
             arcs = arcs._with_delays(hybrid)

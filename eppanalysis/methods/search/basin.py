@@ -14,10 +14,9 @@ from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array, IntArray
 from eppanalysis.methods.orbits.exact import range_of, steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import away
-from eppanalysis.methods.search.decay import comes_to_rest
 from eppanalysis.methods.search.result import CycleSearch
+from eppanalysis.methods.search.trigger import Judge
 from eppanalysis.methods.simulation.batch import BatchResult, HybridStack, simulate_batch
-from eppanalysis.methods.simulation.futures import Futures, Switches
 from eppanalysis.methods.simulation.runs import cycle_of_run, judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import slowest_pole
@@ -47,8 +46,6 @@ _SAME_PERIOD, _SAME_SIZE = 1e-4, 2e-2
 _ALIKE_UNLOCKED = 0.1
 _PERIODS = 60.0
 _LONGER = (1.0, 4.0, 16.0)
-#: How many switches that drifts bring about are waited for, behind which a motion may come to rest.
-_SLIPS = 8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -153,8 +150,10 @@ def basin(
     hybrid = steady_hybrid(system, at)
     oscillations = (range_of(hybrid, c) for c in cycles)
     size = np.max([np.ptp(starts, axis=0), *oscillations], axis=0)
+    # What only drifts ever more slowly has no verdict, and rests.
+    to = Judge(_LONGER[-1] * horizon, np.append(size, np.zeros(hybrid.x0.size - size.size)))
     for i in np.flatnonzero(ends == UNDECIDED):
-        if _creeps(steady_hybrid(replace(system, x0=starts[i]), at), horizon, size):
+        if to.ends(steady_hybrid(replace(system, x0=starts[i]), at))[0] is Status.SETTLED:
             ends[i] = REST
     return Basin(starts, ends, provenance=made_by)
 
@@ -173,21 +172,6 @@ def _end_among_samples(system: LureSystem, cycles: CycleSearch, start: HybridSys
     near = [away(seen, cycle) if cycle.stable else np.inf for cycle in cycles]
     alike = _ALIKE_UNLOCKED if found[5] else _SAME_PERIOD
     return int(np.argmin(near)) if min(near, default=np.inf) < alike else UNKNOWN
-
-
-def _creeps(start: HybridSystem, horizon: float, size: Array) -> bool:
-    """Whether a run without verdict will come to rest."""
-    t, futures = _LONGER[-1] * horizon, Futures(start)
-    size = np.append(size, np.zeros(start.x0.size - size.size))
-    for _ in range(_SLIPS):
-        run = run_hybrid(start, t, np.zeros(0), 2.0 * start.time_scale, 60_000, 600)
-        status, future = judge(start, run, t)[0], futures.of(run.end(start))
-        if status is Status.SETTLED or comes_to_rest(futures, start, run, t, horizon, size):
-            return True
-        if status is not Status.UNDECIDED or not isinstance(future, Switches):
-            return False
-        t = 3.0 * (t + future.after)  # what drifts is looked at behind its next switch
-    return False
 
 
 def _slowest(system: LureSystem) -> float:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from eppanalysis.arrays import Array, IntArray
-from eppanalysis.methods.simulation.futures import Futures, Rests
+from eppanalysis.methods.simulation.futures import Future, Rests
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.models.systems.hybrid import HybridSystem, of_model
 
@@ -44,25 +45,24 @@ def dwindles(start: HybridSystem, run: Run) -> tuple[bool, float]:
     return bool(now < _DWINDLES * before), float(now)
 
 
-def comes_to_rest(futures: Futures, start: HybridSystem, run: Run, t: float, horizon: float, size: Array) -> bool:
+def comes_to_rest(future: Future | None, turns: Turns, start: HybridSystem, run: Run, t: float, size: Array) -> bool:
     """Whether a run that has not settled by its end will: by its modes there, by turns that shrink alike, or, of curved
     elements and behind a dead time, as it decays; arguments as of :func:`decays`.
     """
     if start.model.smooth_kind.size:
-        return decays(start, run, t, horizon, size)
-    ratio = Turns.of(start, run).ratio()
-    return isinstance(futures.of(run.end(start)), Rests) or (ratio is not None and abs(ratio) < 1.0)
+        return decays(start, run, t, size)
+    return isinstance(future, Rests) or (turns.ratio is not None and abs(turns.ratio) < 1.0)
 
 
-def decays(start: HybridSystem, run: Run, t: float, horizon: float, size: Array) -> bool:
+def decays(start: HybridSystem, run: Run, t: float, size: Array) -> bool:
     """Whether a run decays: its states move by rounding only, or drift ever more slowly through a band without gain.
 
     Parameters
     ----------
-    t, horizon : float
-        Length of the run, and of some forty periods of the cycles in question [s].
+    t : float
+        Length of the run [s].
     size : array, shape (n,)
-        How far the states move on such cycles.
+        How far the states move on the cycles in question.
     """
     size = np.maximum(size, np.abs(run.x_end - start.x0))[start.compared]
     if t - _last_motion(start, run, _STILL * size) < 0.3 * t:
@@ -110,13 +110,16 @@ class Turns:
 
         return cls(start, joined("guard"), joined("modes"), joined("state"), joined("rate"), last.swing)
 
+    @cached_property
     def ratio(self) -> float | None:
         """The ratio of each of the last turns to the one before, where they are alike but for their size.
 
         Larger ones where the motion is so large that no level of an element bends it, and smaller ones about a rest,
         where the rates vanish, too: such turns go on for ever, as the loop does the same at all such sizes. None
-        elsewhere.
+        elsewhere, and where elements are curved or act late.
         """
+        if self.start.model.smooth_kind.size:
+            return None
         same = (self.guard == self.guard[-1:]) & np.all(self.modes == self.modes[-1:], axis=1)
         events, compared = np.flatnonzero(same), self.start.compared
         X, R = self.state[:, compared], self.rate[:, compared]

@@ -18,11 +18,11 @@ from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import close_orbit, orbit_of, same_orbit
 from eppanalysis.methods.search.continua import at_end, has_period_of, on_rim, same_continuum
-from eppanalysis.methods.search.decay import Turns, decays, died_out, dwindles
+from eppanalysis.methods.search.decay import Turns, comes_to_rest, died_out, dwindles
 from eppanalysis.methods.search.reach import reach_of_elements
 from eppanalysis.methods.search.rests import Met, note_modes
 from eppanalysis.methods.simulation.budget import Budget, BudgetExceeded, budget, remaining
-from eppanalysis.methods.simulation.futures import Future, Futures, Leaves, Rests, Swings, Switches
+from eppanalysis.methods.simulation.futures import Future, Leaves, Rests, Swings, Switches, future_of
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.runs import cycle_of_run, judge, repeats_undecided, run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
@@ -225,9 +225,8 @@ class RunOutcomes:
                 known = self._quiet_cycle(run, t)
             if known is not RunOutcome.UNDECIDED:
                 return known
-            turns = Turns.of(start, run, turns)
-            future = self._futures.of(run.end(start))
-            known = self._to_come(future, start, run, t, turns)
+            turns, future = Turns.of(start, run, turns), future_of(run.end(start))
+            known = self._to_come(future, turns, start, run, t)
             if known is not RunOutcome.UNDECIDED:
                 return known
             t *= 3.0
@@ -243,22 +242,16 @@ class RunOutcomes:
         return RunOutcome.UNDECIDED
 
     def _to_come(
-        self, future: Future | None, start: HybridSystem, run: Run, t: float, turns: Turns
+        self, future: Future | None, turns: Turns, start: HybridSystem, run: Run, t: float
     ) -> RunOutcome | int:
         """The outcome of a run by what is to come behind its end: by its modes there, or as its turns are alike."""
-        if isinstance(future, Rests):
-            self.rest = self.rest or (future.state, run.end(start).H0)
-            return RunOutcome.REST
         if isinstance(future, Leaves):
             return RunOutcome.DIVERGENCE
         if isinstance(future, Swings):
             return self._quiet_cycle(run, t)
-        if self.hybrid.model.smooth_kind.size:  # of curved elements, and behind a dead time, no mode tells
-            decay = decays(start, run, t, self.horizon, self._sizes())
-            return self._rested(start, run) if decay else RunOutcome.UNDECIDED
-        if (ratio := turns.ratio()) is None:
-            return RunOutcome.UNDECIDED
-        return RunOutcome.DIVERGENCE if abs(ratio) > 1.0 else self._rested(start, run)
+        if comes_to_rest(future, turns, start, run, t, self._sizes()):
+            return self._rested(start, run, future)
+        return RunOutcome.UNDECIDED if turns.ratio is None else RunOutcome.DIVERGENCE
 
     def _is_without_end(self, start: HybridSystem, run: Run) -> bool:
         """Whether a longer run would tell nothing: after many switches that do not become smaller, as they do for long
@@ -286,10 +279,6 @@ class RunOutcomes:
         return RunOutcome.DIVERGENCE if status is Status.DIVERGED else None
 
     @cached_property
-    def _futures(self) -> Futures:
-        return Futures(self.hybrid)
-
-    @cached_property
     def _keeps_piled(self) -> bool:
         """Whether a loop stays where its switches accumulate: what moves on there are the zeros, asked for of one
         element. With a zero that grows it leaves again, after more switches than any run has.
@@ -314,11 +303,11 @@ class RunOutcomes:
         orbit = orbit_of(start, again, float(facts[1])) if status is Status.LIMIT_CYCLE else None
         return RunOutcome.UNDECIDED if orbit is None else self.add(orbit)
 
-    def _rested(self, start: HybridSystem, run: Run) -> RunOutcome:
-        """Keep the state of rest of the first run that settles."""
+    def _rested(self, start: HybridSystem, run: Run, future: Future | None = None) -> RunOutcome:
+        """Keep the state of rest of the first run that settles, or is known to come to one."""
         if self.rest is None:
             end = run.end(start)
-            self.rest = end.x0, end.H0
+            self.rest = future.state if isinstance(future, Rests) else end.x0, end.H0
         return RunOutcome.REST
 
     def _recognise(self, start: HybridSystem, run: Run, period: float | None) -> RunOutcome | int:

@@ -16,6 +16,7 @@ from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.simulation.modes import guards_of
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 #: By the bytes of its modes: state and memory values with which a combination was met.
@@ -70,8 +71,7 @@ def towards_rests(hybrid: HybridSystem, met: Met) -> Iterator[tuple[Array, Array
 
 def _arcs(hybrid: HybridSystem, modes: IntArray) -> Arcs | None:
     """One arc for every guard of a combination of modes; None where it has none, or no unique solution."""
-    first = hybrid.model.mode_first[:-1] + modes
-    guards = np.concatenate([np.arange(*hybrid.model.guard_first[m : m + 2]) for m in first])
+    guards = guards_of(hybrid, modes)
     if not guards.size:
         return None
     p = guards.size

@@ -15,10 +15,10 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.exact import range_of, steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import starts_on
-from eppanalysis.methods.search.decay import comes_to_rest
+from eppanalysis.methods.search.decay import Turns, comes_to_rest
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.result import CycleSearch
-from eppanalysis.methods.simulation.futures import Futures, Switches
+from eppanalysis.methods.simulation.futures import Switches, future_of
 from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.runs import judge, run_hybrid
@@ -197,17 +197,17 @@ class Judge:
 
     def ends(self, start: HybridSystem) -> tuple[Status, Run]:
         """SETTLED, LIMIT_CYCLE or what else it is, and the run."""
-        t, strobe, futures = self.horizon, Strobe.of(start), Futures(start)
+        t, strobe = self.horizon, Strobe.of(start)
         for _ in range(4):
             most = 100_000 if strobe is None else strobe.samples_in(t) + 20_000
             run = run_hybrid(start, t, np.zeros(0), 2.0 * start.time_scale, most, 600 if strobe is None else most)
             status, _ = judge(start, run, t)
             still = strobe is None and status is Status.UNDECIDED
-            if still and comes_to_rest(futures, start, run, t, self.horizon, self.size):
+            future = future_of(run.end(start)) if still else None
+            if still and comes_to_rest(future, Turns.of(start, run), start, run, t, self.size):
                 status = Status.SETTLED
             if status is not Status.UNDECIDED:
                 break
-            future = futures.of(run.end(start)) if still else None
             t = 2.5 * (t + (future.after if isinstance(future, Switches) else 0.0))  # behind the next switch of a drift
         return status, run
 

@@ -9,18 +9,16 @@ by its Lyapunov ellipsoid. Where no guard can be passed, what the parts do is wh
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.linalg import expm, matrix_balance, schur, solve_continuous_lyapunov, solve_sylvester
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray, IntArray
-from eppanalysis.engine.orbits import READY, build_arcs
-from eppanalysis.methods.simulation.levels import on_levels
-from eppanalysis.methods.simulation.workspaces import of_thread
-from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.errors import ModelError
+from eppanalysis.methods.simulation.modes import guards_of, laws_of, on_levels
+from eppanalysis.models.systems.hybrid import HybridSystem, of_model
 
 #: Rounding of a rate or a guard, relative to its terms, and of a rank, relative to the largest singular value.
 _ROUNDING, _RANK = 1e-13, 1e-12
@@ -64,42 +62,21 @@ class Switches:
 Future = Rests | Swings | Leaves | Switches
 
 
-@dataclass
-class Futures:
-    """The futures of motions of one system; what its combinations of modes have in common is kept."""
-
-    hybrid: HybridSystem
-    _modes: dict[bytes, _Mode | None] = field(default_factory=dict)
-
-    def of(self, start: HybridSystem) -> Future | None:
-        """What is to come from a state in its modes; None where they alone do not say."""
-        if start.model.smooth_kind.size:  # a curved element, or a dead time, whose past no state has
-            return None
-        key = start.modes0.tobytes()
-        if key not in self._modes:
-            self._modes[key] = _Mode.of(self.hybrid, start.modes0)
-        mode = self._modes[key]
-        return None if mode is None else mode.future(np.append(start.x0, start.H0))
+def future_of(start: HybridSystem) -> Future | None:
+    """What is to come from a state in its modes; None where they alone do not say."""
+    if start.model.smooth_kind.size:  # a curved element, or a dead time, whose past no state has
+        return None
+    key, modes = start.modes0.tobytes(), _modes_of(start)
+    if key not in modes:
+        modes[key] = _Mode.of(start)
+    mode = modes[key]
+    return None if mode is None else mode.future(np.append(start.x0, start.H0))
 
 
-def _law(hybrid: HybridSystem, modes: IntArray) -> tuple[Array, Array] | None:
-    """F (n, N) and g (guards, N) of a combination of modes: rates and guards by y, which stacks the state on memory
-    values and a 1; None where the combination has no unique solution.
-    """
-    model = hybrid.model
-    first = model.mode_first[:-1] + modes
-    guards = np.concatenate([np.arange(*model.guard_first[m : m + 2]) for m in first])
-    ends = guards if guards.size else np.array([-1])  # a single arc that nothing ends
-    p, n, n_w, n_s = ends.size, len(model.B), model.B.shape[1], model.S.shape[1]
-    N, n_y, base = n + model.K.shape[1], model.Yx.shape[0], 2.0 * hybrid.time_scale
-    F, S, g, gs = np.empty((p, n, N)), np.empty((p, n, n_s)), np.empty((p, N)), np.empty((p, n_s))
-    J, smooth, sense = np.empty((p, N, N)), np.empty(p, np.int64), np.ones((p, n_s))
-    Y, Ys, W = np.empty((p, n_y, N)), np.empty((p, n_y, n_s)), np.empty((p, n_w, N))
-    compiled, work, _ = of_thread.workspaces(hybrid, base)
-    code = build_arcs(
-        model, compiled, work, base, np.tile(modes, (p, 1)), ends, ends, F, S, g, gs, J, smooth, sense, Y, Ys, W
-    )
-    return (F[0], g[: guards.size]) if code == READY else None
+@of_model
+def _modes_of(hybrid: HybridSystem) -> dict[bytes, _Mode | None]:
+    """The combinations of modes that motions of a model were met in, which fill it."""
+    return {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,17 +100,22 @@ class _Mode:
     grows: slice
 
     @classmethod
-    def of(cls, hybrid: HybridSystem, modes: IntArray) -> _Mode | None:
-        """None where the mode has no unique law of motion, or its parts are not told apart."""
-        law, repeats = _law(hybrid, modes), np.flatnonzero(hybrid.compared)
-        if law is None or not repeats.size or not np.all(np.isfinite(law[0])):
+    def of(cls, hybrid: HybridSystem) -> _Mode | None:
+        """Of the modes at its start; None where they have no unique law of motion, or its parts are not told apart."""
+        guards, repeats = guards_of(hybrid, hybrid.modes0), np.flatnonzero(hybrid.compared)
+        ends = guards if guards.size else np.array([-1])  # a single arc that nothing ends
+        try:
+            laws = laws_of(hybrid, np.tile(hybrid.modes0, (ends.size, 1)), ends, ends)
+        except ModelError:
             return None
-        F, g = law
+        F, g = laws.F[0], laws.g[: guards.size]
+        if not repeats.size or not np.all(np.isfinite(F)):
+            return None
         matters = np.any(np.vstack([F[repeats], g])[:, : len(F)] != 0.0, axis=0)
         parts = _parts(F[np.ix_(repeats, repeats)])
         if parts is None:
             return None
-        levels = on_levels(hybrid, modes[None])
+        levels = on_levels(hybrid, hybrid.modes0[None])
         return cls(levels, F, g, repeats, np.flatnonzero(matters & ~hybrid.compared), *parts)
 
     @cached_property
@@ -183,7 +165,7 @@ class _Motion:
         """By what the parts can add to the guards at most."""
         mode = self.mode
         terms = np.abs(mode.g) @ np.abs(self.y)
-        limit = mode.g @ self.y - self.mode.guards @ self.away
+        limit = mode.g @ self.y - mode.guards @ self.away
         swing, is_swinging = self._swing()
         most = limit + self._decay() + swing
         free = most < -_ROUNDING * terms
@@ -194,7 +176,7 @@ class _Motion:
         if np.all(free):
             return Swings() if is_swinging else Rests(self.at(np.inf))
         on_edge = np.abs(limit) <= _ZERO * terms
-        rests = not is_swinging and np.all(free | on_edge) and self._stays(self.mode.guards[on_edge][:, mode.decays])
+        rests = not is_swinging and np.all(free | on_edge) and self._stays(mode.guards[on_edge][:, mode.decays])
         return Rests(self.at(np.inf)) if rests else None
 
     @cached_property
@@ -368,10 +350,13 @@ def _split(A: Array, first: Callable[[complex], bool]) -> tuple[Array, Array, in
     """
     if not A.size:
         return A, A, 0
+
+    def chosen(re: float, im: float = 0.0) -> bool:
+        return first(complex(re, im))
+
     try:
-        chosen: Any = lambda re, im=0.0: first(complex(re, im))  # noqa: E731, as its stub knows one argument alone
-        ordered: Any = schur(A, output="real", sort=chosen)
-        return _decoupled(A, *ordered[1:])
+        _, Q, k = schur(A, output="real", sort=chosen)
+        return _decoupled(A, Q, k)
     except np.linalg.LinAlgError:
         return None
 

@@ -19,6 +19,7 @@ from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.clocked import Clocked, whole_samples
 from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.results import LimitCycle, Status, Trajectory
+from eppanalysis.results.deferred import unread
 from eppanalysis.results.events import Event, Events
 
 #: Samples of a run: some minutes, and a gigabyte of signals.
@@ -185,6 +186,7 @@ def _at_samples(form: InSamples, made: Trajectory, t: Array, at: OperatingPoint,
         assert again is not None
         return again(times + 0.5 * T)
 
+    stopped = f"The run stopped after {n} of {wanted} samples; give it more (max_steps)."
     return replace(
         made,
         t=t[: made.t.size],
@@ -193,7 +195,7 @@ def _at_samples(form: InSamples, made: Trajectory, t: Array, at: OperatingPoint,
         settled_since=T * float(np.floor(made.settled_since / T + 0.25)),  # of an event at a sample, or amid samples
         events=_without_samples(made.events, form),
         n_events=made.n_events - n,
-        note=f"The run stopped after {n} of {wanted} samples; give it more (max_steps)." if early else made.note,
+        note=stopped if early else unread(made, "note"),
         operating_point=at,
         again=at_times,
     )

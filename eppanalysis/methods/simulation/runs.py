@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any
@@ -23,7 +23,7 @@ from eppanalysis.engine.workspace import (
 )
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.budget import BudgetExceeded, budget, remaining, spend
-from eppanalysis.methods.simulation.futures import Futures, Leaves
+from eppanalysis.methods.simulation.futures import Leaves, future_of
 from eppanalysis.methods.simulation.kept import EARLY, VERDICTS, Run, from_event
 from eppanalysis.methods.simulation.period import advance, advances, analyse_period, moves_until, resting
 from eppanalysis.methods.simulation.rounding import (
@@ -109,7 +109,9 @@ def run_in_time(
     settled, early = status is Status.SETTLED, run.why_early(t_end)
     rest = resting(signals, advance(hybrid, run.rate_end) * t_end) if settled and n_written else {}
     again = partial(_at_times, hybrid, system.signals.names, base, max_events + samples, max_steps)
-    on = _run_on(hybrid, run, t_end, base, max_events, max_steps) if status is Status.UNDECIDED and not lost else ""
+    note: str | Callable[[], str] = BENEATH_ROUNDING if lost else (early and hybrid.chatters) or early
+    if status is Status.UNDECIDED and not note:
+        note = partial(_run_on, hybrid, run.end(hybrid), t_end, base, max_events, kept, max_steps)
     return Trajectory(
         t=times[:n_written],
         signals=signals,
@@ -119,7 +121,7 @@ def run_in_time(
         settled_at=rest,
         settled_since=max(_since(hybrid, run, found), moves_until(times, signals, rest)) if status.ok else float("nan"),
         n_events=run.count,
-        note=BENEATH_ROUNDING if lost else (early and hybrid.chatters) or early or on,
+        note=note,
         units=system.signals.units_of_results(),
         provenance=facts,
         operating_point=at,
@@ -127,17 +129,19 @@ def run_in_time(
     )
 
 
-def _run_on(hybrid: HybridSystem, run: Run, t_end: float, base: float, max_events: int, max_steps: int) -> str:
+def _run_on(
+    hybrid: HybridSystem, end: HybridSystem, t_end: float, base: float, max_events: int, kept: int, max_steps: int
+) -> str:
     """What a run that is undecided by its end comes to, and for how long to simulate to see it, in a sentence."""
     by_then = "The motion had neither settled nor repeated itself by the end"
     ends = not np.any(hybrid.model.breakpoint_time > t_end) and Strobe.of(hybrid) is None
-    if ends and isinstance(Futures(hybrid).of(run.end(hybrid)), Leaves):
+    if ends and isinstance(future_of(end), Leaves):
         return f"{by_then}; it goes beyond all bounds without another switch."
     known = ""
     try:
         with budget(_WORK_TO_RUN_ON):
             for t in t_end * np.array(_RUN_ON):
-                longer = run_hybrid(hybrid, t, np.zeros(0), base, max_events, run.time.size, max_steps)
+                longer = run_hybrid(hybrid, t, np.zeros(0), base, max_events, kept, max_steps)
                 status, found = judge(hybrid, longer, t)
                 if status is Status.EVENT_LIMIT:
                     break

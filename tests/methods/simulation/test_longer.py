@@ -37,7 +37,7 @@ def test_a_motion_that_never_repeats_itself_is_undecided_however_long_it_runs():
     A = np.zeros((4, 4))
     A[0, 1], A[1, 0], A[2, 3], A[3, 2] = 1.0, -1.0, 1.0, -2.0
     loop = epp.LureSystem.build(
-        A, [[0.0], [1.0], [0.0], [1.0]], [[1.0, 0.0, 1.0, 0.0]], [epp.DeadZone(-1.0, 1.0)], x0=[0.7, 0.0, 0.7, 0.0]
+        A, [[0.0], [1.0], [0.0], [1.0]], [[1.0, 0.0, 1.0, 0.0]], [epp.DeadZone(-1.0, 1.0)], x0=[0.45, 0.0, 0.45, 0.0]
     )
     run = epp.simulate(loop, t_end=20.0)
     assert run.status is epp.Status.UNDECIDED and re.search(r"by the end, nor by [\d.e+]+ s\.", run.note)
