@@ -42,7 +42,6 @@ OPEN = {
         "buck_converter",
     ): "an irregular motion is told by turns of one run: no orbit is closed to confirm it",
     ("cycles", "buck_converter"): "which members of a continuum are listed is what runs happen to come to",
-    ("cycles", "stiction_deadband_none"): "how many runs a search makes depends on where its bisections end",
 }
 
 

@@ -24,6 +24,8 @@ _DWINDLES = 0.999
 #: Turns are alike that differ by this share of what they gain or lose; from its square on levels bend a motion by less.
 _ALIKE = 0.01
 _FAR = _ALIKE**-2
+#: Rounding of a step or a rate, relative to its terms.
+_ROUNDING = 1e-12
 #: Most events of one kind in a turn, and most that are kept.
 _MOST_TURNS, _MOST_EVENTS = 8, 400
 
@@ -148,12 +150,16 @@ class Turns:
     def _decay(self, turns: Array, rates: Array) -> float | None:
         """The ratio of steps between turns (4, k) that shrink, where they are small beside all levels."""
         level, push = _levels(self.start)
-        steps = np.diff(turns, axis=0)
+        steps, compared = np.diff(turns, axis=0), self.start.compared
         if np.any((level > 0) & (_FAR * np.abs(steps[-1]) > level)):
             return None
-        if np.any((push > 0) & (_FAR * np.abs(rates[-1]) > push)):
+        # In turned states what has no push, or stays where it is, has the rounding of the others.
+        size = np.abs(self.state).max(axis=0)
+        noise = _ROUNDING * ((np.abs(self.start.model.A) @ size)[compared] + push)
+        if np.any((push > noise) & (_FAR * np.abs(rates[-1]) > push)):
             return None
         both = np.hstack([steps, rates[1:]])
+        both = np.where(np.abs(both) <= np.append(_ROUNDING * size[compared], noise), 0.0, both)
         both = both / np.maximum(np.abs(both).max(axis=0), np.finfo(float).tiny)
         before, now = _ratio(both[0], both[1]), _ratio(both[1], both[2])
         off = float(np.abs(both[2] - now * both[1]).max())

@@ -120,9 +120,7 @@ def describe(values: ComplexArray, one_of_many: bool = False, drifting: bool = F
         return f"{describe(values)}; one of a continuum of cycles, between which a disturbance may move it"
     if values.size == 0:
         return "no Floquet multipliers: every disturbance vanishes within a period"
-    vanished = int(np.sum(values == 0))
-    rest = f"; {vanished} of {values.size} vanish" if vanished else ""
     size = abs(values[0])
     # Next to one four digits do not say on which side.
     digits = DIGITS if abs(size - 1.0) > 10.0 ** (1 - DIGITS) else DIGITS + 3
-    return f"largest Floquet multiplier {number(size, digits)}{rest}"
+    return f"largest Floquet multiplier {number(size, digits)}"
