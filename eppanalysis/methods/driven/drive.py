@@ -7,6 +7,7 @@ whole number of the input's periods, which are known; so its phase is no unknown
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,15 +17,19 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError, did_you_mean
 from eppanalysis.methods.describing.balance import Balance
 from eppanalysis.methods.simulation.in_samples import InSamples
+from eppanalysis.methods.steady.flow import later
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import InputSignal, Sine, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.sampled.strobe import Strobe, is_sampled
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing, system_of
 
 #: Longest step of a run, relative to the period of the input: no simple share of it, for switches of what keeps step
 #: with the input would fall on the ends of steps, where rounding has them met again and again.
 _STEP = 0.0618
+#: Difference of a number of periods from a whole one that is rounding.
+_WHOLE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +42,16 @@ class Drive:
     amplitude: float  # in the unit of the input
     omega: float  # angular frequency [rad/s]
     form: InSamples | None = None  # how a loop in discrete time is run
+
+    @property
+    def given(self) -> LureSystem:
+        """The loop as its user has it: in discrete time another one than what is run."""
+        return self.system if self.form is None else self.form.clocked.given
+
+    def begun(self, state: Array) -> HybridSystem:
+        """The hybrid system begun at a state of the loop (n,), with the input at phase zero."""
+        start = (state, ()) if self.form is None else self.form.start(state, ())
+        return self.hybrid.begun(*start)
 
     @property
     def period(self) -> float:
@@ -90,7 +105,7 @@ class Drive:
     def balance(self) -> Balance | None:
         """Of the means, for first order; None where it does not determine them."""
         try:
-            return Balance.of(self.system, 0, self.at.vector(self.system))
+            return Balance.of(self.given, 0, self.at.vector(self.given))
         except ModelError:
             return None
 
@@ -98,6 +113,29 @@ class Drive:
         """Phase of the input in a state of the hybrid system [rad], between 0 and 2 pi."""
         sine, cosine = x[self.sine]
         return float(np.arctan2(sine, cosine)) % (2.0 * np.pi)
+
+    def alongside(self, start: HybridSystem, phase: float, multiple: int) -> Iterator[HybridSystem | None]:
+        """A motion from a start at the next times at which the input has a phase [rad], of so many periods."""
+        ahead = (phase - self.phase(start.x0)) % (2.0 * np.pi)
+        ahead = 0.0 if 2.0 * np.pi - ahead < 1e-12 else ahead
+        for k in range(multiple):
+            yield later(start, ahead / self.omega + k * self.period)
+
+    @property
+    def is_sampled(self) -> bool:
+        """Whether there is a sampled controller in the loop."""
+        return is_sampled(self.system.elements)
+
+    def comes_round(self, most: int) -> int:
+        """Fewest periods of the input, `most` at most, in which samples come round with it; 0 where in none."""
+        strobe = Strobe.of(self.hybrid)
+        if strobe is None:
+            return 1
+        for n in range(1, most + 1):
+            rounds = n * self.period / strobe.period
+            if strobe.every and round(rounds) and abs(rounds - round(rounds)) <= _WHOLE * rounds:
+                return n
+        return 0
 
     def changed(self, amplitude: float | None = None, omega: float | None = None) -> Drive:
         """The same loop under another sine."""
@@ -111,6 +149,26 @@ class Drive:
         )
         new.__dict__.update(_unit=self._unit, balance=self.balance)  # which do not depend on the sine
         return new
+
+
+@dataclass(frozen=True, eq=False)
+class DriveRange:
+    """What a branch of responses runs over: the drive at each value of the logarithm of its frequency or amplitude."""
+
+    drive: Callable[[float], Drive]  # from the value to the drive
+    limits: tuple[float, float]
+    multiple: int = 1  # periods of the input after which what is driven repeats itself
+
+    def at(self, value: float, like: HybridSystem) -> tuple[HybridSystem, float]:
+        """The system, begun as another one, and the time after which what it does repeats itself [s]."""
+        drive = self.drive(value)
+        start = replace(drive.hybrid, x0=like.x0, H0=like.H0, modes0=like.modes0)
+        return start, self.multiple * drive.period
+
+    def alongside(self, value: float, start: HybridSystem, other: HybridSystem) -> Iterator[HybridSystem | None]:
+        """Where a motion from a start comes to the phase of the input at which another one begins."""
+        drive = self.drive(value)
+        return drive.alongside(start, drive.phase(other.x0), self.multiple)
 
 
 def drive_of(

@@ -21,6 +21,7 @@ from eppanalysis.methods.orbits.orbit import Orbit, evaluate
 from eppanalysis.methods.orbits.shooting import orbits_near, same_orbit
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.methods.steady.flow import away_from_events, later, run_over
+from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.readable import quantity
 from eppanalysis.results import LimitCycle
@@ -63,21 +64,20 @@ class Entrainment:
         """Whether what first order leaves out decides if the two keep step."""
         return self.width == 0.0 and self.unseen > max(abs(self.late), _ROUNDING / omega)
 
-    def closes(self, omega: float, orbit: Orbit) -> bool:
+    def closes(self, omega: float, response: SteadyMotion) -> bool:
         """Whether the sine decides at which phase a response is, and not the rounding with which it closes.
 
         Newton's method is content with any phase of a cycle that the sine moves by less than is left of its equations.
         """
-        decided = self.is_told(omega) and orbit.residual < _DECIDES * omega * self.width
-        return decided or _from_one(orbit.multipliers) >= _MARGINAL or not self.passes(begun(orbit))
+        decided = self.is_told(omega) and response.gap < _DECIDES * omega * self.width
+        return decided or _from_one(response.multipliers) >= _MARGINAL or not self.passes(response.start)
 
     def holds(self, omega: float, cycle: LimitCycle) -> bool:
         """Whether a response is the cycle held at a phase, which so weak a sine all but leaves free.
 
         By its size alone it would be one of a continuum; the multiplier tells the stable phase from the other.
         """
-        values = np.zeros(0, complex) if cycle.multipliers is None else cycle.multipliers
-        return self.width > 0.0 and 10.0 * _DECIDES * omega * self.width < _from_one(values) < _MARGINAL
+        return self.width > 0.0 and 10.0 * _DECIDES * omega * self.width < _from_one(cycle.multipliers) < _MARGINAL
 
     def tongue(self, frequency: float) -> tuple[float, float]:
         """Frequencies of the input between which the loop is entrained [Hz], from the one that it has."""
@@ -129,8 +129,9 @@ class Entrainment:
         return bool(len(away)) and float(np.min(np.max(away, axis=1))) < _ON_IT
 
 
-def _from_one(multipliers: ComplexArray) -> float:
+def _from_one(multipliers: ComplexArray | None) -> float:
     """How near the nearest multiplier is to the unit circle."""
+    multipliers = np.zeros(0, complex) if multipliers is None else multipliers
     return float(np.min(np.abs(np.abs(multipliers) - 1.0), initial=1.0))
 
 

@@ -45,7 +45,7 @@ class Sinusoid:
 
     def response(self, signal: str) -> complex:
         """Phasor of a signal over that of the input."""
-        system, (_, W) = self.drive.system, self._outputs
+        system, (_, W) = self.drive.given, self._outputs
         i, k = system.signals.names.index(signal), self.drive.column
         V = self.drive.amplitude
         through = system.signals.C[i] @ _state_response(self.drive, W) + system.signals.D[i] @ W
@@ -54,7 +54,7 @@ class Sinusoid:
     @property
     def start(self) -> Array:
         """State at phase zero of the input, shape (n,)."""
-        system, (mean, W) = self.drive.system, self._outputs
+        system, (mean, W) = self.drive.given, self._outputs
         bias = self.unknowns[-len(system.elements) :] if system.elements else np.zeros(0)
         middle = mean_state(system, self.drive.at.vector(system), bias, mean)
         return middle + _state_response(self.drive, W).imag
@@ -62,7 +62,7 @@ class Sinusoid:
 
 def _state_response(drive: Drive, W: ComplexArray) -> ComplexArray:
     """Phasor of the state from those of the elements' outputs."""
-    system = drive.system
+    system = drive.given
     into = system.B @ W + system.B_input[:, drive.column] * drive.amplitude
     return solved(system.characteristic_matrix(1j * drive.omega), into[:, None] + 0j)[:, 0]
 
@@ -71,7 +71,7 @@ class _Equations:
     """First-order balance under one drive; unknowns as in :class:`Sinusoid`."""
 
     def __init__(self, drive: Drive) -> None:
-        system, balance = drive.system, drive.balance
+        system, balance = drive.given, drive.balance
         assert balance is not None  # refused by what is public here
         self.drive, self.balance = drive, balance
         self.m, self.owner = self.balance.m, self.balance.owner
@@ -93,7 +93,7 @@ class _Equations:
     def gains(self, a: Array, b: Array) -> tuple[Array, ComplexArray]:
         """Means and gains, shapes (..., nw), at amplitudes and biases (..., m)."""
         a, omega = np.maximum(a, 1e-12), np.full(a.shape[:-1], self.drive.omega)
-        found = [describe(e, a[..., i], b[..., i], omega) for i, e in enumerate(self.drive.system.elements)]
+        found = [describe(e, a[..., i], b[..., i], omega) for i, e in enumerate(self.drive.given.elements)]
         return np.concatenate([m for m, _ in found], -1), np.concatenate([g for _, g in found], -1)
 
     def residual(self, q: Array) -> Array:
@@ -124,7 +124,7 @@ class _Equations:
 
     def _tried(self, count: int) -> list[_Tried]:
         """The balance for elements of so many sizes, about thresholds and linear answers, largest first."""
-        levels = [t for e in self.drive.system.elements for t in e.thresholds() if np.isfinite(t)]
+        levels = [t for e in self.drive.given.elements for t in e.thresholds() if np.isfinite(t)]
         sizes = [*levels, float(np.max(np.abs(self.driven)))]
         share = np.maximum(np.abs(self.driven) / max(float(np.max(np.abs(self.driven))), 1e-300), 1e-3)
         # Means of a large motion are determined where an element that is at its limit leaves those of a small one open:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, islice
 
@@ -10,21 +10,25 @@ import numpy as np
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.arrays import Array
-from eppanalysis.methods.driven.closing import begun, close, ends_as_it_begins, passed
+from eppanalysis.methods.driven.closing import along
 from eppanalysis.methods.driven.drive import Drive, drive_of
 from eppanalysis.methods.driven.entrained import Entrainment, entrainments, undriven
 from eppanalysis.methods.driven.first_order import Sinusoid, near_misses, sinusoids
 from eppanalysis.methods.driven.result import ForcedResponse, Motion, PeriodicResponse
 from eppanalysis.methods.driven.runs import METHOD as RUN, REPEATS, by_runs, steady_of_run
-from eppanalysis.methods.orbits.cycle import to_limit_cycle
-from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
-from eppanalysis.methods.simulation.stability import describe, is_stable, return_map
-from eppanalysis.methods.steady.flow import later
+from eppanalysis.methods.orbits.cycle import orbit_shape, to_limit_cycle
+from eppanalysis.methods.orbits.samples.locked import LockedOrbit, locked_cycle
+from eppanalysis.methods.simulation.period import PeriodShape
+from eppanalysis.methods.simulation.stability import describe, is_stable
+from eppanalysis.methods.steady.closing import CLOSED, close
+from eppanalysis.methods.steady.flow import advance, later, repeating, stacked
+from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of
 from eppanalysis.readable import quantity
-from eppanalysis.results import SIMULATION, Status
+from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
 
 METHOD = "shooting over the input's period"
@@ -84,10 +88,10 @@ def forced_response(
     The run from the loop's own start, runs from what describing functions say, and these themselves lead to responses
     that are closed by Newton's method on the exact map of the state over one and several periods of the input, with its
     exact derivative, whose eigenvalues are the Floquet multipliers. Not every response need be found: there is no proof
-    that these are all; where those of one period are even in number the message says that one is missing. Of a loop
-    with sampled controllers the response is that on which its run ends, closed where its samples come round together
-    with the input; with dead time, or where they do not, it is as the run has it, to a millionth, without multipliers.
-    The message says so: others are not looked for.
+    that these are all; where those of one period are even in number the message says that one is missing. With samples
+    (a controller's, or in discrete time) the periods must be such as bring these round together with the input. With
+    dead time, and where no number of periods does, the response is that on which the run from the loop's own start
+    ends, to a millionth, without multipliers; the message says so, and others are not looked for.
 
     Parameters
     ----------
@@ -138,7 +142,7 @@ def forced_response(
     drive = drive_of(system, input, amplitude, frequency, operating_point, "forced_response")
     facts = facts_of(system)
     settings = {"system": drive.system.name, "input": drive.input, "most_periods": most_periods}
-    if by_runs(drive):
+    if by_runs(drive, most_periods):
         return _of_run(drive, most_periods, Provenance(RUN, settings, {"distance": REPEATS}, case=facts))
     search = Search(drive, most_periods)
     first = sinusoids(drive)
@@ -164,7 +168,7 @@ def forced_response(
         first_order={name: np.array([one.response(name) for one in first]) for name in names} if first else {},
         beat=float("nan") if told is None or motion is Motion.PERIODIC else told.beat(drive.period),
         tongue=(float("nan"), float("nan")) if told is None else told.tongue(drive.frequency),
-        provenance=Provenance(METHOD, settings, {"residual": CONVERGED}, case=facts),
+        provenance=Provenance(METHOD, settings, {"residual": CLOSED}, case=facts),
         operating_point=drive.at,
     )
 
@@ -182,8 +186,6 @@ def _of_run(drive: Drive, most_periods: int, provenance: Provenance) -> ForcedRe
         goes_on = f"it {_PARTS[Motion.UNDECIDED].format(0.0, found.periods)}"
     else:
         goes_on = "it ends early, or grows beyond bounds"
-    closed = response is not None and response.cycle.method != SIMULATION
-    how = "closed from the end of a run" if closed else "from a run alone"
     return ForcedResponse(
         input=drive.input,
         amplitude=drive.amplitude,
@@ -194,7 +196,8 @@ def _of_run(drive: Drive, most_periods: int, provenance: Provenance) -> ForcedRe
         exponent=float("nan"),
         status=Status.NOT_CONVERGED if response is None else Status.CONVERGED,
         message=(
-            f"Response to a sine of {_sine(drive)}, {how}, for the loop has {by_runs(drive)}: {goes_on}. "
+            f"Response to a sine of {_sine(drive)}, from a run alone, for the loop has {by_runs(drive, most_periods)}: "
+            f"{goes_on}. "
             f"Other responses were not looked for."
         ),
         provenance=provenance,
@@ -213,7 +216,7 @@ class Search:
 
     drive: Drive
     most_periods: int
-    found: list[tuple[int, Orbit]] = field(default_factory=list)
+    found: list[tuple[int, SteadyMotion]] = field(default_factory=list)
     reached: int = 0
     repeats: int = 0
     settled: bool = False
@@ -223,57 +226,53 @@ class Search:
     def from_first_order(self, first: tuple[Sinusoid, ...]) -> None:
         """Responses near those of first order, and those to which runs from there lead."""
         for one in first:
-            start = self.drive.hybrid.begun(one.start, ())
+            start = self.drive.begun(one.start)
             if not np.all(np.isfinite(start.x0)):
                 continue
-            self.closed(start, 1)
+            self.closed(start, self.shortest)
             self.run(start)
+
+    @property
+    def shortest(self) -> int:
+        """Fewest periods of the input after which samples, if any, come round with it."""
+        return self.drive.comes_round(self.most_periods)
 
     @property
     def one_is_missing(self) -> bool:
         """Whether the responses of one period found are even in number, as all of them are not: their indices, 1 or -1
         by the sign of det(1 - P), add up to 1 or -1 (docs/theory/driven.md, How they are found).
         """
-        once = [orbit for n, orbit in self.found if n == 1]
-        return bool(once) and len(once) % 2 == 0 and not any(orbit.one_of_many for orbit in once)
+        once = [response for n, response in self.found if n == self.shortest]
+        return bool(once) and len(once) % 2 == 0 and not any(response.one_of_many for response in once)
 
     def from_between(self) -> None:
         """An unstable response between two stable ones, where one is missing: on the boundary of their basins."""
-        stable = [o for n, o in self.found if n == 1 and is_stable(o.multipliers, o.one_of_many)]
+        stable = [response for n, response in self.found if n == self.shortest and response.stable]
         for one, other in combinations(stable, 2):
             if self.one_is_missing:
                 self._between(one, other)
 
     def from_beside(self) -> None:
         """The stable responses on both sides of an unstable one, where one is missing."""
-        for n, orbit in list(self.found):
-            if n == 1 and self.one_is_missing and not is_stable(orbit.multipliers, orbit.one_of_many):
+        for n, response in list(self.found):
+            if n == self.shortest and self.one_is_missing and response.stable is False:
                 for side in _ASIDE, -_ASIDE:
-                    self.run(self._beside(orbit, side))
+                    self.run(_beside(response, side))
 
-    def _beside(self, orbit: Orbit, share: float) -> HybridSystem:
-        """The begin of a response, moved by a share of its size along the direction in which runs leave it most."""
-        free, start = orbit.arcs.free, begun(orbit)
-        values, vectors = np.linalg.eig(return_map(orbit.A, free.size))
-        leaving = vectors[:, np.argmax(np.abs(values))].real
-        moved = np.zeros(orbit.y.size)
-        moved[free] = share * leaving / np.max(np.abs(leaving) / orbit.scale[free])
-        return replace(start, x0=start.x0 + moved[: start.x0.size])
-
-    def _between(self, one: Orbit, other: Orbit) -> None:
+    def _between(self, one: SteadyMotion, other: SteadyMotion) -> None:
         """Halve the way between two stable responses until runs from both sides lead on together to a third."""
-        start, there = begun(one), next(self._at_phase(begun(other), self.drive.phase(one.y), 1))
+        start, there = one.start, next(self.drive.alongside(other.start, self.drive.phase(one.start.x0), 1))
         if there is None:
             return
-        known, a, b, x, y = len(self.found), 0.0, 1.0, start.x0, there.x0
+        known, a, b, most = len(self.found), 0.0, 1.0, _TOGETHER * _away(one, start, there)
         paths = [self._path(start), self._path(there)]
         for halving in range(1, _HALVINGS + 1):
             c = 0.5 * (a + b)
-            path = self._path(replace(start, x0=(1.0 - c) * x + c * y))
-            nearer = self._away(one, path[-1].x0, x) < self._away(one, path[-1].x0, y)
+            path = self._path(_midway(start, there, c))
+            nearer = _away(one, path[-1], start) < _away(one, path[-1], there)
             a, b, paths = (c, b, [path, paths[1]]) if nearer else (a, c, [paths[0], path])
             if halving % _LOOKS == 0:
-                self.closed(self._last_together(one, paths, x, y), 1)
+                self.closed(_last_together(one, paths, most), self.shortest)
                 if len(self.found) > known:
                     return
 
@@ -281,18 +280,11 @@ class Search:
         """A run, period by period."""
         path = [start]
         for _ in range(_CHECKED[0]):
-            now = later(path[-1], self.drive.period)
+            now = later(path[-1], self.shortest * self.drive.period)
             if now is None:
                 break
             path.append(now)
         return path
-
-    def _last_together(self, size: Orbit, paths: Sequence[list[HybridSystem]], x: Array, y: Array) -> HybridSystem:
-        """The last place at which two runs are still together: there they have come to what they part at."""
-        most = _TOGETHER * self._away(size, x, y)
-        both = list(zip(*paths, strict=False))
-        near = [k for k, (p, q) in enumerate(both) if self._away(size, p.x0, q.x0) <= most]
-        return both[max(near, default=0)][0]
 
     def from_own_cycles(self) -> Entrainment | None:
         """Responses that are the loop's own oscillation, held by the input at one phase or the other.
@@ -301,8 +293,11 @@ class Search:
         other never. What is returned is the cycle that the run has come to, where it has come to one.
         """
         end = self.end
-        slow = [abs(orbit.multipliers).max(initial=0.0) for _, orbit in self.found]
-        if end is None or (slow and not max(slow) > _SLOW):
+        slow = [
+            abs(response.multipliers).max(initial=0.0) for _, response in self.found if response.multipliers is not None
+        ]
+        # With samples the loop's own oscillation keeps step with these, if with anything.
+        if end is None or self.drive.is_sampled or (slow and not max(slow) > _SLOW):
             return None
         on = None
         for own in entrainments(self.drive, end, self.most_periods):
@@ -317,7 +312,7 @@ class Search:
 
     def _drop_undecided(self, own: Entrainment) -> None:
         """Leave out what closes at any phase of a cycle that the sine moves by less than rounding."""
-        kept = [(n, orbit) for n, orbit in self.found if own.closes(self.drive.omega, orbit)]
+        kept = [(n, response) for n, response in self.found if own.closes(self.drive.omega, response)]
         # The run may have been taken to follow the input on one of these.
         self.settled &= len(kept) == len(self.found)
         self.found = kept
@@ -331,51 +326,39 @@ class Search:
             return Motion.UNDECIDED
         if own is None or not own.is_told(self.drive.omega):
             return open_end
-        entrained = any(n == own.multiple and is_stable(orbit.multipliers) for n, orbit in self.found)
+        entrained = any(n == own.multiple and response.stable for n, response in self.found)
         if own.phases and entrained:
             self.repeats = own.multiple
             return Motion.PERIODIC
         return open_end if own.phases else Motion.QUASI_PERIODIC
 
-    def closed(self, start: HybridSystem, multiple: int) -> tuple[int, Orbit] | None:
+    def closed(self, start: HybridSystem, multiple: int) -> tuple[int, SteadyMotion] | None:
         """The response of so many periods near a start, in the shortest form; None where there is none."""
-        orbit = close(start, multiple * self.drive.period)
-        if orbit is None:
+        response = close(SteadyMotion.begun(start, multiple * self.drive.period), given=True)
+        if response is None:
             return None
-        found = self._shortest(multiple, orbit)
+        found = self._in_fewest(multiple, response)
         for known in self.found:
             if known[0] == found[0] and self.same(known[1], *found[::-1]):
                 return known
         self.found.append(found)
         return found
 
-    def _shortest(self, multiple: int, orbit: Orbit) -> tuple[int, Orbit]:
-        for n in range(1, multiple):
-            end = later(begun(orbit), n * self.drive.period) if multiple % n == 0 else None
-            if end is not None and self._away(orbit, end.x0, orbit.y) < _SAME:
-                once = close(begun(orbit), n * self.drive.period)
+    def _in_fewest(self, multiple: int, response: SteadyMotion) -> tuple[int, SteadyMotion]:
+        for n in range(self.shortest, multiple, self.shortest):
+            end = later(response.start, n * self.drive.period) if multiple % n == 0 else None
+            if end is not None and _away(response, end, response.start) < _SAME:
+                once = close(SteadyMotion.begun(response.start, n * self.drive.period), given=True)
                 if once is not None:
                     return n, once
-        return multiple, orbit
+        return multiple, response
 
-    def same(self, known: Orbit, orbit: Orbit, multiple: int) -> bool:
+    def same(self, known: SteadyMotion, response: SteadyMotion, multiple: int) -> bool:
         """Whether two responses of as many periods are one motion, begun at any period of the input."""
         return any(
-            there is not None and self._away(known, there.x0, known.y) < _SAME
-            for there in self._at_phase(begun(orbit), self.drive.phase(known.y), multiple)
+            there is not None and _away(known, there, known.start) < _SAME
+            for there in self.drive.alongside(response.start, self.drive.phase(known.start.x0), multiple)
         )
-
-    def _at_phase(self, start: HybridSystem, phase: float, multiple: int) -> Iterator[HybridSystem | None]:
-        """The system at the next times at which the input has a phase."""
-        ahead = (phase - self.drive.phase(start.x0)) % (2.0 * np.pi)
-        ahead = 0.0 if 2.0 * np.pi - ahead < 1e-12 else ahead
-        for k in range(multiple):
-            yield later(start, ahead / self.drive.omega + k * self.drive.period)
-
-    def _away(self, orbit: Orbit, x: Array, y: Array) -> float:
-        """Distance of a state from another one, relative to the size of a response."""
-        n, compared = orbit.arcs.n_state, orbit.hybrid.compared
-        return float(np.max((np.abs(x[:n] - y[:n]) / orbit.scale[:n])[compared], initial=0.0))
 
     def run(self, start: HybridSystem, to_the_end: bool = False) -> tuple[Motion, float]:
         """Where a run leads; its responses are noted. Unless `to_the_end`, only while there is reason to go on."""
@@ -383,8 +366,8 @@ class Search:
         made, states = 0, []
         for checked in _CHECKED if to_the_end else _CHECKED[:2]:
             while now is not None and made < checked:
-                now, made = later(now, self.drive.period), made + 1
-                states.append(now.x0 if now is not None else start.x0)
+                now, made = later(now, self.shortest * self.drive.period), made + self.shortest
+                states.append(stacked(start if now is None else now)[repeating(start)])
             if now is None:
                 return Motion.UNDECIDED, float("nan")
             if to_the_end:
@@ -398,15 +381,14 @@ class Search:
 
     def _settles(self, now: HybridSystem, states: Array) -> int:
         """The periods of the stable response that a run is on, or on the way to; 0 for none."""
-        compared = now.compared
-        span = np.ptp(states, axis=0)[compared]
-        for n in range(1, self.most_periods + 1):
-            change = np.abs(states[-1] - states[-1 - n])[compared] / np.where(span > 0, span, np.inf)
+        span = np.ptp(states, axis=0)
+        for k in range(1, self.most_periods // self.shortest + 1):
+            change = np.abs(states[-1] - states[-1 - k]) / np.where(span > 0, span, np.inf)
             # Closing is dear: several periods are tried only where the run nearly repeats itself after as many.
-            if n > 1 and np.max(change, initial=0.0) > _RETURNS:
+            if k > 1 and np.max(change, initial=0.0) > _RETURNS:
                 continue
-            found = self.closed(now, n)
-            if found is not None and is_stable(found[1].multipliers, found[1].one_of_many):
+            found = self.closed(now, k * self.shortest)
+            if found is not None and found[1].stable:
                 # A response that closes near the run is not yet where it goes: the run must come nearer to it, or be on
                 # it (docs/theory/driven.md, How they are found).
                 away = [self._from(found, state) for state in (now, later(now, 10 * found[0] * self.drive.period))]
@@ -414,38 +396,32 @@ class Search:
                     return found[0]
         return 0
 
-    def _from(self, found: tuple[int, Orbit], state: HybridSystem | None) -> float:
+    def _from(self, found: tuple[int, SteadyMotion], state: HybridSystem | None) -> float:
         """Distance of a run from a response, whichever of the input's periods it is in."""
         if state is None:
             return float("inf")
-        multiple, orbit = found
-        there = next(self._at_phase(state, self.drive.phase(orbit.y), 1))
+        multiple, response = found
+        there = next(self.drive.alongside(state, self.drive.phase(response.start.x0), 1))
         if there is None:
             return float("inf")
-        starts = (later(begun(orbit), k * self.drive.period) for k in range(multiple))
-        return min((self._away(orbit, there.x0, s.x0) for s in starts if s is not None), default=float("inf"))
+        starts = (later(response.start, k * self.drive.period) for k in range(multiple))
+        return min((_away(response, there, s) for s in starts if s is not None), default=float("inf"))
 
     def _parting(self, start: HybridSystem) -> tuple[Motion, float]:
         """The rate at which neighbours of a run part, per period, from the products of its exact derivatives."""
-        now: HybridSystem | None = start
-        direction, total = np.zeros(0), 0.0
+        now, sought, n = start, repeating(start), start.n_plant
+        direction, total = np.ones(sought.size), 0.0
         for _ in range(_PARTING):
-            orbit = None if now is None else passed(now, self.drive.period)
-            if now is None or orbit is None:
+            once = advance(now, self.shortest * self.drive.period)
+            if once is None:
                 return Motion.UNDECIDED, float("nan")
-            try:
-                P = return_map(orbit.A, orbit.arcs.free.size)
-            except np.linalg.LinAlgError:
-                return Motion.UNDECIDED, float("nan")
-            if not direction.size:
-                direction = np.ones(orbit.y.size)
-            direction[orbit.arcs.free] = P @ direction[orbit.arcs.free]
-            size = float(np.linalg.norm(direction[: orbit.hybrid.n_plant]))
+            direction = once.derivative[np.ix_(sought, sought)] @ direction
+            size = float(np.linalg.norm(direction[sought < n]))
             with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-                total, direction = total + np.log(size), direction / size
+                total, direction = total + np.log(size) / self.shortest, direction / size
             if not np.all(np.isfinite(direction)):  # it has shrunk to nothing, or grown beyond numbers
                 return Motion.UNDECIDED, float("nan")
-            now = later(now, self.drive.period)
+            now = once.run.end(now)
         # The direction began with length sqrt(n), not one.
         rate = (total - 0.5 * np.log(self.drive.hybrid.n_plant)) / _PARTING
         if rate > _NO_RATE:
@@ -454,7 +430,7 @@ class Search:
 
     def responses(self) -> tuple[PeriodicResponse, ...]:
         """What was found, as its users see it: by multiple, then by size."""
-        made = [self._held(periodic_response(self.drive, n, orbit)) for n, orbit in self.found]
+        made = [self._held(periodic_response(self.drive, n, response)) for n, response in self.found]
         return tuple(sorted(made, key=lambda r: (r.multiple, *sorted(r.cycle.peak_to_peak.values(), reverse=True)[:1])))
 
     def _held(self, response: PeriodicResponse) -> PeriodicResponse:
@@ -468,21 +444,68 @@ class Search:
         )
 
 
-def periodic_response(drive: Drive, multiple: int, orbit: Orbit) -> PeriodicResponse:
-    """A response as its users see it, begun where the input has phase zero unless an element switches there."""
-    ahead = (-drive.phase(orbit.y)) % (2.0 * np.pi)
-    placed = later(begun(orbit), ahead / drive.omega)
+def _beside(response: SteadyMotion, share: float) -> HybridSystem:
+    """The begin of a response, moved by a share of its size along the direction in which runs leave it most."""
+    values, vectors = np.linalg.eig(response.matrix)
+    leaving = vectors[:, np.argmax(np.abs(values))].real
+    y, n = response.passes[0].y.copy(), response.start.x0.size
+    y[response.sought] += share * response.scale * leaving / np.max(np.abs(leaving))
+    return replace(response.start, x0=y[:n])
+
+
+def _away(response: SteadyMotion, one: HybridSystem, other: HybridSystem) -> float:
+    """Distance of what repeats in two systems, relative to the size of a response."""
+    apart = np.abs(stacked(one) - stacked(other))[response.sought]
+    return float(np.max(apart / response.scale, initial=0.0))
+
+
+def _midway(start: HybridSystem, other: HybridSystem, share: float) -> HybridSystem:
+    """A system between two, its memory values, too, where both are in the same modes."""
+    alike = np.array_equal(start.modes0, other.modes0)
+    H0 = (1.0 - share) * start.H0 + share * other.H0 if alike else start.H0
+    return replace(start, x0=(1.0 - share) * start.x0 + share * other.x0, H0=H0)
+
+
+def _last_together(size: SteadyMotion, paths: Sequence[list[HybridSystem]], most: float) -> HybridSystem:
+    """The last place at which two runs are still together: there they have come to what they part at."""
+    both = list(zip(*paths, strict=False))
+    near = [k for k, pair in enumerate(both) if _away(size, *pair) <= most]
+    return both[max(near, default=0)][0]
+
+
+def shape_of(drive: Drive, response: SteadyMotion) -> PeriodShape:
+    """What the signals of a loop without samples do on a response, from where it begins."""
+    orbit = along(response.passes[0])
+    assert orbit is not None
+    return orbit_shape(drive.system, orbit)
+
+
+def periodic_response(drive: Drive, multiple: int, response: SteadyMotion) -> PeriodicResponse:
+    """A response as its users see it, begun where the input has phase zero unless an element switches there.
+
+    With samples it begins at one of them.
+    """
+    strobe = Strobe.of(response.start)
+    if strobe is not None:
+        locked = LockedOrbit.closed(strobe, response, round(response.duration / strobe.period))
+        assert locked is not None  # a run of it ends early only where the motion itself does
+        cycle = locked_cycle(drive.system, locked)
+        cycle = replace(drive.form.to_user(cycle, locked.start) if drive.form else cycle, operating_point=drive.at)
+        return PeriodicResponse(multiple, drive.phase(locked.start.x0), drive.amplitude, cycle, response.one_of_many)
+    placed = next(drive.alongside(response.start, 0.0, 1))
     if placed is not None:
         x = placed.x0.copy()
         # At phase zero exactly, without the rounding of the way there.
         x[drive.sine] = 0.0, 1.0
-        moved = passed(replace(placed, x0=x), orbit.period)
-        if moved is not None and moved.residual < CONVERGED and ends_as_it_begins(moved):
-            orbit = moved
+        moved = SteadyMotion.begun(replace(placed, x0=x), response.duration)
+        if moved is not None and moved.gap < CLOSED and moved.ends_in_its_modes:
+            response = moved
+    orbit = along(response.passes[0])
+    assert orbit is not None
     cycle = replace(to_limit_cycle(drive.system, orbit), operating_point=drive.at)
     phase = drive.phase(orbit.y)
-    return PeriodicResponse(multiple, 0.0 if 2 * np.pi - phase < 1e-9 else phase, drive.amplitude, cycle,
-                            orbit.one_of_many)  # fmt: skip
+    phase = 0.0 if 2 * np.pi - phase < 1e-9 else phase
+    return PeriodicResponse(multiple, phase, drive.amplitude, cycle, response.one_of_many)
 
 
 def _sentence(
@@ -518,10 +541,10 @@ def _sentence(
     )
 
 
-def some_responses(drive: Drive) -> list[Orbit]:
-    """Some responses of one period, from the loop's own start and from first order."""
-    search = Search(drive, 1)
+def some_responses(drive: Drive, multiple: int) -> list[SteadyMotion]:
+    """Some responses of so many periods, from the loop's own start and from first order."""
+    search = Search(drive, multiple)
     first = sinusoids(drive)
     search.run(drive.hybrid)
     search.from_first_order((*first, *near_misses(drive)))
-    return list(islice((orbit for n, orbit in search.found if n == 1), _SOME))
+    return list(islice((response for n, response in search.found if n == multiple), _SOME))

@@ -9,14 +9,14 @@ import numpy as np
 from eppanalysis.arguments import check_counts
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError, did_you_mean
-from eppanalysis.methods.driven.drive import Drive, drive_of
+from eppanalysis.methods.driven.drive import Drive, DriveRange, drive_of
 from eppanalysis.methods.driven.first_order import Sinusoid, sinusoid_branches
-from eppanalysis.methods.driven.follow import ResponseContinuation, ResponseFamily, ResponsePoint, between
-from eppanalysis.methods.driven.forced import Search, some_responses
-from eppanalysis.methods.driven.result import FrequencyResponse, Over, ResponseBranch, SpecialResponse, Turning
+from eppanalysis.methods.driven.forced import Search, periodic_response, shape_of, some_responses
+from eppanalysis.methods.driven.result import FrequencyResponse, Over, ResponseBranch, SpecialResponse
 from eppanalysis.methods.driven.runs import by_runs
-from eppanalysis.methods.orbits.cycle import orbit_shape
-from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
+from eppanalysis.methods.steady.closing import CLOSED
+from eppanalysis.methods.steady.follow import Continuation, Place, Turning, between
+from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, require_continuous, system_of
 from eppanalysis.readable import count, listed, number, quantity, words
@@ -26,6 +26,8 @@ from eppanalysis.results.provenance import Provenance
 METHOD = "pseudo-arclength continuation over the input"
 #: Where responses are searched for, as shares of the range: both ends first, for what runs up and what runs down.
 _SOUGHT = (0.0, 1.0, 0.5, 0.25, 0.75)
+#: Periods of the input in which samples have to come round with it.
+_MOST_PERIODS = 60
 #: Most branches that are followed.
 _MOST_BRANCHES = 8
 
@@ -100,10 +102,10 @@ def frequency_response(
     """
     low, high = _range("frequency_response", "frequencies", frequencies)
     require_continuous(system_of(system, "frequency_response"), "frequency_response")
-    drive = _closed_exactly(drive_of(system, input, amplitude, low, operating_point, "frequency_response"))
-    road = ResponseFamily(
-        lambda value: drive.changed(omega=2.0 * np.pi * float(np.exp(value))), (np.log(low), np.log(high)), -1.0
-    )
+    drive = drive_of(system, input, amplitude, low, operating_point, "frequency_response")
+    _closed_exactly(drive)
+    limits = float(np.log(low)), float(np.log(high))
+    road = DriveRange(lambda value: drive.changed(omega=2.0 * np.pi * float(np.exp(value))), limits)
     return _Response(Over.FREQUENCY, drive, road, _output(drive, output), n_points, max_step).found(system)
 
 
@@ -168,9 +170,9 @@ def amplitude_response(
     ['fold', 'fold']
     """
     low, high = _range("amplitude_response", "amplitudes", amplitudes)
-    require_continuous(system_of(system, "amplitude_response"), "amplitude_response")
-    drive = _closed_exactly(drive_of(system, input, low, frequency, operating_point, "amplitude_response"))
-    road = ResponseFamily(lambda value: drive.changed(amplitude=float(np.exp(value))), (np.log(low), np.log(high)), 0.0)
+    drive = drive_of(system, input, low, frequency, operating_point, "amplitude_response")
+    limits, periods = (float(np.log(low)), float(np.log(high))), _closed_exactly(drive)
+    road = DriveRange(lambda value: drive.changed(amplitude=float(np.exp(value))), limits, periods)
     return _Response(Over.AMPLITUDE, drive, road, _output(drive, output), n_points, max_step).found(system)
 
 
@@ -181,15 +183,20 @@ def _range(analysis: str, name: str, given: tuple[float, float]) -> tuple[float,
     return min(values), max(values)
 
 
-def _closed_exactly(drive: Drive) -> Drive:
-    """The drive, refused where responses are known from runs alone."""
-    why = by_runs(drive)
-    if why:
+def _closed_exactly(drive: Drive) -> int:
+    """Periods of the input after which responses repeat themselves; refused where they are known from runs alone.
+
+    Raises
+    ------
+    EppError
+        With a dead time, and where samples do not come round with the input.
+    """
+    if why := by_runs(drive, _MOST_PERIODS):
         raise EppError(
             f"{drive.system.name} has {why}, so there is no exact response to follow; "
             "expected a loop without, or one frequency and amplitude (forced_response), which a run answers."
         )
-    return drive
+    return drive.comes_round(_MOST_PERIODS)
 
 
 def _output(drive: Drive, output: str | None) -> str:
@@ -205,11 +212,11 @@ class _Response:
 
     over: Over
     drive: Drive
-    road: ResponseFamily
+    road: DriveRange
     output: str
     n_points: int
     max_step: float
-    walks: list[tuple[list[ResponsePoint], ResponseContinuation, tuple[str, str]]] = field(default_factory=list)
+    walks: list[tuple[list[Place], Continuation, tuple[str, str]]] = field(default_factory=list)
     continua: list[float] = field(default_factory=list)
 
     def found(self, subject: LureSystem | CaseLike) -> FrequencyResponse:
@@ -248,7 +255,7 @@ class _Response:
             provenance=Provenance(
                 METHOD,
                 settings,
-                {"residual": CONVERGED},
+                {"residual": CLOSED},
                 case=facts_of(subject),
             ),
             operating_point=self.drive.at,
@@ -256,32 +263,30 @@ class _Response:
 
     def _sought(self, value: float) -> None:
         """Branches of the responses at a value that no branch comes through yet."""
-        for orbit in some_responses(self.road.drive(value)):
-            if orbit.one_of_many:  # between which there is nothing to choose
+        for response in some_responses(self.road.drive(value), self.road.multiple):
+            if response.one_of_many:  # between which there is nothing to choose
                 self.continua += [value] if value not in self.continua else []
                 continue
-            if len(self.walks) < _MOST_BRANCHES and not any(self._passes(w[0], value, orbit) for w in self.walks):
-                walk = ResponseContinuation(self.road, self.n_points, self.max_step)
+            if len(self.walks) < _MOST_BRANCHES and not any(self._passes(w[0], value, response) for w in self.walks):
+                walk = Continuation(self.road, self.n_points, self.max_step)
                 try:
-                    places, ends = walk.both_ways(value, orbit)
+                    places, ends = walk.both_ways(value, response)
                 except np.linalg.LinAlgError:
                     continue
                 self.walks.append((places, walk, ends))
 
-    def _passes(self, places: list[ResponsePoint], value: float, orbit: Orbit) -> bool:
-        search = Search(self.road.drive(value), 1)
+    def _passes(self, places: list[Place], value: float, response: SteadyMotion) -> bool:
+        search = Search(self.road.drive(value), self.road.multiple)
         for one, other in zip(places[:-1], places[1:], strict=True):
             if (one.value - value) * (other.value - value) <= 0:
                 there = between(self.road, one, other, value)
-                if there is not None and search.same(there.orbit, orbit, 1):
+                if there is not None and search.same(there.motion, response, self.road.multiple):
                     return True
         return False
 
-    def _branch(self, places: list[ResponsePoint], walk: ResponseContinuation, ends: tuple[str, str]) -> ResponseBranch:
+    def _branch(self, places: list[Place], walk: Continuation, ends: tuple[str, str]) -> ResponseBranch:
         response, size = np.array([self._of(p) for p in places]).T
-        special = tuple(
-            SpecialResponse(kind, *self._sine(p.value), complex(self._of(p)[0]), i) for kind, p, i in walk.special
-        )
+        special = tuple(SpecialResponse(kind, *self._sine(p.value), response[i], i) for kind, p, i in walk.special)
         frequency, amplitude = np.array([self._sine(p.value) for p in places]).T
         stable = np.array([p.stable for p in places])
         stable[[i for *_, i in walk.special]] = False  # where a multiplier is on the unit circle, but for rounding
@@ -292,7 +297,7 @@ class _Response:
             response=response,
             peak_to_peak=size.real,
             stable=stable,
-            multiplier=np.array([float(np.max(np.abs(p.orbit.multipliers), initial=0.0)) for p in places]),
+            multiplier=np.array([p.multiplier for p in places]),
             special=special,
             ends=ends,
         )
@@ -301,10 +306,14 @@ class _Response:
         drive = self.road.drive(value)
         return drive.frequency, drive.amplitude
 
-    def _of(self, there: ResponsePoint) -> tuple[complex, float]:
+    def _of(self, there: Place) -> tuple[complex, float]:
         """Complex gain and peak-to-peak of the output."""
-        drive, shape = self.road.drive(there.value), orbit_shape(self.drive.system, there.orbit)
-        turn = np.exp(-1j * drive.phase(there.orbit.y))
+        drive, begin = self.road.drive(there.value), there.motion.start
+        if self.drive.is_sampled:
+            found = periodic_response(drive, self.road.multiple, there.motion)
+            return found.response(self.output), found.cycle.peak_to_peak[self.output]
+        shape = shape_of(drive, there.motion)
+        turn = np.exp(-1j * drive.phase(begin.x0))
         gain = 1j * shape.harmonics[self.output][1] * turn / drive.amplitude
         return complex(gain), float(shape.peak_to_peak[self.output])
 

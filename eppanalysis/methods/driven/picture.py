@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eppanalysis.arrays import Array
-from eppanalysis.methods.driven.result import ForcedResponse, FrequencyResponse, Over, ResponseBranch, Turning
+from eppanalysis.methods.driven.result import ForcedResponse, FrequencyResponse, Over, ResponseBranch
+from eppanalysis.methods.steady.follow import Turning
 from eppanalysis.plotting import (
     BLUE,
     DARK,

@@ -11,6 +11,7 @@ import numpy as np
 from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.errors import EppError, shown
+from eppanalysis.methods.steady.follow import Turning
 from eppanalysis.results import Brief, LimitCycle, Listing, Result, Status
 
 if TYPE_CHECKING:
@@ -26,15 +27,6 @@ class Motion(StrEnum):
     QUASI_PERIODIC = "quasi-periodic"
     IRREGULAR = "irregular"
     UNDECIDED = "undecided"
-
-
-class Turning(StrEnum):
-    """What happens at a special point of a branch of periodic responses."""
-
-    FOLD = "fold"
-    PERIOD_DOUBLING = "period doubling"
-    TORUS = "torus"
-    BRANCH_POINT = "branch point"
 
 
 class Over(StrEnum):

@@ -1,8 +1,7 @@
-"""Responses of loops with dead time or sampled controllers: what the run from the loop's own start comes to repeat.
+"""Responses of loops with dead time, or with samples that do not come round with the input: what a run comes to repeat.
 
-Where the samples come round together with the input the response is closed from the end of the run, with its
-multipliers. Else nothing is solved: it is given as near as the run has come to repeat itself. Other responses are not
-looked for (docs/theory/driven.md).
+Nothing is solved: the response is given as near as the run from the loop's own start has come to repeat itself. Other
+responses are not looked for (docs/theory/driven.md).
 """
 
 from __future__ import annotations
@@ -16,14 +15,11 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.driven.drive import Drive
 from eppanalysis.methods.driven.result import PeriodicResponse
-from eppanalysis.methods.orbits.samples.locked import LockedOrbit, locked_cycle
 from eppanalysis.methods.simulation.period import analyse_period
 from eppanalysis.methods.simulation.simulate import simulate
-from eppanalysis.methods.steady.closing import close
-from eppanalysis.methods.steady.flow import later
-from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.inputs import Sine
-from eppanalysis.models.systems.sampled.strobe import Strobe, is_sampled, sampled_among
+from eppanalysis.models.systems.sampled.strobe import sampled_among
+from eppanalysis.readable import count
 from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
 from eppanalysis.results.provenance import Provenance
 
@@ -35,8 +31,6 @@ _SAMPLES = 240
 _ASIDE = 0.382
 #: Distance of a stretch from the one before it, relative to the range of each signal, up to which it repeats it.
 REPEATS = 1e-6
-#: Difference of a number of periods from a whole one that is rounding, and of a response from a run's end, in its size.
-_WHOLE, _AS_LARGE = 1e-9, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,10 +43,11 @@ class Steady:
     distance: float = float("nan")
 
 
-def by_runs(drive: Drive) -> str:
+def by_runs(drive: Drive, most_periods: int) -> str:
     """What keeps the response of a loop from being closed exactly, in words; empty where nothing does."""
     reasons = ["dead time"] * bool(np.any(drive.system.delays > 0))
-    reasons += ["a sampled controller"] * is_sampled(drive.system.elements)
+    if not drive.comes_round(most_periods):
+        reasons += [f"samples that do not come round with the input within {count(most_periods, 'period')} of it"]
     return " and ".join(reasons)
 
 
@@ -68,38 +63,9 @@ def steady_of_run(drive: Drive, most_periods: int) -> Steady:
         reached = made
         for multiple, distance in _distances(run, most_periods):
             if distance <= REPEATS:
-                closed = _closed(drive, made, multiple)
-                if closed is not None:
-                    return Steady(closed, made, closed.cycle.residual)
                 cycle = _cycle(drive, made, multiple, distance)
                 return Steady(PeriodicResponse(multiple, 0.0, drive.amplitude, cycle), made, distance)
     return Steady(None, reached)
-
-
-def _closed(drive: Drive, periods: int, multiple: int) -> PeriodicResponse | None:
-    """The response from the end of the run, closed; None where samples do not come round with it, or dead time is."""
-    strobe = Strobe.of(drive.hybrid)
-    if strobe is None or strobe.forgets:
-        return None
-    duration = multiple * drive.period
-    n = duration / strobe.period  # zero where the samples never come round
-    if not n or abs(n - round(n)) > _WHOLE * n:
-        return None
-    end = later(drive.hybrid, periods * drive.period)
-    last = None if end is None else SteadyMotion.begun(end, duration)
-    steady = close(last, given=True)
-    if (
-        last is None
-        or steady is None
-        or np.any(np.abs(steady.extent - last.extent)[steady.sought] > _AS_LARGE * steady.scale)
-    ):
-        return None
-    found = LockedOrbit.closed(strobe, steady, round(n))
-    if found is None:
-        return None
-    cycle = locked_cycle(drive.system, found)
-    cycle = replace(drive.form.to_user(cycle, found.start) if drive.form else cycle, operating_point=drive.at)
-    return PeriodicResponse(multiple, drive.phase(found.start.x0), drive.amplitude, cycle, found.one_of_many)
 
 
 def _run(drive: Drive, periods: int, times: Array) -> Trajectory | None:

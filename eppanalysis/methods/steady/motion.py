@@ -6,14 +6,14 @@ shooting: Stoer and Bulirsch, Introduction to Numerical Analysis, 2002, section 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray, IntArray
-from eppanalysis.methods.simulation.stability import multipliers
+from eppanalysis.methods.simulation.stability import is_stable, multipliers
 from eppanalysis.methods.steady.flow import (
     Pass,
     advance,
@@ -29,6 +29,8 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 
 #: Motion of a place, relative to its size, that is rounding: what is measured against it is measured against the size.
 _ROUNDING = 1e-9
+#: A multiplier as near to 1 as this belongs to a continuum.
+_NEUTRAL = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +85,11 @@ class SteadyMotion:
     def sought(self) -> IntArray:
         """Places of y that repeat on a steady motion, in their order."""
         return repeating(self.start)
+
+    @property
+    def begin(self) -> Array:
+        """What repeats, at the start, shape (m,)."""
+        return self.passes[0].y[self.sought]
 
     @cached_property
     def misses(self) -> Array:
@@ -151,13 +158,42 @@ class SteadyMotion:
         return product
 
     @cached_property
+    def held(self) -> BoolArray:
+        """Which of the places that repeat no event renews, so that the end is the start whatever it is, shape (m,)."""
+        return np.asarray(np.all(self.matrix == np.eye(self.sought.size), axis=1))
+
+    @cached_property
     def multipliers(self) -> ComplexArray | None:
         """Floquet multipliers, one for each state of plant and controllers; None where a guard is only touched."""
         if not np.all(np.isfinite(self.matrix)):
             return None
         controllers = strobe_of(self.start)
         own = 0 if controllers is None else sum(len(np.asarray(c.x0)) for c in controllers.controllers)
-        return multipliers(self.matrix, np.ones(self.sought.size), int(np.sum(self.start.compared)) + own)
+        # What is held has the multiplier 1, apart from all others, which integrators behind it may have, too: together
+        # they would come out as roots of rounding.
+        rest, ones = np.flatnonzero(~self.held), np.ones(int(np.sum(self.held & self._acts)), complex)
+        wanted = int(np.sum(self.start.compared)) + own
+        found = multipliers(self.matrix[np.ix_(rest, rest)], np.ones(rest.size), max(wanted, 0))
+        values = np.concatenate([found, ones])
+        return values[np.argsort(-np.abs(values), kind="stable")][:wanted]
+
+    @property
+    def _acts(self) -> BoolArray:
+        """Which of the places that repeat another one depends on, shape (m,)."""
+        others = self.matrix.copy()
+        np.fill_diagonal(others, 0.0)
+        return np.asarray(np.any(others != 0.0, axis=0))
+
+    @cached_property
+    def one_of_many(self) -> bool:
+        """Whether it belongs to a continuum of motions of the same duration."""
+        values = self.multipliers
+        return values is not None and bool(np.any(np.abs(values - 1.0) < _NEUTRAL))
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether all multipliers lie inside the unit circle, but the 1 of a continuum; None where there are none."""
+        return None if self.multipliers is None else is_stable(self.multipliers, self.one_of_many)
 
     @property
     def on_a_border(self) -> bool:
@@ -174,8 +210,12 @@ class SteadyMotion:
             slope[-1] = self.image @ slope[-1]
         return slope[:, self.sought]
 
-    def moved(self, step: Array, longer: float) -> SteadyMotion | None:
+    def moved(
+        self, step: Array, longer: float, onto: Callable[[HybridSystem], HybridSystem] = lambda start: start
+    ) -> SteadyMotion | None:
         """Passes from starts after a step (k, m) in what repeats, their durations `longer` by a logarithm.
+
+        They are begun `onto` the loop at another value of a parameter, where one changes.
 
         What does not repeat, and what a pass does not depend on (a speed that sticking holds at zero), is as the pass
         before ends. Of a motion up to its image the image is taken, in which modes are known: those of the end.
@@ -188,7 +228,7 @@ class SteadyMotion:
             y[self.sought] += step[k]
             y = y if self.image is None else self.image @ y
             y[self._ended[k]] = stacked(before)[self._ended[k]]
-            new = advance(before.at(y[:n], y[n:], before.modes0), one.duration * float(np.exp(longer)))
+            new = advance(onto(before.at(y[:n], y[n:], before.modes0)), one.duration * float(np.exp(longer)))
             if new is None:
                 return None
             passes.append(new)
@@ -202,11 +242,14 @@ class SteadyMotion:
         ended[:, self.sought] = ~np.roll(self.blocks, 1, axis=0).any(axis=2)
         return ended
 
+    def quiet(self, parts: int) -> Array:
+        """When it is farthest from all events, in each of so many equal parts of its duration [s], shape (parts,)."""
+        times = np.concatenate([begin + one.times[1:] for begin, one in zip(self.begins, self.passes, strict=True)])
+        return between_events(times, self.duration, parts)
+
     def placed(self, pieces: int) -> SteadyMotion | None:
         """The same motion in so many passes, each begun where no event is near; None where a run stops early."""
-        times = np.concatenate([begin + one.times[1:] for begin, one in zip(self.begins, self.passes, strict=True)])
-        begins = between_events(times, self.duration, pieces)
-        starts = []
+        begins, starts = self.quiet(pieces), []
         for begin in begins:
             k = int(np.searchsorted(self.begins, begin, side="right")) - 1
             if (start := later(self.passes[k].start, begin - self.begins[k])) is None:

@@ -67,7 +67,7 @@ def test_a_sampled_gain_is_a_hold() -> None:
     s = 1j * TURN / T
     hold = (1 - np.exp(-s * T / n)) / (s * T / n)
     assert one.response("lag") == pytest.approx(2.0 * hold / (s + 1.0), rel=1e-12)
-    assert "closed from the end of a run, for the loop has a sampled controller" in str(found)
+    assert "1 found, 1 stable. The run from the loop's own start comes to follow the input." in str(found)
     assert np.abs(one.cycle.multipliers) == pytest.approx([np.exp(-T)], rel=1e-12)
 
 
@@ -103,6 +103,33 @@ def test_a_sampled_relay_under_a_sine_against_its_map_from_sample_to_sample() ->
     assert at == pytest.approx(k * h, abs=1e-9)
     assert one.cycle.state[0] == pytest.approx(states[-n:][k % n], rel=1e-10)
     assert np.abs(one.cycle.multipliers) == pytest.approx([np.exp(-T)], rel=1e-10)
+
+
+def sampled_spring(n: int, omega: float) -> epp.Diagram:
+    """x'' + 0.2 x' = sat(force - x) with n samples of the difference in a period."""
+    return epp.Diagram(
+        parts={
+            "reader": epp.SampledController([], [], [], [[1.0]], TURN / omega / n),
+            "spring": epp.Saturation(-1.0, 1.0),
+            "mass": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 0.2, 0.0]),
+        },
+        connect=["force - mass -> reader", "reader -> spring", "spring -> mass"],
+        inputs=["force"],
+    )
+
+
+def test_all_responses_of_a_sampled_loop_are_found_as_of_its_difference_equation() -> None:
+    found = epp.forced_response(sampled_spring(40, 0.88), amplitude=0.29, frequency=0.88 / TURN)
+    assert [r.stable for r in found] == [True, False, True]
+    # Of the same loop as a difference equation (tests/methods/driven/test_discrete.py).
+    assert [r.largest_multiplier for r in found] == pytest.approx([0.6742708807, 1.6271601435, 0.5565221328], rel=1e-9)
+
+
+def test_where_samples_never_come_round_with_the_input_a_run_answers() -> None:
+    found = epp.forced_response(sampled_spring(40, 0.88), amplitude=0.1, frequency=0.88 / TURN / np.sqrt(2.0))
+    assert "from a run alone, for the loop has samples that do not come round with the input" in str(found)
+    with pytest.raises(EppError, match="samples that do not come round with the input within 60 periods of it"):
+        epp.amplitude_response(sampled_spring(40, 0.88), amplitudes=(0.1, 0.2), frequency=0.88 / TURN / np.sqrt(2.0))
 
 
 def test_what_does_not_repeat_itself_and_what_cannot_be_followed_is_said() -> None:

@@ -37,8 +37,8 @@ BORDER = (
 _DIGITS = 6
 #: Two orbits are one, or one is a shorter one gone round several times, where they are as near as this.
 _SAME = 1e-7
-#: Motion, relative to what is looked for, that is rest; a multiplier as near to 1 as this belongs to a continuum.
-_REST, _NEUTRAL = 1e-6, 1e-8
+#: Motion, relative to what is looked for, that is rest.
+_REST = 1e-6
 #: Numbers of samples that are tried where the period of a start is none.
 _MOST_LENGTHS = 40
 
@@ -121,8 +121,7 @@ class LockedOrbit(SampledTurn):
     @property
     def one_of_many(self) -> bool:
         """Whether it belongs to a continuum of orbits."""
-        values = self.steady.multipliers
-        return values is not None and bool(np.any(np.abs(values - 1.0) < _NEUTRAL))
+        return self.steady.one_of_many
 
     @property
     def is_stable(self) -> bool:

@@ -55,8 +55,8 @@ _INSTEAD = {
     "certify_orbit": "exact_orbit closes a locked cycle to rounding, without a proof",
     "frozen_nyquist": "predict_limit_cycles and margins do",
     "olop": "predict_limit_cycles and forced_response do",
-    "frequency_response": "forced_response answers at one frequency and amplitude",
-    "amplitude_response": "forced_response answers at one frequency and amplitude",
+    "frequency_response": "samples come round with the input at single frequencies only, at one of which "
+    "amplitude_response follows the responses",
     "A batch": "simulate runs them one by one",
 }
 
