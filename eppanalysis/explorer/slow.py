@@ -73,7 +73,7 @@ def branch(given: Given, over: str, low: float, high: float) -> Facts:
     From the upper end in one piece; where there is none or it is lost, from the case's own value to both sides, too.
     """
     from eppanalysis.methods.bounds.exact import BORN
-    from eppanalysis.methods.continuation.labels import Change
+    from eppanalysis.methods.steady.changes import Change
 
     case = given.case()
     pieces = _followed(case, over, (high, low))

@@ -23,12 +23,12 @@ from eppanalysis.methods.bounds.harmonic import BoundProblem, spread, steady_loo
 from eppanalysis.methods.bounds.numbers import ParametricModel
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.continuation.branch import continue_branch
-from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.continuation.steps import BranchPoint
 from eppanalysis.methods.harmonic.balance import cycle_of
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.search.find import find_limit_cycles
+from eppanalysis.methods.steady.changes import Change
 from eppanalysis.results import LimitCycle
 
 #: How far inside the harmonic bound an orbit is sought, relative to it, and how far beyond the branch is followed.

@@ -17,7 +17,6 @@ from eppanalysis.methods.continuation.doubling import doubled, half_alike
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.labels import (
     STANDS,
-    Change,
     crossing,
     departure,
     difference,
@@ -51,6 +50,7 @@ from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import same_orbit
 from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.methods.simulation.stability import is_stable
+from eppanalysis.methods.steady.changes import Change
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import is_sampled
 from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case

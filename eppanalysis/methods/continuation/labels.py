@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import StrEnum
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from eppanalysis.methods.continuation.steps import BranchPoint
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import run_from
 from eppanalysis.methods.simulation.stability import is_stable
+from eppanalysis.methods.steady.changes import Change
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.readable import listed
 
@@ -24,30 +24,6 @@ _TOUCHED = 1e-5
 #: Time constants that an approach to a guard takes until it is so slow; where one is grazed the speed falls far faster,
 #: and a slow ramp hardly at all.
 _APPROACH = 10.0, 1e3
-
-
-class Change(StrEnum):
-    """What happens at a special point of a branch."""
-
-    FOLD = "fold"
-    PERIOD_DOUBLING = "period doubling"
-    TORUS = "torus"
-    BRANCH_POINT = "branch point"
-    SEQUENCE = "change of sequence"
-    TURNING = "turning change of sequence"
-    END = "end"
-    #: Where the branch goes on at one value of the parameter for ever: the period grows without bound, or cycles of all
-    #: sizes exist there.
-    INFINITE = "infinite period"
-    CONTINUUM = "continuum"
-    #: Where at each value of the parameter cycles of many sizes exist: which of them a branch takes would be rounding.
-    CONTINUA = "continuum at each value"
-    #: Where the cycle becomes the free oscillation of the linear loop, which is at the limit of stability there.
-    LINEAR = "linear limit"
-    #: Where a function that is watched along the branch, such as the size of the cycle, passes zero.
-    PASSAGE = "passage"
-    #: Of a sampled loop: the cycle ceases, and the branch goes on with one that has another place among the samples.
-    SAMPLES = "change of samples"
 
 
 #: What is where a branch does not go on.

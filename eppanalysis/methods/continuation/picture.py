@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eppanalysis.methods.continuation.folds import FoldCurve
-from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.result import Branch
+from eppanalysis.methods.steady.changes import Change
 from eppanalysis.plotting import (
     BLUE,
     DARK_ORANGE,

@@ -11,8 +11,8 @@ from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array
 from eppanalysis.limits import Limit, Printed
 from eppanalysis.methods.continuation.cover import Gap, covered
-from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.steps import BranchPoint
+from eppanalysis.methods.steady.changes import Change
 from eppanalysis.readable import count, listed, quantity, readable, words
 from eppanalysis.results import Brief, LimitCycle, Result, Status
 from eppanalysis.shown import frame_of

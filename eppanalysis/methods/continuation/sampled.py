@@ -20,7 +20,7 @@ import numpy as np
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation.cover import gaps
-from eppanalysis.methods.continuation.labels import Change, in_words
+from eppanalysis.methods.continuation.labels import in_words
 from eppanalysis.methods.continuation.own_states import searched
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.orbits.exact import steady_hybrid
@@ -37,6 +37,7 @@ from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.runs import cycle_of_run, judge, run_hybrid
 from eppanalysis.methods.simulation.samples import extent_of
 from eppanalysis.methods.simulation.simulate import simulate
+from eppanalysis.methods.steady.changes import Change
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import Strobe

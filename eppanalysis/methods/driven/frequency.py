@@ -14,8 +14,9 @@ from eppanalysis.methods.driven.first_order import Sinusoid, sinusoid_branches
 from eppanalysis.methods.driven.forced import Search, periodic_response, shape_of, some_responses
 from eppanalysis.methods.driven.result import FrequencyResponse, Over, ResponseBranch, SpecialResponse
 from eppanalysis.methods.driven.runs import by_runs
+from eppanalysis.methods.steady.changes import Change
 from eppanalysis.methods.steady.closing import CLOSED
-from eppanalysis.methods.steady.follow import Continuation, Place, Turning, between
+from eppanalysis.methods.steady.follow import Continuation, Place, between
 from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, require_continuous, system_of
@@ -337,7 +338,7 @@ class _Response:
         parts = [
             f"Response of {words(self.output)} " + (f"jumps at {where}" if folds else "does not jump"),
             f"{count(len(exact), 'branch')} under a sine {what} at {words(self.drive.input)}",
-            *(f"{s.kind} at {self._where(s)}" for b in exact for s in b.special if s.kind != Turning.FOLD),
+            *(f"{s.kind} at {self._where(s)}" for b in exact for s in b.special if s.kind != Change.FOLD),
         ]
         if not whole:
             parts += [f"a branch {end}" for end in dict.fromkeys(e for b in exact for e in b.ends if _within(e))]

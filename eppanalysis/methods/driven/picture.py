@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from eppanalysis.arrays import Array
 from eppanalysis.methods.driven.result import ForcedResponse, FrequencyResponse, Over, ResponseBranch
-from eppanalysis.methods.steady.follow import Turning
+from eppanalysis.methods.steady.changes import Change
 from eppanalysis.plotting import (
     BLUE,
     DARK,
@@ -87,7 +87,7 @@ def _mark(ax: Axes, branch: ResponseBranch, x: Array, y: Array) -> None:
     """Folds and other special points; with each fold an arrow to the stable response to which the motion jumps."""
     for special in branch.special:
         i = special.index
-        fold = special.kind == Turning.FOLD
+        fold = special.kind == Change.FOLD
         style: dict[str, Any] = {"marker": "D", "color": DARK_ORANGE}
         if not fold:
             style = {"marker": "s", "color": GREEN, "markerfacecolor": "none"}

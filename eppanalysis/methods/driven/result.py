@@ -11,7 +11,7 @@ import numpy as np
 from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.errors import EppError, shown
-from eppanalysis.methods.steady.follow import Turning
+from eppanalysis.methods.steady.changes import Change
 from eppanalysis.results import Brief, LimitCycle, Listing, Result, Status
 
 if TYPE_CHECKING:
@@ -184,7 +184,7 @@ class SpecialResponse(Brief):
 
     Attributes
     ----------
-    kind : Turning
+    kind : Change
         "fold", "period doubling", "torus" (quasi-periodic motions leave the branch) or "branch point".
     frequency : float
         Of the input [Hz].
@@ -196,7 +196,7 @@ class SpecialResponse(Brief):
         Number of the branch's point that it is.
     """
 
-    kind: Turning
+    kind: Change
     frequency: float
     amplitude: float
     response: complex
@@ -245,7 +245,7 @@ class ResponseBranch(Brief):
     @property
     def folds(self) -> tuple[SpecialResponse, ...]:
         """Where the branch turns back: a stable and an unstable response meet, and the motion jumps."""
-        return tuple(s for s in self.special if s.kind == Turning.FOLD)
+        return tuple(s for s in self.special if s.kind == Change.FOLD)
 
     def parts(self, over: Over = Over.FREQUENCY) -> list[slice]:
         """Stretches between the folds, on which there is one response for each frequency (or amplitude)."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from functools import cached_property
 from typing import Protocol
 
@@ -19,6 +18,7 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.steady.changes import Change
 from eppanalysis.methods.steady.closing import CLOSED
 from eppanalysis.methods.steady.flow import advance, stacked
 from eppanalysis.methods.steady.motion import SteadyMotion
@@ -47,15 +47,6 @@ _BESIDE = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 #: How a branch ends within the range.
 _NO_MORE = "ends where no periodic response continues it"
 _CONTINUUM = "ends where periodic responses become a continuum, as an element that holds its output makes one"
-
-
-class Turning(StrEnum):
-    """What happens at a special point of a branch of periodic responses."""
-
-    FOLD = "fold"
-    PERIOD_DOUBLING = "period doubling"
-    TORUS = "torus"
-    BRANCH_POINT = "branch point"
 
 
 class Road(Protocol):
@@ -217,7 +208,7 @@ class Continuation:
     road: Road
     n_places: int
     max_step: float
-    special: list[tuple[Turning, Place, int]] = field(default_factory=list)
+    special: list[tuple[Change, Place, int]] = field(default_factory=list)
 
     def both_ways(self, value: float, motion: SteadyMotion) -> tuple[list[Place], tuple[str, str]]:
         """The branch through a motion: places in its own order, and how it ends at both ends."""
@@ -306,7 +297,7 @@ class Continuation:
             if found is not None and _apart(found, other) < _apart(found, old.motion):
                 corner = self._meeting(old, found)
                 if corner.tangent[-1] * found.tangent[-1] < 0.0:
-                    self.special.append((Turning.FOLD, corner, index))
+                    self.special.append((Change.FOLD, corner, index))
                 return [corner, found]
         return []
 
@@ -373,7 +364,7 @@ class Continuation:
         """The fold or the change of stability between two places, which is noted as the place of that number."""
         if old.tangent[-1] * new.tangent[-1] < 0:
             # With stable motions on both sides it is a pair of mirror images that meets in a symmetric one.
-            kind = Turning.BRANCH_POINT if old.stable and new.stable else Turning.FOLD
+            kind = Change.BRANCH_POINT if old.stable and new.stable else Change.FOLD
             found = self._located(old, new, lambda p: float(p.tangent[-1] / self._width))
         elif old.stable != new.stable:
             kind, test = _crossing(old, new)
@@ -449,13 +440,13 @@ def between(road: Road, one: Place, other: Place, value: float) -> Place | None:
     return motion_at(road, near, u, value)
 
 
-def _crossing(old: Place, new: Place) -> tuple[Turning, Callable[[Place], float]]:
+def _crossing(old: Place, new: Place) -> tuple[Change, Callable[[Place], float]]:
     """Which way a multiplier crosses the unit circle, and the test function for it."""
     values = (new if not new.stable else old).motion.multipliers
     values = np.zeros(0, complex) if values is None else values
     # Multipliers are sorted, so that the last one outside is the nearest to the circle: the one that has just crossed.
     leading = values[np.abs(values) >= 1.0][-1]
     if abs(leading.imag) > 1e-9:
-        return Turning.TORUS, lambda p: p.multiplier - 1.0
+        return Change.TORUS, lambda p: p.multiplier - 1.0
     sign = 1.0 if leading.real < 0 else -1.0
-    return (Turning.PERIOD_DOUBLING if sign > 0 else Turning.BRANCH_POINT), lambda p: determinant(p.motion, sign)
+    return (Change.PERIOD_DOUBLING if sign > 0 else Change.BRANCH_POINT), lambda p: determinant(p.motion, sign)

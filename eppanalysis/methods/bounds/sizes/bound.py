@@ -21,7 +21,6 @@ from eppanalysis.methods.bounds.result import Finding, Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.continuation.branch import Continuation
 from eppanalysis.methods.continuation.families import Family
-from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.seeds import steady_case
 from eppanalysis.methods.continuation.steps import BranchPoint, make_point
 from eppanalysis.methods.describing.predict import predicted_cycles
@@ -30,6 +29,7 @@ from eppanalysis.methods.orbits.exact import start_of
 from eppanalysis.methods.orbits.shooting import orbits_near
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.simulation.stability import is_stable
+from eppanalysis.methods.steady.changes import Change
 from eppanalysis.results import LimitCycle
 
 #: Orbits of a branch at most, and the longest step along it.
