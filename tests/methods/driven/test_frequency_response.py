@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 import eppanalysis as epp
 from eppanalysis.errors import EppError, ModelError
 from tests import driven_loops
+from tests.coordinates import rescaled, rotated
 from tests.driven_loops import TURN, duffing
 
 
@@ -63,6 +64,16 @@ def test_a_slow_sweep_of_an_independent_integrator_jumps_just_at_the_folds(jump,
     assert rising[0] < 1.40 and rising[1] < 1.48 and rising[2] > 1.6
     falling = swept([0.85, 0.80, down + 0.002, down - 0.003], [0.0, -1.4])
     assert falling[2] > 1.9 and falling[3] < 1.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_folds_are_the_same_in_turned_states_and_other_units(seed, jump, saturated):
+    wanted = [s.frequency for s in jump.folds]
+    for system in (rotated(saturated, seed), rescaled(saturated, 1.0, 1.0, seed)):
+        found = epp.frequency_response(system, output="mass", amplitude=0.5, frequencies=(0.7 / TURN, 1.0 / TURN))
+        assert [s.frequency for s in found.folds] == pytest.approx(wanted, rel=1e-11)
+        assert found.status.ok and [b.ends for b in found.branches] == [b.ends for b in jump.branches]
 
 
 def test_at_a_fold_a_multiplier_is_one(jump):
