@@ -20,12 +20,11 @@ from eppanalysis.methods.orbits.guess import Guess
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, effort_of, evaluate, evened, room_for, solve
 from eppanalysis.methods.orbits.shooting import close_orbit, is_met, next_guess
 from eppanalysis.methods.simulation.budget import BudgetExceeded, budget, spend
+from eppanalysis.methods.steady.locate import End, located, turned
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 #: Rate of the parameter along the branch, relative to its range, that is rounding.
 _STANDS = 1e-9
-#: A test function this far below its first value may be stopped by rounding.
-_NOISE = 1e-6
 #: Largest predicted bend of the branch over a step, relative to the step.
 _GENTLE = 0.1
 #: A period that is this many times as long after a step is none: what dies out with time has vanished to rounding.
@@ -245,11 +244,6 @@ def bend(old: BranchPoint, new: BranchPoint) -> float:
     return turned(new.weights, old.tangent, new.tangent)
 
 
-def turned(w: Array, old: Array, new: Array) -> float:
-    """How much a direction turns, in weighted coordinates: one less the cosine of the angle."""
-    return float(1.0 - np.sum(w * old * new) / np.sqrt(np.sum(w * old**2) * np.sum(w * new**2)))
-
-
 def admissible(point: BranchPoint) -> bool:
     """Whether the engine, started on the orbit, meets the same events."""
     return _true(point.orbit)
@@ -262,39 +256,15 @@ def _true(orbit: Orbit) -> bool:
 def locate(
     point: BranchPoint, far: BranchPoint, test: Callable[[BranchPoint], float], tolerance: float = 1e-10
 ) -> BranchPoint | None:
-    """Where `test` changes its sign between a point and a later one of its sequence, by regula falsi (Illinois).
-
-    It ends at the tolerance, or where rounding keeps the test from becoming smaller.
-    """
+    """Where `test` changes its sign between a point and a later one of its sequence; see :func:`located`."""
     row = _along(point)
-    ends = [(0.0, point, test(point)), (float(row @ (far.unknowns - point.unknowns)), far, test(far))]
-    if ends[0][2] * ends[1][2] > 0:
-        return None
-    best, least = min(((p, abs(f)) for _, p, f in ends), key=lambda pair: pair[1])
-    reach, size, moved, in_vain = abs(ends[1][0]), max(abs(f) for _, _, f in ends), -1, 0
-    for _ in range(40):
-        (a, _, f_a), (b, _, f_b) = ends
-        if abs(b - a) < 1e-14 * reach or f_a == f_b:  # zero at both
-            break
+
+    def at(one: End[BranchPoint], other: End[BranchPoint], distance: float) -> BranchPoint | None:
         # The line through both values tells where, the cubic through both orbits with their tangents what it is like
         # there.
-        c = (a * f_b - b * f_a) / (f_b - f_a)
-        found = _between(point, row, ends[0][:2], ends[1][:2], c) or step(point, c)
-        if found is None:
-            return best
-        f_c = test(found)
-        in_vain = 0 if abs(f_c) < least else in_vain + 1
-        if in_vain == 0:
-            best, least = found, abs(f_c)
-        if least < tolerance or (in_vain > 1 and least < _NOISE * size):
-            break
-        side = int(f_c * f_b > 0)
-        ends[side] = c, found, f_c
-        if side == moved:  # an end that stays counts half, or it might stay for ever
-            s, p, f = ends[1 - side]
-            ends[1 - side] = s, p, 0.5 * f
-        moved = side
-    return best
+        return _between(point, row, one, other, distance) or step(point, distance)
+
+    return located((0.0, point), (float(row @ (far.unknowns - point.unknowns)), far), test, at, tolerance)
 
 
 def _between(

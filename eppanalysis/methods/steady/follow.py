@@ -21,6 +21,7 @@ from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.steady.changes import Change
 from eppanalysis.methods.steady.closing import CLOSED
 from eppanalysis.methods.steady.flow import advance, stacked
+from eppanalysis.methods.steady.locate import End, located, turned
 from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import HybridSystem
 
@@ -39,8 +40,8 @@ _CARRIED = 1e-6
 _MOST_MISSED = 0.02
 #: Nearest that an event may come to the begin, relative to the longest stretch without events.
 _NEAR_EVENT = 0.1
-#: Bisections and secants on the way to a fold or to a change of stability, and the size of the test that is zero.
-_MOST_LOCATED, _ZERO = 60, 1e-9
+#: Size of the test for a fold or a change of stability that is zero.
+_ZERO = 1e-9
 #: Shares of the stretch in doubt, aside of where Newton's method fails, at which a place is tried.
 _BESIDE = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 
@@ -219,8 +220,8 @@ class Continuation:
         forward, self.special = self.special, []
         back, other = self._along(replace(first, tangent=-first.tangent), max(2, self.n_places - len(ahead)))
         n = len(back) - 1
-        turned = [(kind, there, n - i) for kind, there, i in self.special]
-        self.special = turned[::-1] + [(kind, there, i + n) for kind, there, i in forward]
+        backward = [(kind, there, n - i) for kind, there, i in self.special]
+        self.special = backward[::-1] + [(kind, there, i + n) for kind, there, i in forward]
         return back[::-1][:-1] + ahead, (other, why)
 
     @property
@@ -235,7 +236,7 @@ class Continuation:
 
     def _along(self, first: Place, n_places: int) -> tuple[list[Place], str]:
         """Places from the first on in the direction of its tangent, until the range, the count or the branch ends."""
-        places, ds, turned = [first], 0.25 * self.max_step, False
+        places, ds, has_turned = [first], 0.25 * self.max_step, False
         while len(places) < n_places:
             old = places[-1] = self._moved_away(places[-1])
             new = self.step(old, ds)
@@ -261,8 +262,8 @@ class Continuation:
             places += [*self._special_between(old, new, len(places)), new]
             if out:
                 return places, "leaves the range"
-            turned = turned or new.tangent[-1] * first.tangent[-1] < 0.0
-            if turned and len(places) > 10 and self._same(places[0], new):
+            has_turned = has_turned or new.tangent[-1] * first.tangent[-1] < 0.0
+            if has_turned and len(places) > 10 and self._same(places[0], new):
                 return places, "closes on itself"
             ds = min(2.0 * ds, self.max_step) if self._bend(old, new) < _LITTLE_BEND else ds
         return places, "stops at the number of points asked for"
@@ -319,9 +320,8 @@ class Continuation:
         return bool(np.sqrt(np.sum(w * away * away)) > _MOST_MISSED * ds)
 
     def _bend(self, old: Place, new: Place) -> float:
-        """How much the direction turns between two places: one less the cosine of the angle."""
-        w, a, b = measure(new.motion, self._width), old.tangent, new.tangent
-        return float(1.0 - np.sum(w * a * b) / np.sqrt(np.sum(w * a**2) * np.sum(w * b**2)))
+        """How much the direction turns between two places."""
+        return turned(measure(new.motion, self._width), old.tangent, new.tangent)
 
     def _same(self, one: Place, other: Place) -> bool:
         """Whether the branch has come back to a place, whatever phase of its drive either begins at."""
@@ -377,28 +377,17 @@ class Continuation:
         return [] if found is old or found is new else [found]
 
     def _located(self, old: Place, new: Place, test: Callable[[Place], float]) -> Place | None:
-        """Where a test changes its sign between two places, by regula falsi (Illinois)."""
+        """Where a test changes its sign between two places, or beside where Newton's method fails there."""
+        failed: list[float] = []
+
+        def at(one: End[Place], other: End[Place], distance: float) -> Place | None:
+            found = self.step(old, distance)
+            failed.extend([distance, other[0] - one[0]] if found is None else [])
+            return found
+
         row = measure(old.motion, self._width) * old.tangent
-        a, f_a, b, f_b = 0.0, test(old), float(row @ (new.unknowns - old.unknowns)), test(new)
-        if f_a * f_b > 0:
-            return None
-        best, least = (old, abs(f_a)) if abs(f_a) < abs(f_b) else (new, abs(f_b))
-        for _ in range(_MOST_LOCATED):
-            c = (a * f_b - b * f_a) / (f_b - f_a)
-            found = self.step(old, c)
-            if found is None:
-                return self._beside(old, c, b - a) or best
-            f_c = test(found)
-            if abs(f_c) < least:
-                best, least = found, abs(f_c)
-            if least < _ZERO or abs(b - a) < 1e-13:
-                return best
-            # Illinois: the end that stays counts half, or all secants would come from one side.
-            if f_c * f_b > 0:
-                b, f_b, f_a = c, f_c, 0.5 * f_a
-            else:
-                a, f_a, b, f_b = b, f_b, c, f_c
-        return best
+        best = located((0.0, old), (float(row @ (new.unknowns - old.unknowns)), new), test, at, _ZERO)
+        return (self._beside(old, *failed) if failed else None) or best
 
     def _beside(self, old: Place, c: float, width: float) -> Place | None:
         """The place nearest to a distance that Newton's method reaches: where branches meet, it does not converge."""
