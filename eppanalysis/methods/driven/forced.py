@@ -10,18 +10,16 @@ import numpy as np
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.arrays import Array
-from eppanalysis.methods.driven.closing import along
 from eppanalysis.methods.driven.drive import Drive, drive_of
 from eppanalysis.methods.driven.entrained import Entrainment, entrainments, undriven
 from eppanalysis.methods.driven.first_order import Sinusoid, near_misses, sinusoids
 from eppanalysis.methods.driven.result import ForcedResponse, Motion, PeriodicResponse
 from eppanalysis.methods.driven.runs import METHOD as RUN, REPEATS, by_runs, steady_of_run
-from eppanalysis.methods.orbits.cycle import orbit_shape, to_limit_cycle
 from eppanalysis.methods.orbits.samples.locked import LockedOrbit, locked_cycle
-from eppanalysis.methods.simulation.period import PeriodShape
 from eppanalysis.methods.simulation.stability import describe, is_stable
 from eppanalysis.methods.steady.closing import CLOSED, close
-from eppanalysis.methods.steady.flow import advance, later, repeating, stacked
+from eppanalysis.methods.steady.cycle import steady_cycle
+from eppanalysis.methods.steady.flow import advance, advances, later, repeating, stacked
 from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
@@ -367,7 +365,7 @@ class Search:
         for checked in _CHECKED if to_the_end else _CHECKED[:2]:
             while now is not None and made < checked:
                 now, made = later(now, self.shortest * self.drive.period), made + self.shortest
-                states.append(stacked(start if now is None else now)[repeating(start)])
+                states.append((stacked(now or start) - made * self.drive.period * advances(start))[repeating(start)])
             if now is None:
                 return Motion.UNDECIDED, float("nan")
             if to_the_end:
@@ -455,8 +453,11 @@ def _beside(response: SteadyMotion, share: float) -> HybridSystem:
 
 def _away(response: SteadyMotion, one: HybridSystem, other: HybridSystem) -> float:
     """Distance of what repeats in two systems, relative to the size of a response."""
-    apart = np.abs(stacked(one) - stacked(other))[response.sought]
-    return float(np.max(apart / response.scale, initial=0.0))
+    apart, goes_on = stacked(one) - stacked(other), advances(one)
+    clocks = np.flatnonzero(goes_on[: one.x0.size])
+    if clocks.size:  # what tells the time differs by as much as the clock does
+        apart = apart - goes_on * (apart[clocks[0]] / goes_on[clocks[0]])
+    return float(np.max(np.abs(apart)[response.sought] / response.scale, initial=0.0))
 
 
 def _midway(start: HybridSystem, other: HybridSystem, share: float) -> HybridSystem:
@@ -473,13 +474,6 @@ def _last_together(size: SteadyMotion, paths: Sequence[list[HybridSystem]], most
     return both[max(near, default=0)][0]
 
 
-def shape_of(drive: Drive, response: SteadyMotion) -> PeriodShape:
-    """What the signals of a loop without samples do on a response, from where it begins."""
-    orbit = along(response.passes[0])
-    assert orbit is not None
-    return orbit_shape(drive.system, orbit)
-
-
 def periodic_response(drive: Drive, multiple: int, response: SteadyMotion) -> PeriodicResponse:
     """A response as its users see it, begun where the input has phase zero unless an element switches there.
 
@@ -492,18 +486,18 @@ def periodic_response(drive: Drive, multiple: int, response: SteadyMotion) -> Pe
         cycle = locked_cycle(drive.system, locked)
         cycle = replace(drive.form.to_user(cycle, locked.start) if drive.form else cycle, operating_point=drive.at)
         return PeriodicResponse(multiple, drive.phase(locked.start.x0), drive.amplitude, cycle, response.one_of_many)
-    placed = next(drive.alongside(response.start, 0.0, 1))
+    shown, placed = response, next(drive.alongside(response.start, 0.0, 1))
     if placed is not None:
         x = placed.x0.copy()
         # At phase zero exactly, without the rounding of the way there.
         x[drive.sine] = 0.0, 1.0
         moved = SteadyMotion.begun(replace(placed, x0=x), response.duration)
-        if moved is not None and moved.gap < CLOSED and moved.ends_in_its_modes:
-            response = moved
-    orbit = along(response.passes[0])
-    assert orbit is not None
-    cycle = replace(to_limit_cycle(drive.system, orbit), operating_point=drive.at)
-    phase = drive.phase(orbit.y)
+        shown = moved if moved is not None and moved.gap < CLOSED and moved.ends_in_its_modes else response
+    (once,) = shown.passes
+    turn = shown.start, once.run, int(once.run.order[-1]) if once.run.count else -1
+    rows = np.vstack([once.rows, stacked(once.run.end(shown.start))])
+    cycle = replace(steady_cycle(drive.system, response, turn, rows, response.duration), operating_point=drive.at)
+    phase = drive.phase(shown.start.x0)
     phase = 0.0 if 2 * np.pi - phase < 1e-9 else phase
     return PeriodicResponse(multiple, phase, drive.amplitude, cycle, response.one_of_many)
 

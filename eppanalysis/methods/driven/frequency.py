@@ -11,7 +11,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError, did_you_mean
 from eppanalysis.methods.driven.drive import Drive, DriveRange, drive_of
 from eppanalysis.methods.driven.first_order import Sinusoid, sinusoid_branches
-from eppanalysis.methods.driven.forced import Search, periodic_response, shape_of, some_responses
+from eppanalysis.methods.driven.forced import Search, periodic_response, some_responses
 from eppanalysis.methods.driven.result import FrequencyResponse, Over, ResponseBranch, SpecialResponse
 from eppanalysis.methods.driven.runs import by_runs
 from eppanalysis.methods.steady.changes import Change
@@ -309,14 +309,8 @@ class _Response:
 
     def _of(self, there: Place) -> tuple[complex, float]:
         """Complex gain and peak-to-peak of the output."""
-        drive, begin = self.road.drive(there.value), there.motion.start
-        if self.drive.is_sampled:
-            found = periodic_response(drive, self.road.multiple, there.motion)
-            return found.response(self.output), found.cycle.peak_to_peak[self.output]
-        shape = shape_of(drive, there.motion)
-        turn = np.exp(-1j * drive.phase(begin.x0))
-        gain = 1j * shape.harmonics[self.output][1] * turn / drive.amplitude
-        return complex(gain), float(shape.peak_to_peak[self.output])
+        found = periodic_response(self.road.drive(there.value), self.road.multiple, there.motion)
+        return found.response(self.output), found.cycle.peak_to_peak[self.output]
 
     def _first_order(self) -> tuple[ResponseBranch, ...]:
         branches = sinusoid_branches(self.road.drive, self.road.limits)

@@ -9,7 +9,7 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, sample_arcs
 from eppanalysis.methods.orbits.shooting import begun_amid
-from eppanalysis.methods.simulation.period import PeriodShape, advance, advances, analyse_period, free_of
+from eppanalysis.methods.simulation.period import PeriodShape, about_zero, advance, advances, analyse_period
 from eppanalysis.methods.simulation.runs import named_events, run_hybrid
 from eppanalysis.methods.simulation.stability import describe, is_stable
 from eppanalysis.models.systems.lure import LureSystem
@@ -41,7 +41,7 @@ def _cycle_of(system: LureSystem, orbit: Orbit) -> LimitCycle:
     shape = orbit_shape(system, orbit)
     values = orbit.multipliers
     n = orbit.hybrid.n_plant
-    y, aside = orbit.y.copy(), _about_zero(orbit, shape)
+    y, aside = orbit.y.copy(), about_zero(orbit.hybrid, shape)
     y[:n] += aside
     shape = shape.moved(orbit.hybrid.model.Yx[:, :n] @ aside)
     settings = {"system": system.name, "inputs": y[n : orbit.hybrid.x0.size].tolist()}
@@ -104,22 +104,6 @@ def orbit_shape(system: LureSystem, orbit: Orbit) -> PeriodShape:
     else:
         sample = by_arcs if delayed else by_engine
     return analyse_period(marks, np.zeros(0), orbit.hybrid.time_scale, system.signals.names, sample)
-
-
-def _about_zero(orbit: Orbit, shape: PeriodShape) -> Array:
-    """By how much integrals that nothing reads are moved, so that the signals that follow them swing about zero.
-
-    Where such an integral lies is left to where an orbit began, and its orbits are one cycle.
-    """
-    Y = free_of(orbit.hybrid)
-    if not np.any(Y):
-        return np.zeros(Y.shape[1])
-    rows, means = np.zeros((0, Y.shape[1])), np.array(list(shape.mean.values()))
-    chosen: list[int] = []
-    for k, row in enumerate(Y):
-        if np.linalg.matrix_rank(np.vstack([rows, row])) > len(rows):
-            rows, chosen = np.vstack([rows, row]), [*chosen, k]
-    return np.asarray(-np.linalg.pinv(rows) @ means[chosen], float)
 
 
 def gained(orbit: Orbit) -> Array:

@@ -111,6 +111,22 @@ def free_of(hybrid: HybridSystem) -> Array:
     return np.where(hybrid.compared[:n], 0.0, hybrid.model.Yx[:, :n])
 
 
+def about_zero(hybrid: HybridSystem, shape: PeriodShape) -> Array:
+    """By how much integrals that nothing reads are moved, so that the signals that follow them swing about zero.
+
+    Where such an integral lies is left to where a motion began, and these motions are one cycle.
+    """
+    Y = free_of(hybrid)
+    if not np.any(Y):
+        return np.zeros(Y.shape[1])
+    rows, means = np.zeros((0, Y.shape[1])), np.array(list(shape.mean.values()))
+    chosen: list[int] = []
+    for k, row in enumerate(Y):
+        if np.linalg.matrix_rank(np.vstack([rows, row])) > len(rows):
+            rows, chosen = np.vstack([rows, row]), [*chosen, k]
+    return np.asarray(-np.linalg.pinv(rows) @ means[chosen], float)
+
+
 def advance(hybrid: HybridSystem, change: Array) -> Array:
     """What the signals gain where the state changes so (n,), by those of its places that need not repeat."""
     return np.asarray(free_of(hybrid) @ change[: hybrid.n_plant], float)

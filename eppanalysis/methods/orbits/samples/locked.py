@@ -16,23 +16,17 @@ import numpy as np
 from eppanalysis.arrays import Array, IntArray
 from eppanalysis.methods.orbits.samples.continua import joined
 from eppanalysis.methods.simulation.kept import Run
-from eppanalysis.methods.simulation.period import advance, advances, analyse_period
 from eppanalysis.methods.simulation.rounding import left_by_rounding
-from eppanalysis.methods.simulation.runs import named_events, run_hybrid
-from eppanalysis.methods.simulation.stability import describe, drifts, verdict
-from eppanalysis.methods.steady.closing import CLOSED, close
+from eppanalysis.methods.simulation.runs import run_hybrid
+from eppanalysis.methods.steady.closing import close
+from eppanalysis.methods.steady.cycle import steady_cycle
 from eppanalysis.methods.steady.flow import MOST_EVENTS, run_over
 from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import Strobe
-from eppanalysis.models.systems.starts import remembered
 from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
-from eppanalysis.results.provenance import Provenance
 
-BORDER = (
-    "an element is where two of its pieces meet on a sample: a disturbance to either side has multipliers of its own"
-)
 #: Decimals, in sizes of the motion, to which samples are compared to choose the one where an orbit begins.
 _DIGITS = 6
 #: Two orbits are one, or one is a shorter one gone round several times, where they are as near as this.
@@ -197,52 +191,17 @@ def starts_on(strobe: Strobe, run: Run, n: int, most: int) -> Iterator[HybridSys
 
 def locked_cycle(system: LureSystem, found: LockedOrbit) -> LimitCycle:
     """What a closed orbit looks like to its user."""
-    strobe, start, run, last = found.strobe, found.start, found.run, found.last
-    period = found.n * strobe.period
-    marks = np.unique(np.concatenate([[0.0], run.time[: last + 1]]))
-    gained = advance(start, found.rows[-1] - found.rows[0])
-
-    def sample(times: Array) -> Array:
-        again = run_hybrid(start, float(marks[-1]), times, 2.0 * start.time_scale, 2 * run.count + 100, 1)
-        signals = again.samples[: int(again.stats[2])]
-        return signals - np.outer(times[: len(signals)], gained / period)
-
-    shape = analyse_period(marks, system.delays, start.time_scale, system.signals.names, sample)
-    steady = found.steady
-    many, matrix = found.one_of_many, steady.matrix
-    values = None if steady.on_a_border and not many else steady.multipliers
-    drifting = many and drifts(matrix, np.ones(len(matrix)))
-    n = start.n_plant
-    locked = f"locked to the samples: {found.n * strobe.every} of {strobe.controllers[0].sample_time:g} s"
-    noise = steady.gap + np.finfo(float).eps * np.sqrt(last + 1.0)
-    error = float("nan")
-    if values is not None:
-        inverse = np.linalg.pinv(matrix - np.eye(len(matrix)), rcond=1e-12)
-        error = float(np.abs(inverse).sum(1).max(initial=0.0) * noise)
-    return LimitCycle(
-        method=EXACT_ORBIT,
-        status=Status.CONVERGED,
-        period=period,
-        mean=shape.mean,
-        peak_to_peak=shape.peak_to_peak,
-        harmonics=shape.harmonics,
-        stable=None if values is None else verdict(values, many, drifting),
-        stability_criterion=BORDER if values is None else describe(values, many, drifting),
-        multipliers=values,
-        residual=steady.gap,
-        error_estimate=error,
-        events=named_events(start, run.time[: last + 1], run.guard[: last + 1], run.modes[: last + 1]),
-        time=shape.time,
-        waveform=shape.waveform,
-        state=start.x0[:n].copy(),
-        memory=remembered(start, start.x0, start.H0, start.modes0),
-        mean_state=found.rows[:-1, :n].mean(axis=0),
-        event_states=found.rows[:-1, :n].copy(),
-        units=system.signals.units_of_results(),
-        note="; ".join([locked, *advances(system, gained, shape)]),
-        provenance=Provenance(
-            EXACT_ORBIT, {"system": system.name, "samples": found.n * strobe.every}, {"residual": CLOSED}
-        ),
+    strobe = found.strobe
+    samples = found.n * strobe.every
+    cycle = steady_cycle(
+        system, found.steady, (found.start, found.run, found.last), found.rows, found.n * strobe.period
+    )
+    locked = f"locked to the samples: {samples} of {strobe.controllers[0].sample_time:g} s"
+    settings = {**cycle.provenance.settings, "samples": samples}
+    return replace(
+        cycle,
+        note="; ".join([locked, cycle.note] if cycle.note else [locked]),
+        provenance=replace(cycle.provenance, settings=settings),
     )
 
 
