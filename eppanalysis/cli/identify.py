@@ -41,7 +41,7 @@ Outputs = Annotated[
     list[Path],
     file_option(
         "A case file (.toml), a table (.csv) or a picture (.png, .svg, .pdf); repeatable. {bench} in the name of a "
-        "picture stands for tray, backlash or step."
+        "picture becomes tray, backlash or step."
     ),
 ]
 

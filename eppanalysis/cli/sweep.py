@@ -95,7 +95,7 @@ AxesOption = Annotated[
 ]
 RunOption = Annotated[
     list[Run],
-    typer.Option("--run", metavar="METHOD", help=f"What to carry out: {', '.join(Run)}; repeatable. [simulate]"),
+    typer.Option("--run", metavar="METHOD", help=f"Analyses: {', '.join(Run)}; repeatable. [simulate]"),
 ]
 SignalsOption = Annotated[
     list[str], typer.Option("--signal", metavar="NAME", help="Signals to report; repeatable; all for every one.")
@@ -126,7 +126,7 @@ ShardOption = Annotated[
     str | None,
     typer.Option(
         metavar="I/N",
-        help="Compute the share I of N alone, in a store of its own beside the output; several machines do one each.",
+        help="Compute the share I of N alone, in a separate store beside the output; several machines do one each.",
         show_default=False,
     ),
 ]
@@ -161,7 +161,7 @@ def sweep(
         typer.Option("--merge", help="Join the shares beside the output; exit code 75 where cells are missing."),
     ] = False,
     estimate: Annotated[
-        bool, typer.Option("--estimate", help="Compute a sample of the cells alone, and say what all of them cost.")
+        bool, typer.Option("--estimate", help="Compute a sample of the cells alone, and estimate the cost of all.")
     ] = False,
     as_json: Json = False,
     output: Target = None,

@@ -291,7 +291,7 @@ def test_refusals_say_what_is_wrong() -> None:
         ("sqrt + 1", "an argument of sqrt, as in 'sqrt(x)'."),
         ("sqrt(1, 2)", "one argument of sqrt."),
         ("min(J1)", "two or more arguments of min."),
-        ("5 mmm", "a known unit in place of 'mmm'; in an expression quantities are parameters"),
+        ("5 mmm", "a known unit in place of 'mmm'; in an expression a quantity is a parameter"),
         ("Kp/(1 rad)", "give '1 rad' a name in [parameters], and write that here."),
         ("Kp - .5e-3V/rad", "give '.5e-3 V' a name in [parameters], and write that here."),
         ("5 mm + 3", "give '5 mm' a name in [parameters], and write that here."),
