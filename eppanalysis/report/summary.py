@@ -224,14 +224,13 @@ def _known(
     moving = " and ".join(f"{name} {why}" for name, why in case.operating_point.moving.items())
     held = f" Proofs are of inputs that are held; here {moving}." if moving else ""
     if proof is None:
-        told = "Nothing: no proof was asked for, or none covers this loop."
+        told = "Nothing: no proof was requested, or none covers this loop."
         yield "Proved", f"{told}{held}"
     elif isinstance(proof, EppError):
         yield "Proved", f"Nothing: no sentence here is a theorem. The reason: {proof}{held}"
     elif proof.proved:
         theorem = str(proof).removeprefix("Proved: ")
-        told = f"{theorem[:1].upper()}{theorem[1:]} This sentence is a theorem, all others here are computed."
-        yield "Proved", f"{told}{held}"
+        yield "Proved", f"{theorem} This sentence is a theorem, all others here are computed.{held}"
     else:
         yield "Proved", f"Nothing: no sentence here is a theorem. {proof}{held}"
 
