@@ -112,11 +112,11 @@ def made_by_harmonics(
             continue
         known.append(here)
         size = quantity(2.0 * abs(here.Z[0, 1]), unit_at_input(balance.system, 0))
+        gain, seen = 100.0 * np.expm1(abs(x[-1])), here.omega / (2.0 * np.pi)
         yield (
-            "Harmonics make a cycle that the describing function does not have: its loop gain misses one by "
-            f"{100.0 * np.expm1(abs(x[-1])):.2g} % near {omega / (2.0 * np.pi):.4g} Hz, and a balance of {here.order} "
-            f"harmonics stands at {here.omega / (2.0 * np.pi):.4g} Hz, with {size} peak to peak of the fundamental at "
-            f"{balance.system.element_names[0]}."
+            f"The describing function misses a cycle that harmonics make: its loop gain misses 1 by {gain:.2g} % near "
+            f"{omega / (2.0 * np.pi):.4g} Hz. A balance of {here.order} harmonics has it at {seen:.4g} Hz, with {size} "
+            f"peak to peak of the fundamental at {balance.system.element_names[0]}."
         )
 
 
@@ -218,9 +218,9 @@ def _undamped(balance: Balance) -> Iterator[str]:
             sizes.add(f"{factor * 2.0 * float(line[i, 0] + share * (line[i + 1, 0] - line[i, 0])):.2g}")
     if sizes:
         yield (
-            f"The linear part swings undamped by itself at {listed([f'{w / (2.0 * np.pi):.4g}' for w in alone])} Hz, "
-            f"where the describing function has cycles of about {listed(sorted(sizes, key=float)[:_PLACES])}{unit} "
-            f"peak to peak at {system.element_names[0]}, whose gain passes zero, and does not follow them here."
+            f"The linear part is undamped at {listed([f'{w / (2.0 * np.pi):.4g}' for w in alone])} Hz. The describing "
+            f"function has cycles of about {listed(sorted(sizes, key=float)[:_PLACES])}{unit} peak to peak there at "
+            f"{system.element_names[0]}; its gain passes zero, so they are not followed here."
         )
 
 
@@ -237,9 +237,9 @@ def _conservative(balance: Balance) -> Iterator[str]:
     ):
         name = system.element_names[0]
         yield (
-            f"Nothing damps the loop: at no frequency does its linear part or {name} delay a sine. The balance holds "
-            "at every size of a whole range, each at a frequency of its own, and a swing keeps its size; what damping "
-            "or delay the model leaves out makes it die out or grow."
+            f"Nothing damps the loop: neither its linear part nor {name} delays a sine at any frequency. The balance "
+            "holds for a whole range of sizes, each at another frequency, and a swing keeps its size; damping or "
+            "delay outside the model makes it decay or grow."
         )
 
 

@@ -238,7 +238,7 @@ def test_a_cycle_that_only_harmonics_make_is_said_with_its_frequency(gain):
     prediction = predict_limit_cycles(loop)
     assert len(prediction) == 0
     (warning,) = prediction.warnings
-    said = float(re.search(r"stands at ([\d.]+) Hz", warning).group(1))
+    said = float(re.search(r"has it at ([\d.]+) Hz", warning).group(1))
     assert min(abs(c.frequency / said - 1.0) for c in find_limit_cycles(loop)) < 0.02
 
 
@@ -332,7 +332,7 @@ def test_cycles_where_the_linear_part_swings_undamped_by_itself_are_told(coeffic
         loop = loop.in_coordinates(Q.T, Q)
     told = str(epp.predict_limit_cycles(loop))
     assert (
-        f"at {1.0 / (2.0 * np.pi):.4g} Hz, where the describing function has cycles of about {sizes} peak to peak"
+        f"at {1.0 / (2.0 * np.pi):.4g} Hz. The describing function has cycles of about {sizes} peak to peak there"
         in told
     )
 

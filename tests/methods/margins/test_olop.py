@@ -64,7 +64,7 @@ def test_outside_the_boundary_nothing_is_said():
     assert point.phase > np.deg2rad(-60.0)
     assert point.prone is None
     assert point.status is epp.Status.INCOMPLETE
-    assert "says nothing" in str(point)
+    assert "covers only -180 to -60 deg" in str(point)
 
 
 def test_an_amplitude_that_reaches_no_limit():
