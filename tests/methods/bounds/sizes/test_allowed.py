@@ -155,7 +155,7 @@ def test_what_is_allowed_is_named_everywhere(servo: epp.Case, by_gap: epp.Design
         ([1, 1, 1], False, "unsure", "left runs undecided at 0.1, "),
         ([2, 1, 2], False, "unsure", "at 0.1, 4; of the others, runs were left undecided at "),
         ([2, 2, 2], True, "always", "none of them is safe"),
-        ([2, 1, 2], True, "between", "ask for a narrower range"),
+        ([2, 1, 2], True, "between", "give a narrower range"),
         ([1, 2, 1], True, "bound", "There is none at 4 either."),
     ],
 )
