@@ -246,7 +246,7 @@ class ResponseContinuation:
             if turned and len(places) > 10 and self._same(places[0], new):
                 return places, "closes on itself"
             ds = min(1.5 * ds, self.max_step) if self._bend(old, new) < _LITTLE_BEND else ds
-        return places, "stops at the number of points asked for"
+        return places, "stops at the given number of points"
 
     def step(self, old: ResponsePoint, ds: float) -> ResponsePoint | None:
         """The response at a distance along the branch."""

@@ -81,7 +81,7 @@ def test_it_says_what_it_found_and_what_it_did_not_look_at(found: epp.Dither) ->
     assert list(frame.columns) == ["amplitude", "start", "left", "periods", "gone"] and len(frame) == len(found.runs)
     assert len(found.plot().figure.axes) == 2
     none = replace(found, amplitude=float("nan"), stays=0.5)
-    assert str(none).startswith("No amplitude that was run removes the limit cycle")
+    assert str(none).startswith("No amplitude tried removes the limit cycle")
 
 
 @pytest.mark.parametrize(
