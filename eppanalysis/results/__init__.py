@@ -92,11 +92,11 @@ class LimitCycle(Result):
     event_states : array, shape (events, n)
         State at each event of a period, events of no consequence included. Empty when unknown.
     elements : dict of str to dict of str to float
-        First order only: "amplitude", "bias" and "phase" [rad] at the (first) input of every element.
+        Describing function only: "amplitude", "bias" and "phase" [rad] at the (first) input of every element.
     harmonic_content : float
-        First order only: size of the neglected harmonics relative to the fundamental; nan when unknown.
+        Describing function only: size of the neglected harmonics relative to the fundamental; nan when unknown.
     note : str
-        What else there is to say: why the error cannot be told, or what was found instead of what was asked for.
+        A note: why the error is unknown, or what was found in place of the requested orbit.
     """
 
     method: str
@@ -231,7 +231,7 @@ class LimitCycle(Result):
 
 
 #: What is said of a run that stands at rest, stable or not, from the start on; and share of a signal that is no motion.
-_STANDS, _STILL = "Stands still where it starts, which says nothing of other starts", 1e-9
+_STANDS, _STILL = "Rests where it starts; other starts may oscillate", 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -334,7 +334,7 @@ class Trajectory(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction(Listing[LimitCycle]):
-    """Limit cycles that first-order harmonic balance with bias finds; behaves as a sequence of LimitCycle.
+    """Limit cycles that describing functions with bias predict; behaves as a sequence of LimitCycle.
 
     Attributes
     ----------
@@ -348,12 +348,12 @@ class Prediction(Listing[LimitCycle]):
         What the Nyquist plot needs: "omega", "response", "amplitude" and "locus" for one element; for several the
         loop gain over the amplitude at the principal element.
     margins : mapping
-        Those of the linearised loop: where it is cut ("at"), the numbers, and the gains that stand for the elements
+        Those of the linearised loop: where it is cut ("at"), the numbers, and the gains of the elements
         ("rule").
     on_grid : bool
         Whether the search was on a grid between whose points cycles may lie.
     unseen : callable
-        Looks for what first order does not see, when it is first asked for.
+        Looks for cycles that the describing function does not see, when first read.
     operating_point : OperatingPoint or None
         Where the external inputs are held.
     """
