@@ -42,5 +42,5 @@ def test_response_is_that_of_the_difference_equation(amplitude: float, frequency
 
 
 def test_a_curve_of_responses_is_refused_as_for_sampled_controllers() -> None:
-    with pytest.raises(epp.EppError, match="does not cover loops in discrete time: forced_response"):
+    with pytest.raises(epp.EppError, match="does not cover loops in discrete time: use forced_response"):
         epp.frequency_response(loop(), frequencies=(0.5, 2.0), amplitude=1.0)
