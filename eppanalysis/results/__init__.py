@@ -409,7 +409,7 @@ def _margin(margins: Mapping[str, Any]) -> str:
     if np.isnan(gain):
         return ""
     if margins.get("stable") is None:
-        return "; whether the linearised loop is stable is not decided"
+        return "; the stability of the linearised loop is undecided"
     if margins["stable"]:
         return f"; the gain margin of the linearised loop is {number(gain)}"
     # An infinite margin of a loop that is unstable at every gain would read as safety.

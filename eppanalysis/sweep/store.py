@@ -95,9 +95,7 @@ class ZarrStore:
         slashed = (n for n in (*self.variables, *(n for d in design.dimensions for n in d.values)) if "/" in n)
         if (name := next(slashed, None)) is not None:
             expected = "a table (.nc), or another name in the case file"
-            raise EppError(
-                f"{path}: cannot hold {name!r}, as a slash stands between folders there; expected {expected}."
-            )
+            raise EppError(f"{path}: cannot hold {name!r}, as a slash separates folders there; expected {expected}.")
         with _writing(path):
             ours = not path.exists()
             (path / integrity.PROGRESS).mkdir(parents=True, exist_ok=True)

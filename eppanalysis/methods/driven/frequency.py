@@ -186,8 +186,8 @@ def _closed_exactly(drive: Drive) -> Drive:
     why = by_runs(drive)
     if why:
         raise EppError(
-            f"{drive.system.name} has {why}, so there is no exact response to follow; "
-            "expected a loop without, or one frequency and amplitude (forced_response), which a run answers."
+            f"{drive.system.name} has {why}, so there is no exact response to follow; expected a loop without, or one "
+            "frequency and amplitude (forced_response)."
         )
     return drive
 

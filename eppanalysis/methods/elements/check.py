@@ -121,7 +121,7 @@ _UNDECIDED = (
     "Whether the rules are unambiguous is not decided: guards read smooth functions by way of the output, or there are "
     "too many of them."
 )
-_NOT_EXCITED = "Its linear states are not excited: describing function and energy are those of its automaton alone."
+_NOT_EXCITED = "Its linear states are not excited: describing function and energy are of its automaton alone."
 _NOT_ANSWERED = "It does not answer with the period of a sine, or switches without end, at"
 
 

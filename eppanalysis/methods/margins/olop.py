@@ -192,7 +192,7 @@ def _judged(
     if not stable:
         return Status.INCOMPLETE, "The linearised loop is unstable, so the criterion does not apply."
     if omega == lowest:
-        return Status.INCOMPLETE, "The limit is reached however slow the sine is: there is no onset."
+        return Status.INCOMPLETE, "The limit is reached at any frequency: there is no onset."
     if np.isnan(omega):
         return Status.CONVERGED, "At this amplitude the limit is not reached at any frequency."
     if np.isnan(boundary_at(_phase(value))):

@@ -98,8 +98,8 @@ class Run:
         stopped = f"The run stopped at {number(reached)} s"
         if self.code != 1:
             return (
-                f"{stopped}: far faster motions, or a far smaller step, than its length allows took all its steps; let "
-                "it end sooner or give it more (max_steps)."
+                f"{stopped}: far faster motions, or a far smaller step, than its length allows took all its steps; "
+                "shorten it or give more (max_steps)."
             )
         if self._accumulates:
             return f"{stopped}: its switches accumulate there, as the time between them shrinks to nothing."

@@ -77,7 +77,7 @@ class ExactPath:
         """
         sequence = orbit.arcs.event_sequence
         if np.any(sequence.at_once == LETS_GO):
-            raise NotCovered("An element lets go because its input is about to jump; such events are not covered.")
+            raise NotCovered("An element releases because its input is about to jump; such events are not covered.")
         at_once = (sequence.at_once == 1) | (np.abs(orbit.tau) <= _NO_TIME * orbit.period)
         free = tuple(int(i) for i in orbit.arcs.free)
         return cls.along(orbit.hybrid, Course(sequence.modes, sequence.guards, at_once, free), orbit.y)

@@ -167,7 +167,7 @@ def cautions(
 def above_the_data(system: DataSystem, balance: Balance, cycles: Sequence[MeasuredCycle]) -> tuple[str, ...]:
     """Sentence on which cycles faster than the data are not excluded: those whose loop gain can be one there."""
     if system.only is None:
-        return (f"Above the data, which end at {system.band[1]:.4g} rad/s, cycles were not sought.",)
+        return (f"No cycles were sought above the data, which end at {system.band[1]:.4g} rad/s.",)
     levels = np.abs(np.asarray(system.elements[0].thresholds(), float)).ravel()
     levels = levels[levels > 0]
     a = (float(levels.max()) if levels.size else 1.0) * _AMPLITUDES
