@@ -230,8 +230,8 @@ class LimitCycle(Result):
         return self.drawn("plot_limit_cycle", ax, signals)
 
 
-#: What is said of a run that stands at rest, stable or not, from the start on; and share of a signal that is no motion.
-_STANDS, _STILL = "Rests where it starts; other starts may oscillate", 1e-9
+#: Share of a signal that is no motion.
+_STILL = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -315,7 +315,9 @@ class Trajectory(Result):
         if self.status is Status.SETTLED:
             first = list(self.settled_at.items())[:1]
             at = "".join(f": {words(n)} at {quantity(at_rest(v), self.units.get(n, ''))}" for n, v in first)
-            return f"{_STANDS if self.stands_still else 'Settles at rest'}{at}{since}."
+            if self.stands_still:
+                return f"Rests where it starts{at}; other starts may oscillate."
+            return f"Settles at rest{at}{since}."
         end = f"after {lasting(self.end_time, self.units)}" if self.t.size else "without samples"
         begin = f"Undecided {end}" if self.status is Status.UNDECIDED else end.capitalize()
         return f"{begin}: {self.message}"

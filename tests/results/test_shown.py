@@ -421,7 +421,7 @@ def test_a_number_in_a_sentence_is_the_value_to_its_digits(value, digits):
 def test_a_run_that_starts_at_rest_is_not_said_to_settle(gain):
     """At the greater gain that rest is unstable: the run alone cannot tell, and does not pretend to."""
     loop = epp.LureSystem.from_tf(([gain], [1.0, 3.0, 2.0, 0.0]), epp.Saturation(), x0=[0.0, 0.0, 0.0])
-    sentence = "Rests where it starts; other starts may oscillate: x at 0."
+    sentence = "Rests where it starts: x at 0; other starts may oscillate."
     assert str(epp.simulate(loop, t_end=20.0)) == sentence
     moved = epp.simulate(replace(loop, x0=np.full(3, 1e-3)), t_end=400.0)
     assert str(moved).startswith("Settles at rest: x at" if gain < 6.0 else "Oscillates: x ")

@@ -331,7 +331,7 @@ def test_a_run_that_stays_at_an_unstable_rest_is_guarded_by_nothing() -> None:
     rest = epp.LureSystem.build([[0.0, 1.0], [-1.0, 1.0]], [[0.0], [-1.0 / 3.0]], [[0.0, 1.0]], [epp.Cube(1.0)])
     result = epp.ladder(replace(rest, x0=np.zeros(2)))
     assert result.outcome == "settle" and result.search is not None and not result.search.unstable
-    assert result.agreement is Agreement.AT_REST and "guards" not in str(result)
+    assert result.agreement is Agreement.AT_REST and "basin boundary of rest" not in str(result)
 
 
 @pytest.mark.slow
