@@ -452,7 +452,9 @@ class Case(ShownCase):
             raise CaseError(source, "", name, "the dotted name of a field")
         held = self.held(name)
         if not name.endswith(".kind") and is_expression_of(held, self.parameters):
-            expected = "a quantity, which can be varied; vary what it is made of, or set it to a quantity first"
+            expected = (
+                "a quantity, which can be varied; vary the parameters of its expression, or set it to a quantity first"
+            )
             raise CaseError(source, name, held, expected)
         alike = [k for k in known if k.casefold() == name.casefold() or k.endswith(f".{name}")]
         close = difflib.get_close_matches(name, known, n=1) or alike

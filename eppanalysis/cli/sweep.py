@@ -119,7 +119,9 @@ Scheduler = Annotated[
 ]
 Target = Annotated[
     Path | None,
-    file_option("A Zarr folder (.zarr), which goes on where it was; or a table (.nc) or picture (.png, .svg, .pdf)."),
+    file_option(
+        "A Zarr folder (.zarr), which an interrupted sweep continues; or a table (.nc) or picture (.png, .svg, .pdf)."
+    ),
 ]
 Picture = Annotated[Path | None, file_option("Also a picture (.png, .svg, .pdf).", "--picture")]
 ShardOption = Annotated[
@@ -154,7 +156,7 @@ def sweep(
     scheduler: Scheduler = _THREADS,
     workers: Annotated[int | None, typer.Option(help="Threads or processes. [one a core]", show_default=False)] = None,
     chunk: Annotated[int | None, typer.Option(help="Cells stored together.", show_default=False)] = None,
-    resume: Annotated[bool, typer.Option("--resume/--no-resume", help="Go on with a store that is there.")] = True,
+    resume: Annotated[bool, typer.Option("--resume/--no-resume", help="Continue an existing store.")] = True,
     shard: ShardOption = None,
     merge: Annotated[
         bool,

@@ -146,7 +146,7 @@ def _verdict(run: Trajectory, cycles: CycleSearch | None, largest: LimitCycle | 
     if largest is not None:
         return f"Rests unless it is struck: beside rest there is an oscillation, {largest.size_of(signal)}."
     if cycles is None:
-        return "Comes to rest from its own start; other starts were not looked at."
+        return "Comes to rest from its own start; other starts were not tried."
     left = ", but runs were left undecided" if cycles.left_open else ""
     return f"Comes to rest, and no limit cycle was found from any other start{left}."
 

@@ -475,8 +475,8 @@ def _writing(path: Path) -> Iterator[None]:
     except OSError as error:
         why = error.strerror or str(error)
         raise EppError(
-            f"{path}: cannot be written ({why}); expected a place to write to; "
-            "what is stored already stays, and the same command goes on from there."
+            f"{path}: cannot be written ({why}); expected a place to write to; stored cells stay, and the same command "
+            "continues."
         ) from error
 
 

@@ -178,7 +178,7 @@ MISTAKES = [
     ("[blocks]", '[blocks]\nvalve = { kind = "gain" }', "elements.valve", "blocks.valve has it already"),
     ("[blocks]", '[blocks]\n"my plant" = { kind = "gain" }', "blocks.my plant", "a plain name of letters"),
     ("[blocks]", '[blocks]\nspare = { kind = "gain" }', "connect", "a connection to spare.in, '0 -> spare.in'"),
-    ('T = "500 ms"', 'sqrt = "500 ms"', "parameters.sqrt", "a parameter that is not called like what expressions know"),
+    ('T = "500 ms"', 'sqrt = "500 ms"', "parameters.sqrt", "a name that is no function or constant of expressions"),
     ('T = "500 ms"', 'T = "500 apples"', "parameters.T", "a known unit in place of 'apples'"),
     ('limit = "2*K/3"', 'limit = "2/(K-3)"', "parameters.limit", "a divisor that is not zero: K-3 is 0"),
     ('limit = "2*K/3"', 'limit = "sin(T)"', "parameters.limit", "a plain number or an angle: sin(T) has s"),
@@ -357,7 +357,7 @@ def test_an_expression_is_shown_in_the_unit_that_its_parameter_was_typed_in(type
 
 def test_a_field_that_is_an_expression_says_so_where_it_is_asked_to_vary():
     servo = epp.case("azimuth_servo")
-    with pytest.raises(epp.CaseError, match=r"encoder.step is '2\*pi/2\^12'; .* vary what it is made of"):
+    with pytest.raises(epp.CaseError, match=r"encoder.step is '2\*pi/2\^12'; .* vary the parameters of its expression"):
         epp.sweep(servo, {"encoder.step": [1e-3, 2e-3]})
     assert servo.with_values({"encoder.step": 1e-3}).value("encoder.step") == 1e-3
     with pytest.raises(epp.CaseError, match="controller.kind is 'not known'"):

@@ -25,7 +25,7 @@ SEEDS = {
     "parameters.Kp": "a known unit in place of 'V/radd'",
     "parameters.a": "a known parameter in place of 'Kx'",
     "parameters.h": "an expression of numbers",
-    "parameters.sqrt": "not called like what expressions know",
+    "parameters.sqrt": "no function or constant of expressions",
     "parameters.d": "d uses e, which uses d",
     "parameters.Ti.tolerance": "a tolerance in per cent or a time",
     "parameters.J.mark": "one of paper, derived",

@@ -20,7 +20,7 @@ from tests.shared import mostly_slow
 #: Files of valid fields whose run cannot begin, and words of why.
 NO_RUN = {
     "a loop without one answer": ("wheelchair", {"loop.blocks.4.num.0": 1e20}, "no unique solution"),
-    "a tiny dead time": ("relay_fopdt_closed", {"loop.delay": "5e-13 s"}, "is nothing beside"),
+    "a tiny dead time": ("relay_fopdt_closed", {"loop.delay": "5e-13 s"}, "is negligible beside"),
     "numbers beyond all range": ("van_der_pol_mu1", {"loop.den.1": 1e300}, "beyond all range"),
     "samples without end": ("backlash_discrete_pi_kp05_ki01", {"run.t_end": "1e12 s"}, "at most 2000000"),
 }

@@ -45,7 +45,7 @@ def test_of_a_driven_loop_it_is_said_that_proofs_are_of_held_inputs():
 def test_a_loop_that_rests_is_told_what_was_not_looked_at():
     case = wheelchair().with_values({"loop.gain": 0.5})
     page = epp.first_page(case, epp.simulate(case))
-    assert page.verdict == "Comes to rest from its own start; other starts were not looked at."
+    assert page.verdict == "Comes to rest from its own start; other starts were not tried."
     assert page.advice == "Nothing, at these values." and page.numbers[0][0] == "at rest from"
     assert page.numbers[1][0].endswith(" at rest")
 

@@ -208,7 +208,7 @@ class Expression:
         if a == 0 and b < 0:
             raise QuantityError(f"a divisor that is not zero: {self._at(node)} divides by 0")
         if a < 0 and not b.is_integer():
-            raise QuantityError(f"a whole power of what is negative: {self._at(node.left)} is {a:g}")
+            raise QuantityError(f"a whole power of a negative number: {self._at(node.left)} is {a:g}")
         # Units take powers that are fractions, of which an exponent is the float.
         power = Fraction(b).limit_denominator(24)
         if abs(power - Fraction(b)) > 1e-12 * max(1.0, abs(b)) and not plain:

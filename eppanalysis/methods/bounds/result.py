@@ -294,7 +294,7 @@ class BoundCell(Brief):
         if self.kind is Turn.SIZE and self.size > (1.0 + _ROUNDING) * allowed.size:
             return f"At the bound a stable cycle of {size} comes into the band ({allowed})."
         if self.kind is Turn.SIZE:
-            return f"At the bound the stable cycle reaches what is allowed ({allowed}); nearer there is none so large."
+            return f"At the bound the stable cycle reaches the allowed size ({allowed})."
         born = "becomes stable" if self.kind is Turn.STABILITY else "is born"
         return f"At the bound the cycle {born} with {size}, more than is allowed ({allowed})."
 

@@ -209,9 +209,7 @@ def _accepted(document: Mapping[str, Any]) -> None:
     try:
         checker.verify(document)
     except checker.Refused as error:
-        raise EppError(
-            f"certify: the checker refuses the certificate that was found ({error}); nothing is proved."
-        ) from error
+        raise EppError(f"certify: the checker refuses the certificate ({error}); nothing is proved.") from error
 
 
 def check_certificate(

@@ -88,8 +88,8 @@ class Agreement(Enum):
         "runs started on it, below it and above it all leave it."
     )
     MISSED = (
-        "The describing function misses stable limit cycles that exist: the exact search finds what it does not "
-        "predict. The run is on none of them by its end."
+        "The describing function misses stable limit cycles that the exact search finds. The run is on none of them "
+        "by its end."
     )
     CONFIRMED = f"The exact search confirms what the describing function predicts{_LEFT_OPEN}, so simulate for longer."
     CONFIRMED_STABLE = (

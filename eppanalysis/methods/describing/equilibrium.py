@@ -135,8 +135,8 @@ def _no_rest_of_one(balance: Balance) -> Iterator[str]:
             if _dies_out(balance, i, float(e.jumps[jump])):
                 yield (
                     f"The loop can rest only on an edge of {system.element_names[i]}, which jumps where its input "
-                    f"passes {quantity(edge, of_input)}: it comes to rest there in ever faster switching, and what "
-                    "delay the model leaves out makes it hunt."
+                    f"passes {quantity(edge, of_input)}: it comes to rest there in ever faster switching, and any "
+                    "delay outside the model makes it hunt."
                 )
                 break
             levels = (float(e.slopes[k] * edge + e.intercepts[k]) for k in (jump, jump + 1))

@@ -265,9 +265,8 @@ def _stick_slip(balance: Balance) -> Iterator[str]:
         if e.sticks_and_slips and ((winds_up := _winds_up(balance, i)) or _is_dragged(balance, i)):
             why, how = ("integral action", "hunt") if winds_up else ("what drags it", "judder")
             yield (
-                f"{system.element_names[i]} sticks, which the describing function does not see, and {why} does not "
-                f"let it stick for ever: the loop may {how}, in cycles of sticking and slipping that are not "
-                "predicted here."
+                f"{system.element_names[i]} sticks, which the describing function does not see, and {why} ends the "
+                f"sticking: the loop may {how}, in cycles of sticking and slipping that are not predicted here."
             )
 
 
@@ -280,8 +279,8 @@ def _jumps_on(balance: Balance) -> Iterator[str]:
     for i, e in enumerate(balance.system.elements):
         if e.goes_on_in_jumps and any(_slow_slope(balance, i, g) < -0.5 for g in _gains(balance)):
             yield (
-                f"{names[i]} goes on in jumps where it has stuck, and integral action does not let it stick for ever: "
-                "the loop may hunt about a place between two jumps, in cycles that are not predicted here."
+                f"{names[i]} moves in jumps after sticking, and integral action ends the sticking: the loop may hunt "
+                "about a place between two jumps, in cycles that are not predicted here."
             )
 
 

@@ -521,7 +521,7 @@ def _sentence(system: LureSystem, real: bool, omega: Array, amplitude: Array, n_
     )
     if np.any(system.delays):
         text += (
-            " Dead time makes the phase turn for ever: faster modes, for which the gain cannot suffice (or, with an "
+            " Dead time turns the phase without end: faster modes, for which the gain is too small (or, with an "
             "element of unbounded gain, whose period is shorter than the dead time), were left out."
         )
     if not _is_whole(system, omega):

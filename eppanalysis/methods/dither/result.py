@@ -115,8 +115,8 @@ class Dither(Result):
                 "function leaves out: of a faster one it would return less."
             )
         return (
-            f"{told} Shown by {count(len(self.runs), 'run')} from the cycle and from the loop's own start; "
-            "other starts were not looked at."
+            f"{told} Shown by {count(len(self.runs), 'run')} from the cycle and from the loop's own start; other "
+            "starts were not tried."
         )
 
     def _below(self) -> str:

@@ -55,7 +55,7 @@ _PARTS = {
         "does not repeat itself: quasi-periodic, for neighbouring motions neither part nor meet "
         f"(by more than {100 * _NO_RATE:.0f} % a period, so that a slower entrainment looks the same)"
     ),
-    Motion.UNDECIDED: "has not come to repeat itself within {1} periods of the input",
+    Motion.UNDECIDED: "does not repeat itself within {1} periods of the input",
 }
 
 

@@ -359,4 +359,4 @@ def _threshold(
 
 def _left_open(runs: int) -> str:
     """What runs that came to no end leave open, in a sentence."""
-    return f" {count(runs, 'run')} of smaller disturbances neither settled nor came to a cycle." if runs else ""
+    return f" {count(runs, 'run')} of smaller disturbances neither settled nor reached a cycle." if runs else ""

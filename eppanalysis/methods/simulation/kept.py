@@ -111,8 +111,8 @@ class Run:
                 "bound them."
             )
         return (
-            f"{stopped}: it had used up all its events, of which one comes each {number(each)} s; let it end sooner or "
-            f"give it some {number((t_end - reached) / each, 2)} more (max_events)."
+            f"{stopped}: it had used up all its events, one each {number(each)} s; shorten it or give some "
+            f"{number((t_end - reached) / each, 2)} more (max_events)."
         )
 
 

@@ -91,7 +91,7 @@ def test_friction_hunts_under_a_limited_law_as_under_one_without_limits(law, fri
     """What keeps an integrator at the limits does not act within them, where the friction sticks."""
     (plain,) = predict_limit_cycles(positioned(epp.blocks.PI(kp=5.0, ti=5.0), friction)).warnings
     (limited,) = predict_limit_cycles(positioned(LIMITED[law](), friction)).warnings
-    assert limited == plain and "integral action does not let it stick" in limited
+    assert limited == plain and "integral action ends the sticking" in limited
     assert predict_limit_cycles(positioned(LIMITED[law](), epp.Friction(0.38))).warnings == ()
 
 
@@ -121,7 +121,7 @@ def test_a_valve_that_slips_by_jumps_hunts_under_integral_action(law, jump):
     loop = through_a_valve(FLOW[law](), epp.JumpAndFollow(stick_band=0.1, slip_jump=jump))
     prediction = predict_limit_cycles(loop)
     assert len(prediction) == 0 and len(find_limit_cycles(loop).stable) > 0
-    assert len(prediction.warnings) == 1 and "valve goes on in jumps" in prediction.warnings[0]
+    assert len(prediction.warnings) == 1 and "valve moves in jumps after sticking" in prediction.warnings[0]
 
 
 @pytest.mark.parametrize(
