@@ -267,7 +267,7 @@ class ModelError(EppError):
 
     @property
     def has_value(self) -> bool:
-        """Whether it shows a value, beside which what is wrong need not be said."""
+        """Whether it shows a value, which shows what is wrong."""
         return self.value is not _NO_VALUE
 
     @property

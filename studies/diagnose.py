@@ -385,7 +385,7 @@ def shipped_record() -> str:
     return "\n".join(lines) + "\n"
 
 
-_COLUMNS = ("right", "cannot be told", "unexplained", "wrong among several", "wrong", "interval holds")
+_COLUMNS = ("right", "undecided", "unexplained", "wrong among several", "wrong", "interval holds")
 
 
 def table(found: list[dict[str, object]]) -> str:

@@ -115,17 +115,6 @@ def test_ports_of_elements_that_have_names_stand_on_the_page_of_diagrams():
         assert f"| `{kind}` | {before} | {behind} |" in DIAGRAMS
 
 
-def test_the_pieces_of_the_servo_are_those_of_its_case():
-    page, file = (
-        place.read_text(encoding="utf-8")
-        for place in (DOCS / "howto" / "diagram.md", DOCS.parent / "cases" / "azimuth_servo.toml")
-    )
-    shown = [line for piece in re.findall(r"```toml\n(.*?)```", page, re.DOTALL) for line in piece.splitlines()]
-    left_out = [line for line in file.splitlines() if line not in shown]
-    assert not set(shown) - set(file.splitlines())
-    assert [line.partition(" ")[0] for line in left_out] == ["kind", "title", "expected"]
-
-
 def _public() -> dict[str, object]:
     """Everything that has a page of its own."""
     modules = {"eppanalysis": epp, "elements": model_elements, "inputs": epp.inputs}

@@ -89,7 +89,7 @@ def case_from_text(text: str, name: str = "case", folder: str | Path | None = No
     Parameters
     ----------
     text : str
-        What would stand in a case file.
+        The text of a case file.
     name : str
         Name of the case: letters, digits, underscores, hyphens and dots.
     folder : str or Path, optional

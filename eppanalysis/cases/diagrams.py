@@ -141,7 +141,7 @@ def _require_different_names(file: Any, raw: RawCase) -> None:
         for name in getattr(file, section):
             if name in places:
                 field = f"{section}.{name}"
-                expected = f"a name of its own: {places[name]}.{name} has it already"
+                expected = f"another name: {places[name]}.{name} has it already"
                 raise CaseError(raw.origin(field), field, name, expected)
             places[name] = section
 
@@ -174,7 +174,7 @@ class _Reader:
         if not isinstance(kind, str) or kind not in BLOCKS:
             expected = f"a known kind of block: {did_you_mean(str(kind)[:60], BLOCKS)}"
             if table.get("element") in known_elements():
-                expected = f"a kind of block; {table['element']} is an element, which stands in [elements]"
+                expected = f"a kind of block; {table['element']} is an element, which belongs in [elements]"
             raise CaseError(self.raw.origin(place), f"{place}.kind", kind or Missing(), expected)
         made = BLOCKS[kind]
         fields = declared_fields(made)
@@ -206,7 +206,7 @@ class _Reader:
                 if kind in known_elements():
                     expected = f"element = {kind!r} in place of kind"
                 elif kind in BLOCKS:
-                    expected = f"an element; {kind} is a kind of block, which stands in [blocks]"
+                    expected = f"an element; {kind} is a kind of block, which belongs in [blocks]"
                 raise self.raw.refused(f"{place}.element", expected)
             block = read_block({**self._evaluated(name, table), "name": name}, place, self.raw)
             check_each(block, place, self.raw)

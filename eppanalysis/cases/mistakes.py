@@ -80,7 +80,7 @@ def sentences_of(text: str, first: EppError) -> list[str]:
     unseen = [f"what uses {listed(not_seen)}"] if not_seen else []
     unseen += [f"units and algebraic loops through {listed(not_through)}"] if not_through else []
     if unseen:
-        sentences.append(f"{text}: {' and '.join(unseen)} could not be looked at; check again when that is mended.")
+        sentences.append(f"{text}: {' and '.join(unseen)} could not be checked; check again when that is mended.")
     return sentences
 
 

@@ -160,7 +160,7 @@ class Case(ShownCase):
         Parameters
         ----------
         tables : mapping
-            What would stand in a case file.
+            The text of a case file, as tables.
         name : str
 
         Raises
@@ -176,7 +176,7 @@ class Case(ShownCase):
 
     @property
     def operating_point(self) -> OperatingPoint:
-        """Where the external inputs stand at the end of the run [SI], or why they do not stand still.
+        """Values of the external inputs at the end of the run [SI], or why they are not constant.
 
         Examples
         --------
@@ -290,7 +290,7 @@ class Case(ShownCase):
 
     @checked
     def si(self, name: str, value: object) -> float:
-        """SI value of a quantity that could stand in the parameter `name`, such as "0.6 deg" for a backlash.
+        """SI value of a quantity that the parameter `name` could take, such as "0.6 deg" for a backlash.
 
         Raises
         ------
@@ -364,7 +364,7 @@ class Case(ShownCase):
         Parameters
         ----------
         values : mapping of str to str, number, bool, Parameter or table
-            By dotted names; plain numbers are in SI units. A field that another one stands in for (thresholds for
+            By dotted names; plain numbers are in SI units. A field that another one replaces (thresholds for
             widths, prehensor mass for inertia) drops that other one; where one of the bands' thresholds or widths is
             given, the others of its group stay where they are.
         source : str
@@ -452,7 +452,9 @@ class Case(ShownCase):
             raise CaseError(source, "", name, "the dotted name of a field")
         held = self.held(name)
         if not name.endswith(".kind") and is_expression_of(held, self.parameters):
-            expected = "a quantity, which can be varied; vary what it is made of, or set it to a quantity first"
+            expected = (
+                "a quantity, which can be varied; vary the parameters of its expression, or set it to a quantity first"
+            )
             raise CaseError(source, name, held, expected)
         alike = [k for k in known if k.casefold() == name.casefold() or k.endswith(f".{name}")]
         close = difflib.get_close_matches(name, known, n=1) or alike

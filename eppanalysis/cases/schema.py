@@ -384,7 +384,7 @@ def _input_of_no_kind(field: str, shown: Any) -> tuple[str, Any, str]:
         return (
             field,
             f"a table of {', '.join(shown)}",
-            "one input signal; those of several by their names stand in run.inputs",
+            "one input signal; write several by name in run.inputs",
         )
     return f"{field}.kind", shown.get("kind", Missing()) if isinstance(shown, dict) else shown, kinds
 

@@ -56,7 +56,7 @@ def bounds(
     ] = None,
     allow: Allow = None,
     own_run: Annotated[
-        bool, typer.Option("--own-run", help="Of a sampled loop, ask the case's own run alone, not the search.")
+        bool, typer.Option("--own-run", help="For a sampled loop, use the case's own run alone, not the search.")
     ] = False,
     verify: Annotated[bool, typer.Option("--verify/--no-verify", help="Test every bound on both sides.")] = True,
     margin: Annotated[float, typer.Option("--margin", help="Distance of the tests, relative to the bound.")] = 0.01,

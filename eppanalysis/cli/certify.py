@@ -34,7 +34,7 @@ File = Annotated[Path | None, file_option("Write the certificate (.json), or a p
 Checked = Annotated[
     Path | None,
     file_option(
-        "Check a certificate, in a process of its own; with a CASE also whether it is about that very case.", "--check"
+        "Check a certificate in a separate process; with a CASE, also whether it is about that case.", "--check"
     ),
 ]
 

@@ -204,7 +204,7 @@ Cases = Annotated[
 ]
 Output = Annotated[
     Path | None,
-    file_option("Write a picture (.png, .svg, .pdf) or a table (.csv, .nc); {case} in it stands for the case's name."),
+    file_option("Write a picture (.png, .svg, .pdf) or a table (.csv, .nc); {case} in it becomes the case's name."),
 ]
 Measured = Annotated[
     Path | None,
@@ -501,7 +501,7 @@ def _show_trajectory(case: Case, run: Trajectory) -> None:
     typer.echo(f"{run} {count(run.n_events, 'event').capitalize()}.")
     point = run.operating_point
     if point is not None and point.is_driven:
-        typer.echo(f"{point}: the command response says what the loop does under it.")
+        typer.echo(f"{point}: the command response computes the periodic response.")
     if run.limit_cycle is not None:
         print_table(cycles_table([run.limit_cycle], case.named_signals))
     elif run.settled_at:

@@ -56,9 +56,7 @@ Drawn = Annotated[
         "--signal", metavar="NAME", help="Signals in the picture; repeatable; all for every one that the file names."
     ),
 ]
-Prove = Annotated[
-    bool, typer.Option("--prove", help="Prove what can be proved on both sides of every bound; seconds each.")
-]
+Prove = Annotated[bool, typer.Option("--prove", help="Prove both sides of every bound where possible; seconds each.")]
 Workers = Annotated[int | None, typer.Option("--workers", help="Processes. [one a core]", show_default=False)]
 Certificates = Annotated[
     Path | None,
@@ -275,7 +273,7 @@ def check_output(path: Path | None, suffixes: Sequence[str] | None = None, stand
     known = [f"{{{name}}}" for name in stands_for]
     for found in re.findall(r"\{[^{}]*\}", path.name):
         if found not in known:
-            raise EppError(f"{path}: {found} stands for nothing; expected {' or '.join(known) or 'a name without it'}.")
+            raise EppError(f"{path}: {found} is no placeholder; expected {' or '.join(known) or 'a name without it'}.")
     check_target(path, PICTURES + TABLES if suffixes is None else suffixes)
 
 

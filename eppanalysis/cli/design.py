@@ -39,7 +39,7 @@ Tuned = Annotated[
 ]
 Name = typer.Option(
     metavar="GOAL",
-    help="What is to be as large (small) as possible: a parameter, or bandwidth, crossover, a margin, tracking_error.",
+    help="Quantity to maximise (minimise): a parameter, or bandwidth, crossover, a margin, tracking_error.",
 )
 
 
@@ -54,7 +54,7 @@ def design(
         typer.Option(
             "--subject-to",
             metavar='"MEASURE LIMIT"',
-            help='To be kept, as in "phase_margin 45 deg"; repeatable.',
+            help='Constraint, as in "phase_margin 45 deg"; repeatable.',
             show_default=False,
         ),
     ] = NOTHING,

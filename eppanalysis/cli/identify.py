@@ -41,7 +41,7 @@ Outputs = Annotated[
     list[Path],
     file_option(
         "A case file (.toml), a table (.csv) or a picture (.png, .svg, .pdf); repeatable. {bench} in the name of a "
-        "picture stands for tray, backlash or step."
+        "picture becomes tray, backlash or step."
     ),
 ]
 
@@ -54,7 +54,9 @@ def _roles() -> list[str]:
 
 
 def identify(
-    case: Annotated[str, typer.Argument(metavar="CASE", help="What is known: a case file, or a shipped case.")],
+    case: Annotated[
+        str, typer.Argument(metavar="CASE", help="What is known beforehand: a case file, or a shipped case.")
+    ],
     tray: Annotated[
         Path | None,
         typer.Option("--tray", metavar="CSV", help="Weight tray: force, voltage [, time].", show_default=False),
@@ -85,7 +87,7 @@ def identify(
         list[str], typer.Option("--set", metavar="FIELD=VALUE", help="Override a field of the case.")
     ] = NOTHING,
     fit: Annotated[
-        list[str], typer.Option("--fit", metavar="FIELD", help="What the response is to identify; repeatable.")
+        list[str], typer.Option("--fit", metavar="FIELD", help="Parameter to identify from the response; repeatable.")
     ] = NOTHING,
     wrap: Annotated[str, typer.Option("--wrap", help="Angle at which the weight tray loads the pulley.")] = "180 deg",
     press: Annotated[

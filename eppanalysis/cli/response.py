@@ -40,7 +40,7 @@ def response(
         str | None, typer.Option("--input", metavar="NAME", help="The input that is driven.", show_default=False)
     ] = None,
     signal: Annotated[
-        str | None, typer.Option("--signal", metavar="NAME", help="The output to look at.", show_default=False)
+        str | None, typer.Option("--signal", metavar="NAME", help="The output to show.", show_default=False)
     ] = None,
     settings: Settings = NOTHING,
     as_json: Json = False,

@@ -95,7 +95,7 @@ AxesOption = Annotated[
 ]
 RunOption = Annotated[
     list[Run],
-    typer.Option("--run", metavar="METHOD", help=f"What to carry out: {', '.join(Run)}; repeatable. [simulate]"),
+    typer.Option("--run", metavar="METHOD", help=f"Analyses: {', '.join(Run)}; repeatable. [simulate]"),
 ]
 SignalsOption = Annotated[
     list[str], typer.Option("--signal", metavar="NAME", help="Signals to report; repeatable; all for every one.")
@@ -119,14 +119,16 @@ Scheduler = Annotated[
 ]
 Target = Annotated[
     Path | None,
-    file_option("A Zarr folder (.zarr), which goes on where it was; or a table (.nc) or picture (.png, .svg, .pdf)."),
+    file_option(
+        "A Zarr folder (.zarr), which an interrupted sweep continues; or a table (.nc) or picture (.png, .svg, .pdf)."
+    ),
 ]
 Picture = Annotated[Path | None, file_option("Also a picture (.png, .svg, .pdf).", "--picture")]
 ShardOption = Annotated[
     str | None,
     typer.Option(
         metavar="I/N",
-        help="Compute the share I of N alone, in a store of its own beside the output; several machines do one each.",
+        help="Compute the share I of N alone, in a separate store beside the output; several machines do one each.",
         show_default=False,
     ),
 ]
@@ -154,14 +156,14 @@ def sweep(
     scheduler: Scheduler = _THREADS,
     workers: Annotated[int | None, typer.Option(help="Threads or processes. [one a core]", show_default=False)] = None,
     chunk: Annotated[int | None, typer.Option(help="Cells stored together.", show_default=False)] = None,
-    resume: Annotated[bool, typer.Option("--resume/--no-resume", help="Go on with a store that is there.")] = True,
+    resume: Annotated[bool, typer.Option("--resume/--no-resume", help="Continue an existing store.")] = True,
     shard: ShardOption = None,
     merge: Annotated[
         bool,
         typer.Option("--merge", help="Join the shares beside the output; exit code 75 where cells are missing."),
     ] = False,
     estimate: Annotated[
-        bool, typer.Option("--estimate", help="Compute a sample of the cells alone, and say what all of them cost.")
+        bool, typer.Option("--estimate", help="Compute a sample of the cells alone, and estimate the cost of all.")
     ] = False,
     as_json: Json = False,
     output: Target = None,

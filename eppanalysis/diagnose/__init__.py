@@ -1,4 +1,4 @@
-"""From a recorded oscillation to the element of the loop that explains it, or to what cannot be told."""
+"""From a recorded oscillation to the element of the loop that explains it, or to what stays undecided."""
 
 from __future__ import annotations
 
@@ -70,10 +70,10 @@ def diagnose(
     operating_point : OperatingPoint or mapping of str to float, optional
         Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
     steps : int
-        Of the engine, that the search for the limit cycles of each candidate may take. What was not sought to the end
-        is said.
+        Of the engine, that the search for the limit cycles of each candidate may take. The message names what was
+        not sought to the end.
     progress : callable, optional
-        Told the number of candidates done, of all, and which one is being looked at.
+        Called with the number of candidates done, of all, and which one is being looked at.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def diagnose(
     Raises
     ------
     EppError
-        If the record is no such table or holds no oscillation, or for inputs that do not stand still.
+        If the record is no such table or holds no oscillation, or for inputs that are not constant.
     ModelError
         If an input or signal is unknown.
 
@@ -146,7 +146,7 @@ def explained(
     doubtful = verdict is Verdict.UNEXPLAINED or (verdict is Verdict.NAMED and made[0].name == LINEAR)
     if doubtful and len(found.names) == 1:
         elsewhere = _elsewhere(yard, candidates, float(weights.max()), units)
-        verdict = Verdict.CANNOT_BE_TOLD if elsewhere and verdict is Verdict.NAMED else verdict
+        verdict = Verdict.UNDECIDED if elsewhere and verdict is Verdict.NAMED else verdict
     diagnosis = Diagnosis(
         explanations=tuple(made),
         verdict=verdict,
@@ -188,7 +188,7 @@ def _verdict(made: list[Explanation]) -> Verdict:
         return Verdict.UNTRIED
     if not fitting or not any(chi2.sf(e.misfit, e.freedom) > _NO_CHANCE for e in fitting if e.probability > 0.01):
         return Verdict.UNEXPLAINED
-    return Verdict.NAMED if made[0].probability >= _NAMED else Verdict.CANNOT_BE_TOLD
+    return Verdict.NAMED if made[0].probability >= _NAMED else Verdict.UNDECIDED
 
 
 def _elsewhere(yard: Likelihood, candidates: Candidates, evidence: float, units: Mapping[str, str]) -> str:

@@ -316,7 +316,7 @@ def all_fits(yard: Likelihood, candidates: Candidates) -> Iterator[tuple[str, li
     alone: dict[str, list[Fit]] = {}
     for family in candidates.families:
         try:
-            fits, why = of_family(yard, family), "has no limit cycle in the loop by itself"
+            fits, why = of_family(yard, family), "alone in the loop has no limit cycle"
             if not fits and family.cycles():
                 why = "has no limit cycle of the recorded size"
         except EppError as error:
@@ -334,4 +334,4 @@ def all_fits(yard: Likelihood, candidates: Candidates) -> Iterator[tuple[str, li
     if candidates.linear.stable:
         yield DISTURBANCE, list(of_disturbance(yard, candidates.linear)), "does not reach the recorded signals"
     else:
-        yield DISTURBANCE, [], "is not seen by itself: the loop without its elements' limits is unstable"
+        yield DISTURBANCE, [], "alone is not visible: the loop without its elements' limits is unstable"

@@ -1,4 +1,4 @@
-"""What a diagnosis came to: which element explains the oscillation, how large it is, and what cannot be told."""
+"""What a diagnosis came to: which element explains the oscillation, how large it is, and what stays undecided."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Verdict(StrEnum):
     """What a diagnosis says."""
 
     NAMED = "named"
-    CANNOT_BE_TOLD = "cannot be told"
+    UNDECIDED = "undecided"
     UNEXPLAINED = "unexplained"
     UNTRIED = "nothing tried"
 
@@ -112,9 +112,9 @@ class Diagnosis(Listing[Explanation]):
     ----------
     explanations : tuple of Explanation
         Of all candidates, likeliest first.
-    verdict : {"named", "cannot be told", "unexplained", "nothing tried"}
+    verdict : {"named", "undecided", "unexplained", "nothing tried"}
         "named" where one candidate has at least the probability `threshold`, "unexplained" where none fits the record,
-        "cannot be told" where several together have it, "nothing tried" where none could be laid against the record.
+        "undecided" where several together have it, "nothing tried" where none could be laid against the record.
     threshold : float
         Probability from which on a candidate is named.
     oscillation : Oscillation
@@ -170,7 +170,7 @@ class Diagnosis(Listing[Explanation]):
     @property
     def named(self) -> tuple[Explanation, ...]:
         """The fewest candidates that together have at least the probability `threshold`; none where none fits."""
-        if self.verdict not in (Verdict.NAMED, Verdict.CANNOT_BE_TOLD):
+        if self.verdict not in (Verdict.NAMED, Verdict.UNDECIDED):
             return ()
         total = np.cumsum([e.probability for e in self.explanations])
         return self.explanations[: int(np.searchsorted(total, self.threshold)) + 1]
@@ -183,14 +183,14 @@ class Diagnosis(Listing[Explanation]):
     def headline(self) -> str:
         """The verdict in a few words."""
         if self.verdict is Verdict.UNTRIED:
-            return "Nothing could be tried"
+            return "No candidate could be tried"
         if self.verdict is Verdict.UNEXPLAINED:
             tried = " that could be tried" if any(e.note.startswith(UNTRIED) for e in self) else ""
             return f"None of the candidates{tried} explains it"
         if self.verdict is Verdict.NAMED:
             return f"Explained by {self.named[0].called}"
         another = [f"another signal than {self.oscillation.names[0]}"] if self.elsewhere else []
-        return f"Cannot be told: {listed([*(e.called for e in self.named), *another])}"
+        return f"Undecided: {listed([*(e.called for e in self.named), *another])}"
 
     def __str__(self) -> str:
         """The verdict with its numbers: period of the record and of the candidate, size, what comes next."""
@@ -219,7 +219,7 @@ class Diagnosis(Listing[Explanation]):
         by_note: dict[str, list[str]] = {}
         for name, note in [*why, *self.left_out.items()] if self.verdict is Verdict.UNTRIED else why:
             by_note.setdefault(note, []).append(name)
-        return "".join(f" {_capital(listed(names))} {note.rstrip('.')}." for note, names in by_note.items())
+        return "".join(f" {_candidates(names)} {note.rstrip('.')}." for note, names in by_note.items())
 
     def _beside(self) -> str:
         """What the record holds beside the oscillation that is explained."""
@@ -270,8 +270,8 @@ class Diagnosis(Listing[Explanation]):
         return self.drawn("plot_diagnosis", ax)
 
 
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+def _candidates(names: list[str]) -> str:
+    return f"{'Candidate' if len(names) == 1 else 'Candidates'} {listed(names)}"
 
 
 def _odds(best: Explanation, other: Explanation) -> str:

@@ -133,7 +133,7 @@ def _sentence(run: Trajectory, signal: str, unit: str, factor: float) -> str:
         return f"Oscillates at {cycle.frequency:.4g} Hz, {name} by {size} peak to peak."
     if run.status is Status.SETTLED:
         if run.stands_still:
-            return "Stands still where it starts, which says nothing of other starts."
+            return "Rests where it starts; other starts may oscillate."
         return "Settles at rest" + f", from {run.settled_since:.3g} s on" * (run.settled_since > 0.0) + "."
     return run.message
 

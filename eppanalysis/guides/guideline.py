@@ -100,8 +100,8 @@ def design_guide(
     branch : Branch, optional
         Exact cycles of this case over the limited parameter, where they are known already. The end of the branch is
         then put to the test in place of a bound that harmonic balance finds, in a fraction of the time and without the
-        value of first order. Where the branch has no end, the bound is sought as without it. For the case's own gain
-        only.
+        value of the describing function. Where the branch has no end, the bound is sought as without it. For the case's
+        own gain only.
     prove : bool
         Prove what can be proved on both sides of every bound, as :func:`design_bounds` does; needs the extra "proof".
     progress : callable, optional

@@ -314,7 +314,7 @@ def _notes(cells: Iterable[BoundCell], rounding: str, allowed: Allowed | None) -
     bounds = [cell for cell in cells if cell.known is not Known.NONE]
     unchecked = sum(not cell.verified for cell in bounds)
     searched = any(cell.known is Known.SEARCHED for cell in bounds)
-    notes = [rounding] if bounds else ["There is no limit to print: the last column says why."]
+    notes = [rounding] if bounds else ["There is no limit to print; the last column gives the reason."]
     rest, larger = "came to rest", ""
     if allowed is not None:
         notes.append(f"Allowed is a lasting oscillation up to {allowed}.")

@@ -157,7 +157,7 @@ class Guide(Result):
     rows : tuple of GuideRow
         One for each value of the parameter that runs and each variant.
     margins : dict of str to float
-        Factors that were asked for, by parameter.
+        Factors that were given, by parameter.
     not_covered : str
         What the bounds of a sampled loop do not cover, in a sentence; empty for other loops.
     allowed : Allowed or None

@@ -145,7 +145,7 @@ def identify(
     Raises
     ------
     EppError
-        If a file is not a table of numbers, or its data cannot identify what they are asked for.
+        If a file is not a table of numbers, or its data cannot identify the parameters.
 
     Examples
     --------

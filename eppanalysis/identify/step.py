@@ -115,7 +115,7 @@ def _default(case: Case) -> tuple[str, ...]:
     known = case.parameters
     marked = [name for name, p in known.items() if p.mark == "tunable" or p.tolerance]
     raise EppError(
-        f"identify: nothing is said to be fitted of {case.name}; expected --fit with one or more of "
+        f"identify: no parameter of {case.name} is given to fit; expected --fit with one or more of "
         f"{', '.join(marked or known) or 'its fields, of which it has none'}."
     )
 
@@ -409,8 +409,8 @@ def _doubt(solution: _Solution) -> str:
         return ""
     change, deviations = asked[name]
     return (
-        f"The residuals are no noise: they ask for {name} by {100 * change:+.2g} % ({deviations:.2g} standard "
-        "deviations), which is not fitted; the intervals hold for the value that it has in the case."
+        f"The residuals are not noise: they suggest {name} by {100 * change:+.2g} % ({deviations:.2g} standard "
+        "deviations), which is not fitted; the intervals hold for its value in the case."
     )
 
 

@@ -62,10 +62,10 @@ def report(
         ``.html`` is one file that opens without a network, ``.ipynb`` the executed notebook, ``.pdf`` the page printed
         by Chromium or Chrome.
     full : bool
-        The guideline of an elbow at five gains about its own, with first order beside it and each bound tested by a
-        thousand runs; some minutes. Otherwise at its own gain, tested by a hundred runs.
+        The guideline of an elbow at five gains about its own, with the describing function beside it and each bound
+        tested by a thousand runs; some minutes. Otherwise at its own gain, tested by a hundred runs.
     progress : callable, optional
-        Called before each cell with its number, the number of cells, and the heading that it stands under.
+        Called before each cell with its number, the number of cells, and its heading.
 
     Returns
     -------

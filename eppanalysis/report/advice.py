@@ -49,10 +49,12 @@ class Found:
         if run.limit_cycle is None and not cycles:
             return self._without_cycles()
         if run.limit_cycle is None and run.status is not Status.SETTLED and not (cycles and cycles.stable):
-            further = self._how_far("Or ask how far a parameter must go for no cycle to exist")
+            further = self._how_far("Or compute how far a parameter must go for no cycle to exist")
             return [f"Change the loop until its own run settles, or see where it ends: {self._longer()}", *further]
         if self.branch is None:
-            return self._how_far("Ask how far a parameter must go") or ["Change the loop until its own run settles."]
+            return self._how_far("Compute how far a parameter must go") or [
+                "Change the loop until its own run settles."
+            ]
         if self.end is None:
             the = self._the(self.branch).replace("the ", "The ", 1)
             return [
@@ -69,7 +71,7 @@ class Found:
             proved = not isinstance(self.proof, EppError | None) and self.proof.proved
             thorough = [] if cycles is None or proved else ["The search is thorough and no proof."]
             return [" ".join(["Nothing, at these values.", *keep[:1], *thorough]), *keep[1:]]
-        own = "Nothing from its own start; what others lead to is left open. " if rests else ""
+        own = "Nothing from its own start; other starts are undecided. " if rests else ""
         if cycles is not None and not opened:
             own = "No start of the search oscillates; its own run is not at rest by its end, and may creep on. "
         search = [f"Search from other starts: {self.asking.cycles()}"] if cycles is None else []

@@ -310,8 +310,8 @@ SECTIONS: tuple[Section, ...] = (
     ),
     Section(
         "Margins",
-        "Of the loop cut open where the table says, with each element as the gain below it; a loop with good margins "
-        "may still oscillate.",
+        "Margins of the loop cut open at the place in the table, with each element as the gain below it; a loop with "
+        "good margins may still oscillate.",
         _always(_MARGINS),
     ),
     Section(
@@ -322,7 +322,8 @@ SECTIONS: tuple[Section, ...] = (
     ),
     Section(
         "Limit cycles",
-        "All exact periodic orbits that were found; an unstable one may divide rest from oscillation.",
+        "All exact periodic orbits that were found; an unstable one may lie on the basin boundary between rest and "
+        "oscillation.",
         lambda case: _CYCLES.format(signals=_shown(case)),
     ),
     Section(
@@ -346,8 +347,8 @@ SECTIONS: tuple[Section, ...] = (
     ),
     Section(
         "Case",
-        "Values with where they come from: taken from a paper, derived from other numbers, measured, assumed, or "
-        "tunable, which is free to choose. Coefficients of transfer functions and formulas stand in the case's file.",
+        "Values and their sources: taken from a paper, derived from other numbers, measured, assumed, or tunable, "
+        "which is free to choose. Coefficients of transfer functions and formulas are in the case's file.",
         _always(_START),
     ),
     Section("Provenance", "What made these numbers.", _always(_PROVENANCE)),

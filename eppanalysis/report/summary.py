@@ -146,7 +146,7 @@ def _verdict(run: Trajectory, cycles: CycleSearch | None, largest: LimitCycle | 
     if largest is not None:
         return f"Rests unless it is struck: beside rest there is an oscillation, {largest.size_of(signal)}."
     if cycles is None:
-        return "Comes to rest from its own start; other starts were not looked at."
+        return "Comes to rest from its own start; other starts were not tried."
     left = ", but runs were left undecided" if cycles.left_open else ""
     return f"Comes to rest, and no limit cycle was found from any other start{left}."
 
@@ -224,14 +224,13 @@ def _known(
     moving = " and ".join(f"{name} {why}" for name, why in case.operating_point.moving.items())
     held = f" Proofs are of inputs that are held; here {moving}." if moving else ""
     if proof is None:
-        told = "Nothing: no proof was asked for, or none covers this loop."
+        told = "Nothing: no proof was requested, or none covers this loop."
         yield "Proved", f"{told}{held}"
     elif isinstance(proof, EppError):
         yield "Proved", f"Nothing: no sentence here is a theorem. The reason: {proof}{held}"
     elif proof.proved:
         theorem = str(proof).removeprefix("Proved: ")
-        told = f"{theorem[:1].upper()}{theorem[1:]} This sentence is a theorem, all others here are computed."
-        yield "Proved", f"{told}{held}"
+        yield "Proved", f"{theorem} This sentence is a theorem, all others here are computed.{held}"
     else:
         yield "Proved", f"Nothing: no sentence here is a theorem. {proof}{held}"
 

@@ -92,11 +92,11 @@ class LimitCycle(Result):
     event_states : array, shape (events, n)
         State at each event of a period, events of no consequence included. Empty when unknown.
     elements : dict of str to dict of str to float
-        First order only: "amplitude", "bias" and "phase" [rad] at the (first) input of every element.
+        Describing function only: "amplitude", "bias" and "phase" [rad] at the (first) input of every element.
     harmonic_content : float
-        First order only: size of the neglected harmonics relative to the fundamental; nan when unknown.
+        Describing function only: size of the neglected harmonics relative to the fundamental; nan when unknown.
     note : str
-        What else there is to say: why the error cannot be told, or what was found instead of what was asked for.
+        A note: why the error is unknown, or what was found in place of the requested orbit.
     """
 
     method: str
@@ -230,8 +230,8 @@ class LimitCycle(Result):
         return self.drawn("plot_limit_cycle", ax, signals)
 
 
-#: What is said of a run that stands at rest, stable or not, from the start on; and share of a signal that is no motion.
-_STANDS, _STILL = "Stands still where it starts, which says nothing of other starts", 1e-9
+#: Share of a signal that is no motion.
+_STILL = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -315,7 +315,9 @@ class Trajectory(Result):
         if self.status is Status.SETTLED:
             first = list(self.settled_at.items())[:1]
             at = "".join(f": {words(n)} at {quantity(at_rest(v), self.units.get(n, ''))}" for n, v in first)
-            return f"{_STANDS if self.stands_still else 'Settles at rest'}{at}{since}."
+            if self.stands_still:
+                return f"Rests where it starts{at}; other starts may oscillate."
+            return f"Settles at rest{at}{since}."
         end = f"after {lasting(self.end_time, self.units)}" if self.t.size else "without samples"
         begin = f"Undecided {end}" if self.status is Status.UNDECIDED else end.capitalize()
         return f"{begin}: {self.message}"
@@ -334,7 +336,7 @@ class Trajectory(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction(Listing[LimitCycle]):
-    """Limit cycles that first-order harmonic balance with bias finds; behaves as a sequence of LimitCycle.
+    """Limit cycles that describing functions with bias predict; behaves as a sequence of LimitCycle.
 
     Attributes
     ----------
@@ -348,12 +350,12 @@ class Prediction(Listing[LimitCycle]):
         What the Nyquist plot needs: "omega", "response", "amplitude" and "locus" for one element; for several the
         loop gain over the amplitude at the principal element.
     margins : mapping
-        Those of the linearised loop: where it is cut ("at"), the numbers, and the gains that stand for the elements
+        Those of the linearised loop: where it is cut ("at"), the numbers, and the gains of the elements
         ("rule").
     on_grid : bool
         Whether the search was on a grid between whose points cycles may lie.
     unseen : callable
-        Looks for what first order does not see, when it is first asked for.
+        Looks for cycles that the describing function does not see, when first read.
     operating_point : OperatingPoint or None
         Where the external inputs are held.
     """
@@ -409,7 +411,7 @@ def _margin(margins: Mapping[str, Any]) -> str:
     if np.isnan(gain):
         return ""
     if margins.get("stable") is None:
-        return "; whether the linearised loop is stable is not decided"
+        return "; the stability of the linearised loop is undecided"
     if margins["stable"]:
         return f"; the gain margin of the linearised loop is {number(gain)}"
     # An infinite margin of a loop that is unstable at every gain would read as safety.

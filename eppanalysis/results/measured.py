@@ -15,9 +15,9 @@ class MeasuredCycle(LimitCycle):
     Attributes
     ----------
     intervals : dict of str to (float, float)
-        "amplitude" of the element's input and "frequency" [Hz]: where first order with the true response is in 95 of
-        100 cases, by the standard deviation of the data; zero or infinite where there is no end, empty where the data
-        have none.
+        "amplitude" of the element's input and "frequency" [Hz]: where the describing function with the true response is
+        in 95 of 100 cases, by the standard deviation of the data; zero or infinite where there is no end, empty where
+        the data have none.
     at_a_fold : bool
         Whether the cycle and another one meet within what the noise leaves open, so that it may not exist.
     interpolation_error : float

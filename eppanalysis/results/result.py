@@ -31,7 +31,7 @@ class Status(Enum):
     UNDECIDED = "The motion had neither settled nor repeated itself by the end; simulate for longer."
     DIVERGED = "The motion grew without bound."
     EVENT_LIMIT = "The run stopped early, as it had used up its events or its steps; its results end where it stopped."
-    INCOMPLETE = "The search covers a part of what was asked for; its sentence says which."
+    INCOMPLETE = "The search covers only a part; its sentence names it."
     NOT_CONVERGED = "The iteration did not converge; its last iterate is given for inspection only."
 
     @property

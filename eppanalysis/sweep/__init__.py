@@ -62,7 +62,7 @@ def sweep(
     run : {"simulate", "predict", "cycles", "trigger", "certify"}, several of them, or "all"
         Runs in time from the case's start until ``case.t_end``; describing functions; exact orbits; what starts them;
         what is proved, which needs the extra "proof" and is left out of "all". With "simulate" and "predict" together
-        the first-order error is reported.
+        the describing function's error is reported.
     signals : str or sequence of str, optional
         Signals whose peak to peak and mean are reported, the first one under plain names; by default that of `allow`,
         else the case's own one. "all" for every signal.
@@ -76,7 +76,7 @@ def sweep(
         workers ("slurm", "pbs", "lsf", "sge", "oar", "moab", "htcondor"; needs dask-jobqueue), or the address of an
         existing ``dask.distributed`` scheduler such as ``tcp://host:8786``.
     workers : int, optional
-        Threads or processes; by default one for each core. Workers that a queue is asked for; by default one. A cluster
+        Threads or processes; by default one for each core. Workers requested from a queue; by default one. A cluster
         at an address has its own.
     chunk : int, optional
         Cells computed and stored together; chosen from the number of cells by default. A store keeps its own.

@@ -97,7 +97,7 @@ STATUS_NAMES = ("not_run", *(status.name.lower() for status in Status), "failed"
 STATUS_SENTENCES = (
     "The cell has not been computed yet.",
     *(status.value for status in Status),
-    "The cell could not be computed; its message says why.",
+    "The cell could not be computed; its message gives the reason.",
 )
 
 

@@ -23,7 +23,7 @@ from eppanalysis.errors import EppError
 #: The folder of what is not the sweep's numbers: the sheet, the marks of finished blocks, the lock.
 PROGRESS = "progress"
 SHEET, LOCK, DONE = f"{PROGRESS}/sweep.json", f"{PROGRESS}/lock", f"{PROGRESS}/done"
-REMEDY = "the command that made it, given again, computes what is damaged anew"
+REMEDY = "the same command computes the damaged parts anew"
 
 #: There is no such file; a store of other axes may have a folder in its place.
 _NO_FILE = (FileNotFoundError, NotADirectoryError, IsADirectoryError)

@@ -31,7 +31,7 @@ def outcomes_in(cells: xarray.Dataset) -> list[str]:
 
 
 #: Of maps that hold no answer, and what gives one.
-UNKNOWN = "Unknown is what a run does that neither settles nor repeats itself by its end (run.t_end)."
+UNKNOWN = "Unknown: the run neither settles nor repeats itself by its end (run.t_end)."
 
 
 def told(cells: xarray.Dataset, name: str) -> str:

@@ -95,9 +95,7 @@ class ZarrStore:
         slashed = (n for n in (*self.variables, *(n for d in design.dimensions for n in d.values)) if "/" in n)
         if (name := next(slashed, None)) is not None:
             expected = "a table (.nc), or another name in the case file"
-            raise EppError(
-                f"{path}: cannot hold {name!r}, as a slash stands between folders there; expected {expected}."
-            )
+            raise EppError(f"{path}: cannot hold {name!r}, as a slash separates folders there; expected {expected}.")
         with _writing(path):
             ours = not path.exists()
             (path / integrity.PROGRESS).mkdir(parents=True, exist_ok=True)
@@ -477,8 +475,8 @@ def _writing(path: Path) -> Iterator[None]:
     except OSError as error:
         why = error.strerror or str(error)
         raise EppError(
-            f"{path}: cannot be written ({why}); expected a place to write to; "
-            "what is stored already stays, and the same command goes on from there."
+            f"{path}: cannot be written ({why}); expected a place to write to; stored cells stay, and the same command "
+            "continues."
         ) from error
 
 

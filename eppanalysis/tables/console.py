@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 
 #: How to read an estimate that says no more than that it cannot tell.
 _BEYOND = (
-    "may not exist: the harmonics that the describing function neglects take this cycle away, or it passes a "
-    "threshold by less than they are; where they move it by more than its own size (> 100 %) the estimate cannot say "
-    "how wrong it is. Compare with the exact cycles (validate, cycles)."
+    "may not exist: the harmonics that the describing function neglects remove this cycle, or exceed its distance "
+    "from a threshold; above 100 % the estimate does not give the size of the error. Compare with the exact cycles "
+    "(validate, cycles)."
 )
 #: What a state is called that was given no name.
 _STATE = re.compile(r"^x\d+$")

@@ -88,7 +88,7 @@ def _searched_bounds_table(bounds: DesignBounds) -> Table:
     (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
     printed = bounds.printed
     heads = _kept(bounds), with_unit("no cycle found", y_unit), with_unit("cycle found", y_unit)
-    table = table_of(with_unit(words(bounds.over), x_unit), *heads, "frequency [Hz]", "values asked", "runs")
+    table = table_of(with_unit(words(bounds.over), x_unit), *heads, "frequency [Hz]", "values tried", "runs")
     for c in bounds:
         beyond = Limit(c.other_value, c.sign > 0)
         known = [printed.digits(c.printed), printed.figures(c.printed), printed.figures(beyond), cell(c.frequency)]

@@ -58,7 +58,7 @@ class ManualTable:
     Attributes
     ----------
     title : str
-        What stands above it.
+        The caption.
     columns : tuple of str
         Headings, with units in brackets.
     rows : tuple of tuple of (Decimal or str)

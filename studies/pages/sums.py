@@ -16,7 +16,7 @@ _AGAINST = {"runs": "differ", "searches": "contradicted", "proofs": "proved to h
 _WHAT = {
     "runs": "runs in time against another code",
     "searches": "searches for limit cycles against 200 starts each",
-    "proofs": "proofs of absence asked for where a cycle exists",
+    "proofs": "proofs of absence tried where a cycle exists",
 }
 
 

@@ -128,14 +128,14 @@ MISTAKES = [
     ("start = [0.1, 0, 0]", 'dead_time = "5 s"', "blocks.plant.dead_time", "did you mean 'delay'"),
     ('element = "saturation"', 'element = "limiter"', "elements.valve.element", "did you mean 'saturation'"),
     ('upper = "limit"', 'limit = "limit"', "elements.valve.limit", "'limit'; expected a field of saturation: did you"),
-    ('kind = "transfer_function"', 'element = "relay"', "blocks.plant.kind", "which stands in [elements]"),
+    ('kind = "transfer_function"', 'element = "relay"', "blocks.plant.kind", "which belongs in [elements]"),
     (
         'element = "saturation"',
         'kind = "saturation"',
         "elements.valve.element",
         "element = 'saturation' in place of kind",
     ),
-    ('element = "saturation"', 'kind = "gain"', "elements.valve.element", "which stands in [blocks]"),
+    ('element = "saturation"', 'kind = "gain"', "elements.valve.element", "which belongs in [blocks]"),
     (
         'upper = "limit"',
         'upper = "limit", memory = 1',
@@ -170,7 +170,7 @@ MISTAKES = [
     ("start = [0.1, 0, 0]", 'sample_time = "0 ms"', "blocks.plant.sample_time", "a positive number"),
     ('element = "saturation"', 'element = "saturaton"', "elements.valve.element", "did you mean 'saturation'"),
     ('upper = "limit"', 'uper = "limit"', "elements.valve.uper", "did you mean 'upper'"),
-    ('inputs = { demand = "0 m" }', 'inputs = ["valve"]', "inputs.valve", "a name of its own: elements.valve has it"),
+    ('inputs = { demand = "0 m" }', 'inputs = ["valve"]', "inputs.valve", "another name: elements.valve has it"),
     ('inputs = { demand = "0 m" }', 'inputs = ["demand", "demand"]', "inputs", "names that differ"),
     ('inputs = { demand = "0 m" }', 'inputs = "demand"', "inputs", "a list of names, or a table"),
     ('inputs = { demand = "0 m" }', 'inputs = { "de mand" = "0 m" }', "inputs.de mand", "a plain name of letters"),
@@ -178,7 +178,7 @@ MISTAKES = [
     ("[blocks]", '[blocks]\nvalve = { kind = "gain" }', "elements.valve", "blocks.valve has it already"),
     ("[blocks]", '[blocks]\n"my plant" = { kind = "gain" }', "blocks.my plant", "a plain name of letters"),
     ("[blocks]", '[blocks]\nspare = { kind = "gain" }', "connect", "a connection to spare.in, '0 -> spare.in'"),
-    ('T = "500 ms"', 'sqrt = "500 ms"', "parameters.sqrt", "a parameter that is not called like what expressions know"),
+    ('T = "500 ms"', 'sqrt = "500 ms"', "parameters.sqrt", "a name that is no function or constant of expressions"),
     ('T = "500 ms"', 'T = "500 apples"', "parameters.T", "a known unit in place of 'apples'"),
     ('limit = "2*K/3"', 'limit = "2/(K-3)"', "parameters.limit", "a divisor that is not zero: K-3 is 0"),
     ('limit = "2*K/3"', 'limit = "sin(T)"', "parameters.limit", "a plain number or an angle: sin(T) has s"),
@@ -357,7 +357,7 @@ def test_an_expression_is_shown_in_the_unit_that_its_parameter_was_typed_in(type
 
 def test_a_field_that_is_an_expression_says_so_where_it_is_asked_to_vary():
     servo = epp.case("azimuth_servo")
-    with pytest.raises(epp.CaseError, match=r"encoder.step is '2\*pi/2\^12'; .* vary what it is made of"):
+    with pytest.raises(epp.CaseError, match=r"encoder.step is '2\*pi/2\^12'; .* vary the parameters of its expression"):
         epp.sweep(servo, {"encoder.step": [1e-3, 2e-3]})
     assert servo.with_values({"encoder.step": 1e-3}).value("encoder.step") == 1e-3
     with pytest.raises(epp.CaseError, match="controller.kind is 'not known'"):

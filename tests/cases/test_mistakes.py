@@ -25,7 +25,7 @@ SEEDS = {
     "parameters.Kp": "a known unit in place of 'V/radd'",
     "parameters.a": "a known parameter in place of 'Kx'",
     "parameters.h": "an expression of numbers",
-    "parameters.sqrt": "not called like what expressions know",
+    "parameters.sqrt": "no function or constant of expressions",
     "parameters.d": "d uses e, which uses d",
     "parameters.Ti.tolerance": "a tolerance in per cent or a time",
     "parameters.J.mark": "one of paper, derived",
@@ -87,7 +87,7 @@ def test_check_prints_them_all_and_says_what_it_has_not_seen() -> None:
     assert result.exit_code == 2 and not result.stdout
     lines = result.stderr.splitlines()
     assert len(lines) == len(SEEDS) + 2
-    assert lines[-1].endswith("could not be looked at; check again when that is mended.")
+    assert lines[-1].endswith("could not be checked; check again when that is mended.")
 
 
 def test_what_is_missing_beside_a_mistake_is_named_and_what_is_not_read_is_told(tmp_path: Path) -> None:

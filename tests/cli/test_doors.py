@@ -20,7 +20,7 @@ from tests.shared import mostly_slow
 #: Files of valid fields whose run cannot begin, and words of why.
 NO_RUN = {
     "a loop without one answer": ("wheelchair", {"loop.blocks.4.num.0": 1e20}, "no unique solution"),
-    "a tiny dead time": ("relay_fopdt_closed", {"loop.delay": "5e-13 s"}, "is nothing beside"),
+    "a tiny dead time": ("relay_fopdt_closed", {"loop.delay": "5e-13 s"}, "is negligible beside"),
     "numbers beyond all range": ("van_der_pol_mu1", {"loop.den.1": 1e300}, "beyond all range"),
     "samples without end": ("backlash_discrete_pi_kp05_ki01", {"run.t_end": "1e12 s"}, "at most 2000000"),
 }
@@ -141,7 +141,7 @@ def needs(command: str) -> None:
         (("identify", "fig8a_original"), "no measured file is given; expected --tray, --backlash or --step."),
         ((*GOAL, "--tune", "loop.gain 1..3"), "--tune loop.gain: is given twice; expected it once."),
         ((*BOUNDED, "--within", "-1..2"), "bounds: play.gap is -1.0; expected zero or more."),
-        ((*BOUNDED, "--own-run"), "--own-run is asked of a loop whose bounds are folds; expected a loop whose"),
+        ((*BOUNDED, "--own-run"), "--own-run is given for a loop whose bounds are folds; expected a loop whose"),
         ((*BOUNDED, "--within", "2..1"), "--within is 2 to 1; expected low < high"),
         ((*BOUNDED, "--set", "play.gap=0"), "--within is not given, and play.gap is 0 in this case; expected a range"),
         ((*BOUNDED, "--seed=-1"), "--seed is -1; expected 0 or more."),
@@ -206,7 +206,7 @@ signals."Motor-Speed" = { state = [0.0, 1.0] }
         ("design", ("--tune", "my-motor/limit 1.upper 1..2", "--maximise", "Q"), "Q is 'not known'"),
         ("design", ("--tune", "my-motor/limit 1.upper 1 kg..2", "--maximise", "Q"), "limit 1.upper is '1 kg'"),
         ("bounds", (*SLASHED, "--allow", "Motor/Speed ref 1 kg"), "Motor/Speed ref is '1 kg'"),
-        ("sweep", ("--axis", "my-motor/limit 1.upper=1,2", "-o", "map.zarr"), "a slash stands between folders there"),
+        ("sweep", ("--axis", "my-motor/limit 1.upper=1,2", "-o", "map.zarr"), "a slash separates folders there"),
     ],
 )  # fmt: skip
 def test_names_with_spaces_dashes_and_slashes_are_taken(

@@ -149,7 +149,7 @@ BAD = {
     "improper": (LOOP + "num = [1, 2, 3]\nden = [1, 1]", "loop.num is [1, 2, 3]", "improper"),
     "unknown port": (DIAGRAM.replace("-> valve", "-> valv"), "connect.0 is 'demand - plant -> valv'", "a part of"),
     "driven twice": (DIAGRAM.replace('plant"]', 'plant", "demand -> plant"]'), "connect.2 is", "already: add the two"),
-    "two of one name": (DIAGRAM.replace("demand", "valve"), "inputs.valve is 'valve'", "a name of its own"),
+    "two of one name": (DIAGRAM.replace("demand", "valve"), "inputs.valve is 'valve'", "another name"),
     "rows of unequal length": (
         DIAGRAM.replace(INTEGRATOR, 'kind = "state_space", A = [[0, 1], [0]], B = [[1], [1]], C = [[1, 0]]'),
         "blocks.plant.A is [[0, 1], [0]]",
@@ -423,8 +423,8 @@ def test_two_cases_of_one_name_are_not_written_over_each_other(tmp_path, monkeyp
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("predict", "relay_deadzone", "-o", "{foo}.png"), "{foo}.png: {foo} stands for nothing; expected {case}."),
-        (("cycles", "relay_deadzone", "-o", "{case}.png"), "{case} stands for nothing; expected a name without it."),
+        (("predict", "relay_deadzone", "-o", "{foo}.png"), "{foo}.png: {foo} is no placeholder; expected {case}."),
+        (("cycles", "relay_deadzone", "-o", "{case}.png"), "{case} is no placeholder; expected a name without it."),
         (("identify", "fig8a_original", "--tray", "x.csv", "-o", "{foo}.png"), "expected {bench}."),
         (("predict", "relay_deadzone", "-o", "x" * 5000 + ".png"), "is a name of 5004 letters; expected at most 200."),
         (("predict", "relay_deadzone", "-o", "x" * 5000), "is a name of 5000 letters; expected at most 200."),

@@ -101,4 +101,4 @@ def test_other_commands_point_to_it_and_do_not_answer_for_the_undriven_loop(case
         assert code == 2 and "input 'force' is a sine, so there is no operating point" in text
         assert "(on the command line: response)" in text
     code, text = run("simulate", case)
-    assert code == 0 and "input 'force' is a sine: the command response says what the loop does under it" in text
+    assert code == 0 and "input 'force' is a sine: the command response computes the periodic response" in text

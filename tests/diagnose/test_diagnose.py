@@ -64,8 +64,8 @@ def test_the_element_that_made_a_record_is_named(mechanism):
 @pytest.mark.parametrize(
     ("mechanism", "label", "recorded", "verdict"),
     [
-        pytest.param("saturation", "amplifier", "flow", "cannot be told", marks=pytest.mark.slow),
-        pytest.param("saturation", "drive_in", "command", "cannot be told", marks=pytest.mark.slow),
+        pytest.param("saturation", "amplifier", "flow", "undecided", marks=pytest.mark.slow),
+        pytest.param("saturation", "drive_in", "command", "undecided", marks=pytest.mark.slow),
         ("rate limit", "drive", "flow", "unexplained"),
         pytest.param("linear instability", "angle", "angle", "named", marks=pytest.mark.slow),
     ],
@@ -83,16 +83,16 @@ def test_a_record_of_another_signal_is_no_linear_instability(mechanism, label, r
         return
     assert found.elsewhere.startswith("as a record of ") and found.elsewhere.endswith(f"it is explained by {element}")
     assert "is it attached to the right signal?" in str(found)
-    if verdict == "cannot be told":
-        assert str(found).startswith(f"Cannot be told: linear instability and another signal than {label}:")
+    if verdict == "undecided":
+        assert str(found).startswith(f"Undecided: linear instability and another signal than {label}:")
 
 
 @pytest.mark.parametrize("mechanism", ALIKE)
 def test_two_elements_that_explain_a_record_alike_cannot_be_told(mechanism):
     found, _ = diagnosed(mechanism, 1)
-    assert found.verdict == "cannot be told" and set(found.names) == {"amplifier", "valve"}
+    assert found.verdict == "undecided" and set(found.names) == {"amplifier", "valve"}
     assert found[0].probability == pytest.approx(found[1].probability, rel=1e-3)
-    assert "Cannot be told: " in str(found)
+    assert "Undecided: " in str(found)
 
 
 @pytest.mark.slow

@@ -125,7 +125,7 @@ def test_a_loop_in_which_nothing_can_be_tried_says_so() -> None:
     found = epp.diagnose(loop, sine("x"), steps=1)
     assert found.verdict == "nothing tried" and found.names == () and found.status is epp.Status.INCOMPLETE
     said = str(found)
-    assert said.startswith("Nothing could be tried: the record has a period of 6.98") and "None of" not in said
+    assert said.startswith("No candidate could be tried: the record has a period of 6.98") and "None of" not in said
     assert "could not be tried to the end: the search took all of 1 steps." in said
     assert all(np.isnan(e.probability) for e in found)
 

@@ -107,7 +107,9 @@ def test_a_step_of_the_input_is_felt_after_the_dead_time(moved):
 
 def test_a_dead_time_that_is_none_is_refused():
     loop = epp.LureSystem.from_tf(([1.2], [1.0, 1.5, 0.5, 0.0]), epp.Saturation(), delay=1e-9)
-    with pytest.raises(ModelError, match=r"dead time of 1e-09 s is nothing beside .* expected 0, or at least 1e-07 s"):
+    with pytest.raises(
+        ModelError, match=r"dead time of 1e-09 s is negligible beside .* expected 0, or at least 1e-07 s"
+    ):
         epp.simulate(loop, t_end=1.0)
 
 

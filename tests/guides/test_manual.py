@@ -185,7 +185,7 @@ def test_no_bound_is_an_answer_that_is_written_in_every_file(monkeypatch, bounds
     none = replace(bounds, cells=(BoundCell(4.0 * LBF, finding), BoundCell(5.0 * LBF, finding)))
     table = epp.manual_table(none)
     assert [row[1:] for row in table.texts()] == [("-", "-", "-", finding.sentence)] * 2
-    assert table.notes[0] == "There is no limit to print: the last column says why."
+    assert table.notes[0] == "There is no limit to print; the last column gives the reason."
     monkeypatch.setattr("eppanalysis.methods.bounds.design.design_bounds", lambda *_, **__: none)
     command = ["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash"]
     for ending in (".png", ".csv", ".nc"):

@@ -144,7 +144,7 @@ def test_a_model_that_is_wrong_elsewhere_is_said_and_what_would_mend_it(tmp_path
     path = record(tmp_path, "time [s],motor_angle [deg],current [A]", noisy(), CURRENT)
     fit = epp.identify(case, step=path, fit=("J_load",)).fits[0]
     assert fit.status is Status.NOT_CONVERGED
-    assert any("ask for motor.damping by -" in note for note in fit.notes)
+    assert any("suggest motor.damping by -" in note for note in fit.notes)
 
 
 @pytest.mark.slow

@@ -30,7 +30,7 @@ def test_a_loop_that_oscillates_is_told_how_far_its_parameter_must_go():
     number = "0.83 (exact 0.8462)"
     assert page.numbers[2] == ("loop gain at which the oscillation ends", number, "fold of its exact branch")
     assert page.advice.startswith(f"Bring the loop gain from 1 under {number}: there this oscillation does not exist.")
-    assert dict(page.known)["Proved"].startswith("Nothing: no proof was asked for, or none covers")
+    assert dict(page.known)["Proved"].startswith("Nothing: no proof was requested, or none covers")
     assert page.picture.startswith(b"\x89PNG") and 'class="numbers"' in page._repr_html_()
 
 
@@ -45,7 +45,7 @@ def test_of_a_driven_loop_it_is_said_that_proofs_are_of_held_inputs():
 def test_a_loop_that_rests_is_told_what_was_not_looked_at():
     case = wheelchair().with_values({"loop.gain": 0.5})
     page = epp.first_page(case, epp.simulate(case))
-    assert page.verdict == "Comes to rest from its own start; other starts were not looked at."
+    assert page.verdict == "Comes to rest from its own start; other starts were not tried."
     assert page.advice == "Nothing, at these values." and page.numbers[0][0] == "at rest from"
     assert page.numbers[1][0].endswith(" at rest")
 
@@ -85,7 +85,7 @@ def test_a_run_that_is_too_short_does_not_take_back_what_the_search_found():
     assert dict(page.known)["Exact"].startswith(cycles.headline())
     assert [value.split()[-1] for _, value, _ in page.numbers[1:]] == ["Hz", "s"]
     largest = 'design sat_khalil710 --set "run.t_end=1 s" --maximise loop.gain --tune "loop.gain 0.05..2"'
-    assert page.advice == f"Ask how far a parameter must go: eppanalysis {largest}"
+    assert page.advice == f"Compute how far a parameter must go: eppanalysis {largest}"
 
 
 def test_what_a_search_left_open_is_no_all_clear():
@@ -96,7 +96,7 @@ def test_what_a_search_left_open_is_no_all_clear():
     sure, unsure = (epp.first_page(case, run, cycles=search).advice for search in (cycles, opened))
     assert sure.startswith("Nothing, at these values. The search is thorough")
     longer = f'eppanalysis simulate virtual_spring --set "run.t_end={10 * case.t_end:g} s"'
-    assert unsure == (f"Nothing from its own start; what others lead to is left open. Simulate for longer: {longer}")
+    assert unsure == (f"Nothing from its own start; other starts are undecided. Simulate for longer: {longer}")
 
 
 @pytest.mark.parametrize(

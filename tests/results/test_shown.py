@@ -328,7 +328,7 @@ def test_a_continuum_of_cycles_is_said():
     """x'' = -sgn(x), whose swings keep their energy."""
     found = epp.find_limit_cycles(epp.LureSystem.from_tf(([1.0], [1.0, 0.0, 0.0]), epp.Relay()))
     assert found.n_continua == len(found) == 1
-    assert "It stands for a continuum of cycles, between which a disturbance may move the loop." in str(found)
+    assert "It is one of a continuum of cycles, between which a disturbance may move the loop." in str(found)
 
 
 def test_what_first_order_misses_is_said():
@@ -421,7 +421,7 @@ def test_a_number_in_a_sentence_is_the_value_to_its_digits(value, digits):
 def test_a_run_that_starts_at_rest_is_not_said_to_settle(gain):
     """At the greater gain that rest is unstable: the run alone cannot tell, and does not pretend to."""
     loop = epp.LureSystem.from_tf(([gain], [1.0, 3.0, 2.0, 0.0]), epp.Saturation(), x0=[0.0, 0.0, 0.0])
-    sentence = "Stands still where it starts, which says nothing of other starts: x at 0."
+    sentence = "Rests where it starts: x at 0; other starts may oscillate."
     assert str(epp.simulate(loop, t_end=20.0)) == sentence
     moved = epp.simulate(replace(loop, x0=np.full(3, 1e-3)), t_end=400.0)
     assert str(moved).startswith("Settles at rest: x at" if gain < 6.0 else "Oscillates: x ")
@@ -430,7 +430,7 @@ def test_a_run_that_starts_at_rest_is_not_said_to_settle(gain):
 @pytest.mark.parametrize(("plant", "decided"), [([1.0, 0.0, 0.0], False), ([1.0, 0.1, 0.0], True)])
 def test_no_gain_margin_is_told_of_a_loop_on_the_border_of_stability(plant, decided):
     sentence = str(epp.predict_limit_cycles(epp.LureSystem.from_tf(([0.5], plant), epp.DeadZone())))
-    assert ("whether the linearised loop is stable is not decided" in sentence) is not decided
+    assert ("the stability of the linearised loop is undecided" in sentence) is not decided
     assert ("gain margin" in sentence) is decided
 
 

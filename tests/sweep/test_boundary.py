@@ -96,7 +96,7 @@ def test_a_boundary_knows_its_axes() -> None:
         (lambda: fold_boundary(RELAY, {"loop.gain": "1:5:4"}), "two of them"),
         (
             lambda: fold_boundary(epp.case("azimuth_servo"), {"Kp": "20:80:2:V/rad", "Ti": "0.4:0.5:2:s"}),
-            "does not cover loops with sampled controllers: outcome_boundary",
+            "does not cover loops with sampled controllers: use outcome_boundary",
         ),
         (
             lambda: fold_boundary(RELAY, {"loop.gain": "0.01:0.02:2", "relay_dead_zone.threshold": "1:1.1:2"}),

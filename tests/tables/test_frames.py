@@ -69,7 +69,7 @@ def test_no_table_of_results_shows_a_name_as_it_is_typed():
 
 def test_an_estimate_that_cannot_tell_is_explained_beside_the_table():
     wrong, small = (epp.table([replace(cycle(), error_estimate=share)]) for share in (2.6, 0.02))
-    sentence = "the estimate cannot say how wrong it is"
+    sentence = "the estimate does not give the size of the error"
     assert sentence in html.unescape(wrong._repr_html_())
     assert sentence in " ".join(str(wrong).split())
     assert sentence not in small._repr_html_() and "cannot say" not in str(small)

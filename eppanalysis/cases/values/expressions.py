@@ -208,7 +208,7 @@ class Expression:
         if a == 0 and b < 0:
             raise QuantityError(f"a divisor that is not zero: {self._at(node)} divides by 0")
         if a < 0 and not b.is_integer():
-            raise QuantityError(f"a whole power of what is negative: {self._at(node.left)} is {a:g}")
+            raise QuantityError(f"a whole power of a negative number: {self._at(node.left)} is {a:g}")
         # Units take powers that are fractions, of which an exponent is the float.
         power = Fraction(b).limit_denominator(24)
         if abs(power - Fraction(b)) > 1e-12 * max(1.0, abs(b)) and not plain:
@@ -345,7 +345,7 @@ def _wanted(text: str) -> str:
     try:
         parse_any(text)
     except UnknownUnit as error:
-        return f"{error.expected}; in an expression quantities are parameters, with names of their own"
+        return f"{error.expected}; in an expression a quantity is a parameter with a name"
     except QuantityError:
         pass
     if not (found := _QUANTITY.search(text)):

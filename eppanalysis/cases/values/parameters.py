@@ -129,7 +129,7 @@ def _check_name(name: str) -> None:
     if not _NAME.fullmatch(name) or keyword.iskeyword(name):
         raise QuantityError("a plain name of letters, digits and underscores, which is no word of Python")
     if name in FUNCTIONS or name == "pi":
-        raise QuantityError(f"a parameter that is not called like what expressions know ({', '.join(FUNCTIONS)}, pi)")
+        raise QuantityError(f"a name that is no function or constant of expressions ({', '.join(FUNCTIONS)}, pi)")
 
 
 def _circle(feeding: Sequence[str], tables: Sequence[str]) -> list[str]:

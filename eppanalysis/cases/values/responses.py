@@ -42,7 +42,7 @@ def read_response(
 
     Columns are "frequency" [Hz, rad/s or any unit of either]; "magnitude" ([dB], or a unit of output over input) and
     "phase" [deg, rad], or "real" and "imaginary"; and, where it is known, "deviation" ([%], or a plain share of the
-    magnitude): the standard deviation of real and imaginary part. Rows stand in any order; a row at frequency zero is
+    magnitude): the standard deviation of real and imaginary part. Rows are in any order; a row at frequency zero is
     the static gain. Separators are commas, semicolons or tabs; beside the latter two a decimal comma will do.
 
     Of several inputs and outputs each path has columns of its own: "magnitude 2/1" and "phase 2/1" are output 2 over

@@ -88,8 +88,8 @@ def design_bounds(
     ----------
     case : Case or LureSystem
         With sampled controllers, in discrete time, and where harmonic balance does not cover an element, a bound is
-        where the answer of the search for limit cycles changes; what that does not cover is said
-        (`DesignBounds.not_covered`).
+        where the answer of the search for limit cycles changes; `DesignBounds.not_covered` says what
+        that does not cover.
     over, limit : str
         Dotted names: the parameter that runs ("bands.range"), and the one that is bounded ("lock_pin.backlash").
     start, stop : str or number, optional
@@ -105,7 +105,7 @@ def design_bounds(
         (about the mean; plain numbers are SI); with a band, "theta 0.3 deg within 1 Hz..8 Hz", cycles of such a
         frequency alone are bounded. The bound is then where the largest stable cycle becomes larger.
     own_run : bool
-        Where the search is asked, ask the case's own run alone, from its own start and with its own input: which is the
+        Where the search decides, use the case's own run alone, from its own start and with its own input: which is the
         last value from which that comes to rest?
     exact : bool
         Correct every bound to the exact fold; bounds of a sampled loop come from the search and need none.
@@ -149,8 +149,8 @@ def design_bounds(
     How large may the play of a servo be, if its output may move by 0.5?
 
     >>> servo = epp.case("backlash_servo")
-    >>> asked = {"at": [1.0], "allow": "x 0.5", "starts": 100}
-    >>> found = epp.design_bounds(servo, "loop.gain", "play.gap", **asked)
+    >>> options = {"at": [1.0], "allow": "x 0.5", "starts": 100}
+    >>> found = epp.design_bounds(servo, "loop.gain", "play.gap", **options)
     >>> round(found[0].exact, 7), found[0].kind.value, found[0].verified
     (0.2551403, 'allowed size', True)
     """
@@ -210,15 +210,15 @@ def design_bounds(
 def _check_asking(settings: Settings, asking: SearchedProblem | None, own_run: bool, prove: bool) -> None:
     """Refuse what goes with exact folds alone where the search is asked, and what goes with the search elsewhere."""
     if asking is None and own_run:
-        said = " is asked of a loop whose bounds are folds; expected a loop whose bounds the search tells."
+        said = " is given for a loop whose bounds are folds; expected a loop whose bounds the search finds."
         raise ArgumentError("own_run", said, "design_bounds")
     if asking is not None and not settings.exact:
         raise ArgumentError(
-            "exact", " is False; expected True for a loop whose bounds the search tells.", "design_bounds"
+            "exact", " is False; expected True for a loop whose bounds the search finds.", "design_bounds"
         )
     if prove and (asking is not None or settings.allowed is not None or not settings.verify):
         expected = "expected exact bounds on limit cycles of any size, with tests"
-        raise ArgumentError("prove", f" is asked of bounds that have no proof; {expected}.", "design_bounds")
+        raise ArgumentError("prove", f" is given for bounds that have no proof; {expected}.", "design_bounds")
 
 
 def _values(case: CaseLike, over: str, start: object, stop: object, points: int) -> list[float]:
@@ -294,7 +294,7 @@ def _check_pair(case: CaseLike, over: str, value: float, limit: str, end: float)
     both = case.with_values({over: value}).with_values({limit: end})
     kept = value_of(both, over)
     if kept is None or abs(kept - value) > 1e-9 * abs(value):
-        raise EppError(f"design_bounds: {limit} stands in the place of {over}; expected two that go side by side.")
+        raise EppError(f"design_bounds: {limit} replaces {over}; expected two parameters that can both be given.")
 
 
 def _cells(

@@ -59,13 +59,13 @@ class Finding(StrEnum):
     )
     BETWEEN = (
         "between",
-        "A limit cycle exists at both ends of the range of the limiting parameter, but not at all values between: ask "
-        "for a narrower range, which begins or ends among these.",
+        "A limit cycle exists at both ends of the range of the limiting parameter, but not at all values between: "
+        "give a narrower range that begins or ends among these.",
     )
     UNSURE = (
         "unsure",
-        "Whether a limit cycle exists in the range of the limiting parameter is not known: the exact search found none "
-        "at some values, but left runs undecided there.",
+        "It is unknown whether a limit cycle exists in the range of the limiting parameter: the exact search found "
+        "none at some values, but left runs undecided there.",
     )
     SCALES = (
         "scales",
@@ -74,11 +74,10 @@ class Finding(StrEnum):
     )
     IDLE = (
         "idle",
-        "The loop of this case does not depend on this parameter (another field may stand in its place), so nothing "
-        "bounds it.",
+        "The loop of this case does not depend on this parameter (another field may replace it), so nothing bounds it.",
     )
     BEYOND = "beyond", "The bound lies beyond the range of the limiting parameter: cycles exist down to the end of it."
-    FAILED = "failed", "No start led to a bound, which does not say that there is none."
+    FAILED = "failed", "No start led to a bound; one may still exist."
 
     @property
     def answers(self) -> bool:
@@ -295,7 +294,7 @@ class BoundCell(Brief):
         if self.kind is Turn.SIZE and self.size > (1.0 + _ROUNDING) * allowed.size:
             return f"At the bound a stable cycle of {size} comes into the band ({allowed})."
         if self.kind is Turn.SIZE:
-            return f"At the bound the stable cycle reaches what is allowed ({allowed}); nearer there is none so large."
+            return f"At the bound the stable cycle reaches the allowed size ({allowed})."
         born = "becomes stable" if self.kind is Turn.STABILITY else "is born"
         return f"At the bound the cycle {born} with {size}, more than is allowed ({allowed})."
 
@@ -450,7 +449,7 @@ class DesignBounds(Listing[BoundCell]):
 
     @property
     def in_theorems(self) -> str:
-        """What is proved of the bounds, in sentences; empty where no proofs were asked for."""
+        """What is proved of the bounds, in sentences; empty where no proofs were requested."""
         proofs = [(c, c.proved) for c in self.cells if c.proved is not None]
         if not proofs:
             return ""
@@ -522,7 +521,7 @@ class DesignBounds(Listing[BoundCell]):
 
     @checked
     def plot(self, ax: Axes | None = None) -> Axes:
-        """The boundary: first order, harmonic balance, exact, and where runs confirmed it."""
+        """The boundary: describing function, harmonic balance, exact, and where runs confirmed it."""
         return self.drawn("plot_bounds", ax)
 
     @checked

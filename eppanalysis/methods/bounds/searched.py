@@ -106,8 +106,8 @@ class SearchedProblem:
         if self.own_run:
             how, others = "the case's own run ceases to come to rest", "other starts and inputs"
         return (
-            f"{self.why}: bounds are where {how}, asked at {numbers} values of the range and to "
-            f"{100.0 * self.margin:g} %; {others}, and what comes and goes between these values, are not covered."
+            f"{self.why}: bounds are where {how}, searched at {numbers} values of the range and to "
+            f"{100.0 * self.margin:g} %; {others}, and cycles between these values alone, are not covered."
         )
 
 

@@ -157,7 +157,7 @@ def verify(
         fate = "come to rest" if allowed is None else "come to rest, or to a cycle that is allowed,"
         missing.append(f"{n_moving} of {n_settled + n_moving} runs did not {fate} on the safe side")
     if n_settled + n_moving < n_starts:
-        missing.append(f"{n_starts - n_settled - n_moving} slow runs were not looked at to their end after these")
+        missing.append(f"{n_starts - n_settled - n_moving} slow runs after these were not run to their end")
     further = [o for o in met if not _known(o, [c.period for c in search])]
     cycles = (*bad, *(to_limit_cycle(system, o) for o in further))
     found = _orbit_at(question, other, orbit if beyond is None else beyond, allowed)

@@ -56,7 +56,8 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
             return found
         shown = f"{float(low):.6g} to {'infinity' if high is None else f'{float(high):.6g}'}"
         return (
-            f"neither the circle criterion nor Popov's holds for the sector from {shown}, which decides nothing{found}."
+            f"neither the circle criterion nor Popov's holds for the sector from {shown}, so absence is "
+            f"undecided{found}."
         )
     polynomial = criterion(num, den, low, high, multiplier)
     return sealed(
@@ -86,7 +87,7 @@ def _not_covered(loop: Mapping[str, Any]) -> str:
     if loop["time_step"] is not None:
         return "the criteria are those of continuous time, and the loop is in discrete time."
     if not any(number(c) for c in loop["num"]):
-        return "what the element puts out does not come back to it."
+        return "the element's output does not reach its input."
     if len(loop["num"]) >= len(loop["den"]):
         return "the linear part passes its input straight through."
     try:

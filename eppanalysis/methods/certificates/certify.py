@@ -31,8 +31,8 @@ _MOST_SECTORS = 200
 _GROWS = " While the play moves, the loop is not stable: motions that do not rest may grow without bound."
 #: Why roots are not decided beside an undamped pole.
 _ALONE = (
-    " At {} rad/s the linear part has a pole without damping: where the element passes nothing on, it swings there by "
-    "itself with any amplitude."
+    " At {} rad/s the linear part has a pole without damping: where the element's output is zero, it swings there at "
+    "any amplitude."
 )
 
 
@@ -49,11 +49,11 @@ def certify(
     Parameters
     ----------
     loop : LureSystem or Case
-        With one element of one input and output that stands at no bias (play may), and a rational linear part; for
+        With one element of one input and output without a bias (play may have one), and a rational linear part; for
         "roots" with dead time, or in discrete time. "roots" also takes, in continuous time, one piecewise-linear
         element, play or relay with hysteresis with a bias, and rings of odd ones of these.
     statement : str, optional
-        "roots": all roots of the first-order balance ``1 + N(A) G(j omega) = 0`` in a box, none missed. "absence": no
+        "roots": all roots of the balance ``1 + N(A) G(j omega) = 0`` in a box, none missed. "absence": no
         periodic motion but rest; for a memoryless element in a sector by the circle criterion or Popov's, and for a
         relay with dead zone around ``k/(s(s+p)(s+q))`` by cells of its return map; for play, whatever its gap and
         the constant inputs, by ``Re G(j omega) > -1``, or by a function that falls along every
@@ -85,8 +85,8 @@ def certify(
 
     Notes
     -----
-    First order is an approximation: roots of its balance are proved, not limit cycles. Absence is proved of the loop
-    itself (Popov 1961, in the form of Garber 1967 for periodic motions; piecewise quadratic functions are from
+    The describing function is an approximation: roots of its balance are proved, not limit cycles. Absence is proved of
+    the loop itself (Popov 1961, in the form of Garber 1967 for periodic motions; piecewise quadratic functions are from
     Johansson and Rantzer 1998). The derivations are on the pages "Certificates" and "No limit cycle with play" of the
     theory.
 
@@ -209,9 +209,7 @@ def _accepted(document: Mapping[str, Any]) -> None:
     try:
         checker.verify(document)
     except checker.Refused as error:
-        raise EppError(
-            f"certify: what was found is not accepted by its checker ({error}); nothing is proved."
-        ) from error
+        raise EppError(f"certify: the checker refuses the certificate ({error}); nothing is proved.") from error
 
 
 def check_certificate(

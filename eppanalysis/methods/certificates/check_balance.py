@@ -11,7 +11,7 @@ from fractions import Fraction
 from flint import acb, acb_poly, arb, arb_mat, ctx, fmpq
 
 ctx.prec = 100
-STATEMENT = "all roots of the first-order balance in a box, of a ring or with a bias"
+STATEMENT = "all roots of the describing-function balance in a box, of a ring or with a bias"
 #: Most characters of a file, of a number; coefficients of a linear part; boxes of the cover, terms of gains in them.
 LENGTH, DIGITS, ORDER, BOXES, TERMS = 1_000_000, 1000, 60, 25_000, 4_000_000
 HALF = {"slope": (Fraction,), "bends": [[(Fraction,), (Fraction,)]], "jumps": [[(Fraction,), (Fraction,)]]}
@@ -42,7 +42,7 @@ def number(text):
 
 def once(pairs):
     """Names with what they stand for, none of them twice."""
-    require(len(dict(pairs)) == len(pairs), "a name that stands there twice")
+    require(len(dict(pairs)) == len(pairs), "a name that occurs twice")
     return dict(pairs)
 
 

@@ -52,7 +52,7 @@ def number(text):
 
 def once(pairs):
     """Names with what they stand for, none of them twice."""
-    require(len(dict(pairs)) == len(pairs), "a name that stands there twice")
+    require(len(dict(pairs)) == len(pairs), "a name that occurs twice")
     return dict(pairs)
 
 
@@ -265,7 +265,7 @@ def verify(document):
         for cell, n in cells:
             for (a, b, c, d), _ in returns.reached(cell):
                 met = {m for x, m in cells if x[0] <= b and a <= x[1] and x[2] <= d and c <= x[3]}
-                require(all(m < n or (m == n and n in forms) for m in met), "cells that may come back to themselves")
+                require(all(m < n or (m == n and n in forms) for m in met), "cells that may map to themselves")
     return claim
 
 

@@ -15,7 +15,7 @@ from fractions import Fraction
 from flint import acb, acb_poly, arb, ctx, fmpq
 
 ctx.prec = 100
-STATEMENT = "all roots of the first-order balance in a box"
+STATEMENT = "all roots of the describing-function balance in a box"
 #: Most characters of a file, and of a number in it; most coefficients of a polynomial, most boxes of all covers, and
 #: most terms of the gain in all of these.
 LENGTH, DIGITS, ORDER, BOXES, TERMS = 1_000_000, 1000, 60, 100_000, 20_000_000
@@ -50,7 +50,7 @@ def number(text):
 
 def once(pairs):
     """Names with what they stand for, none of them twice."""
-    require(len(dict(pairs)) == len(pairs), "a name that stands there twice")
+    require(len(dict(pairs)) == len(pairs), "a name that occurs twice")
     return dict(pairs)
 
 

@@ -35,7 +35,7 @@ def rational_loop(system: LureSystem) -> tuple[dict[str, Any], float]:
     """
     if len(system.elements) != 1 or system.elements[0].n_inputs != 1 or system.elements[0].n_outputs != 1:
         ports = ", ".join(system.element_names) or "none"
-        raise NotCovered(f"certificates speak of loops with one element of one input and output; here are: {ports}.")
+        raise NotCovered(f"certificates cover loops with one element of one input and output; here are: {ports}.")
     link, off = rational_link(system)
     time_step = None if system.time_step is None else str(number_of(system.time_step))
     return {"time_step": time_step} | link, off
@@ -130,7 +130,7 @@ def element_data(element: Nonlinearity) -> dict[str, Any]:
     except ModelError as refusal:
         raise NotCovered(str(refusal)) from None
     if exact is None:
-        raise NotCovered(f"no certificate speaks of a {element.kind or type(element).__name__}.")
+        raise NotCovered(f"no certificate covers a {element.kind or type(element).__name__}.")
     if isinstance(exact, Named):
         return {"kind": exact.kind, **{name: str(value) for name, value in exact.numbers.items()}}
     if any(at < 0 for half in exact for at, _ in half.bends + half.jumps):

@@ -63,8 +63,8 @@ class Certificate(WithFile):
 
     Attributes
     ----------
-    statement : Asked
-        What was asked: "roots", "absence" or "cycles".
+    statement : {"roots", "absence", "cycles"}
+        What is proved.
     status : Status
         CONVERGED where all of it is proved; INCOMPLETE where boxes are undecided, nothing is decided, or the loop is
         not covered.
@@ -117,7 +117,7 @@ class Certificate(WithFile):
 
     @property
     def proved(self) -> bool:
-        """Whether all that was asked is proved."""
+        """Whether the whole statement is proved."""
         return self.status.ok
 
     def __str__(self) -> str:
@@ -143,7 +143,7 @@ class Check(PlainData):
     message : str
         What is proved, or why the file is refused, in a sentence.
     about : bool or None
-        Whether the file states the very loop that was asked about; None where none was, or the file is refused.
+        Whether the file states the given loop; None where none was given, or the file is refused.
     """
 
     accepted: bool

@@ -86,7 +86,7 @@ def another_loop(document: Mapping[str, Any], system: LureSystem, at: OperatingP
     try:
         stated, _ = stated_loop(_ASKED[document["statement"]], system, at)
     except NotCovered as reason:
-        return f"no such certificate speaks of it ({str(reason).rstrip('.')})"
+        return f"no such certificate covers it ({str(reason).rstrip('.')})"
     given = document["loop"]
     if stated.keys() != given.keys():
         return "the file states a loop of another kind"

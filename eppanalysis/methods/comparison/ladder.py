@@ -70,14 +70,13 @@ class Agreement(Enum):
         "the run settles on the stable cycle that the describing function predicts."
     )
     ROUGH = (
-        "The run settles on the stable cycle that the describing function predicts, but the describing function is "
-        f"off by more than {100 * _AGREES:g} % in frequency or size: it tells that there is a cycle, not what it is "
-        "like."
+        "The run settles on the stable cycle that the describing function predicts, but the prediction is off by more "
+        f"than {100 * _AGREES:g} % in frequency or size."
     )
     FREE = "Prediction and simulation agree: no stable limit cycle is predicted, and the run settles at rest."
     GUARDED = (
-        "A stable cycle exists as predicted, but this start does not reach it: "
-        "an unstable cycle guards the resting state."
+        "A stable cycle exists as predicted, but this start does not reach it: an unstable cycle lies on the basin "
+        "boundary of rest."
     )
     AT_REST = (
         "A stable cycle exists as predicted, but this start does not reach it: the run ends at rest, "
@@ -89,8 +88,8 @@ class Agreement(Enum):
         "runs started on it, below it and above it all leave it."
     )
     MISSED = (
-        "The describing function misses stable limit cycles that exist: the exact search finds what it does not "
-        "predict. The run is on none of them by its end."
+        "The describing function misses stable limit cycles that the exact search finds. The run is on none of them "
+        "by its end."
     )
     CONFIRMED = f"The exact search confirms what the describing function predicts{_LEFT_OPEN}, so simulate for longer."
     CONFIRMED_STABLE = (
@@ -102,16 +101,13 @@ class Agreement(Enum):
         f"by more than {100 * _AGREES:g} %{_LEFT_OPEN}, simulate for longer."
     )
     FOUND = (
-        "The exact search finds the stable cycle that the describing function predicts, but the describing function "
-        f"is off by more than {100 * _AGREES:g} % in frequency or size{_LEFT_OPEN}, simulate for longer to see it "
-        "there."
+        f"The exact search finds the stable cycle that the describing function predicts, with an error above "
+        f"{100 * _AGREES:g} % in frequency or size{_LEFT_OPEN}, simulate for longer to see it there."
     )
     UNDECIDED = (
         "The run is undecided by its end, so the prediction is neither confirmed nor refuted; simulate for longer."
     )
-    DRIVEN = (
-        "An input does not stand still, so the loop has no limit cycle of its own to predict; the run is all there is."
-    )
+    DRIVEN = "An input varies, so there is no limit cycle to predict; only the run is computed."
     NO_PREDICTION = "An element has no describing function, so no cycle of this loop is predicted."
 
     def sentence(self, status: Status) -> str:
@@ -136,20 +132,20 @@ class Probe:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Ladder(Result):
-    """A limit cycle by all methods side by side: first order, harmonic balance, exact orbit, run.
+    """A limit cycle by all methods side by side: describing function, harmonic balance, exact orbit, run.
 
     Attributes
     ----------
     signal : str
         The signal that rows and pictures show.
     prediction : Prediction or None
-        Cycles that first order predicts; None where it cannot be asked.
+        Cycles that the describing function predicts; None without one.
     run : Trajectory
         The case's own run.
     matched : int or None
         Number of the predicted cycle that the run is on.
     missed : tuple of int
-        Numbers of the stable exact cycles (of `search`) that first order does not predict.
+        Numbers of the stable exact cycles (of `search`) that the describing function does not predict.
     errors : dict of str to dict of str to float
         For the matched cycle: relative errors of "peak_to_peak", "fundamental" and "mean" (the last relative to the
         peak-to-peak) of every named signal, and of the frequency under "frequency".
@@ -165,13 +161,13 @@ class Ladder(Result):
     verdict : str
         Plain sentences.
     rows : tuple of Rung
-        First order, harmonic balance, exact orbit and simulation of every cycle, with time and error of each.
+        Describing function, harmonic balance, exact orbit and simulation of every cycle, with time and error of each.
     search : CycleSearch or None
         All exact cycles; None where the search is refused.
     search_seconds : float
         How long the search for them took.
     operating_point : OperatingPoint or None
-        Where the external inputs stand at the end of the run, or why they do not.
+        Values of the external inputs at the end of the run, or why they are not constant.
     """
 
     signal: str
@@ -466,7 +462,9 @@ def _probe_sentences(probes: tuple[Probe, ...], cycles: tuple[LimitCycle, ...]) 
         above = [p for p in probes if p.cycle == i and p.scale > 1]
         if cycle.stable is False and below and above:
             same = _same(below[0], above[0])
-            meaning, end = ("divides nothing here", "alike") if same else ("does divide", "differently")
+            meaning, end = (
+                ("is on no basin boundary here", "alike") if same else (("is on a basin boundary"), "differently")
+            )
             out.append(
                 f"The unstable cycle predicted at {cycle.frequency:.4g} Hz {meaning}: "
                 f"runs started at half and at twice its size end {end}."

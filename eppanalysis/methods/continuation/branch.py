@@ -89,7 +89,7 @@ def continue_branch(
     case : Case or LureSystem
         With sampled controllers a cycle that is locked to the samples is followed at its number of samples until it
         ceases to exist, and on with the neighbouring number; one that is not locked is followed by runs. What that
-        does not cover is said (`Branch.not_covered`).
+        does not cover is in `Branch.not_covered`.
     parameter : str
         Dotted name of the field.
     start, stop : str or number
@@ -151,9 +151,9 @@ def continue_branch(
         value, orbit = seed(case, parameter, family, (first, last), cycle)
         if orbit.motion is not None:
             raise EppError(
-                "continue_branch: cycles are not followed where what comes out of a dead time moves between switches; "
-                "expected a dead time behind an element that switches, with at most blocks between them that feed "
-                "nothing else and that no signal names. find_limit_cycles finds them at one value."
+                "continue_branch: cycles are not followed where a delayed signal moves between switches; expected a "
+                "dead time behind an element that switches, with at most blocks between them that feed nothing else "
+                "and that no signal names. find_limit_cycles finds them at one value."
             )
         branch = walk.run((value, orbit))
     else:
@@ -184,7 +184,7 @@ def _with_others(walk: Continuation, branch: Branch, most: int) -> Branch:
     if tried:
         missing = tuple(g if g.turns else replace(g, why=f"{g.why}; {sought}") for g in missing)
     part = " Together they cover" if others else " It covers"
-    message = branch.message + (f"{part} a part of the range asked for." if missing else "")
+    message = branch.message + (f"{part} a part of the range." if missing else "")
     return replace(branch, message=message, missing=missing, others=tuple(others))
 
 
@@ -299,7 +299,7 @@ class Continuation:
                 return points, known
             ds = min(1.5 * ds, self.max_step) if bend(points[-2], new) < 0.1 else ds
         self.stopped.append(points[-1])
-        return points, "stops at the number of points asked for"
+        return points, "stops at the given number of points"
 
     def _known(self, points: list[BranchPoint]) -> str:
         """What the last step has come to that was followed before; a branch that stopped is joined at its end."""
@@ -310,7 +310,7 @@ class Continuation:
             here = point_at(old, new, end.value) if (old.value - end.value) * (new.value - end.value) < 0.0 else None
             if here is not None and same_orbit(here.orbit, end.orbit):
                 points[-1] = here
-                return "joins a branch that stops at the number of points asked for"
+                return "joins a branch that stops at the given number of points"
         return ""
 
     def _ended(self, points: list[BranchPoint], new: BranchPoint | None, why: str) -> tuple[list[BranchPoint], str]:

@@ -17,7 +17,7 @@ TURNS = "the branch turns back there (cycles of other branches were not sought)"
 
 @dataclass(frozen=True)
 class Gap(PlainData):
-    """A part of the range asked for in which no branch has an orbit.
+    """A part of the given range in which no branch has an orbit.
 
     Attributes
     ----------

@@ -61,7 +61,7 @@ class FoldCurve(Result):
     multiplier : array, shape (k,)
         Its largest Floquet multiplier, which is 1 but for rounding.
     status : Status
-        CONVERGED where it covers all values asked for.
+        CONVERGED where it covers all given values.
     message : str
         How the curve ended.
     units : dict of str to str
@@ -173,7 +173,7 @@ def continue_folds(
         )
     walk = _FoldWalk(case, parameter, other, (low, high))
     found = [fold.point for fold in branch.folds[:1] if fold.point is not None]
-    message = "The curve covers all values asked for."
+    message = "The curve covers all given values."
     for here, value in zip(rows, rows[1:], strict=False):
         new = walk.reach(found[-1], float(here), float(value))
         if new is None:

@@ -43,7 +43,7 @@ def plot_branch(
     """Bifurcation diagram: peak to peak and frequency over the parameter; stable solid, unstable dashed.
 
     Folds are filled diamonds, period doublings triangles, other special points open squares that are named where all
-    are alike, simulated runs crosses on top. Parts of the range asked for that no branch covers are hatched, with the
+    are alike, simulated runs crosses on top. Parts of the given range that no branch covers are hatched, with the
     reason in the legend. Units are those that the case types.
 
     Parameters

@@ -81,11 +81,11 @@ class Branch(Result):
     units : dict of str to str
         SI unit of each signal.
     simulated : dict of str to array
-        Points of runs for comparison, where asked for.
+        Points of runs for comparison, where requested.
     ends : (str, str)
         How it ends at its first and at its last point.
     missing : tuple of Gap
-        Parts of the range asked for in which neither it nor one of `others` has an orbit, and why.
+        Parts of the given range in which neither it nor one of `others` has an orbit, and why.
     others : tuple of Branch
         Branches of other cycles, followed where this one leaves a part of the range without having turned back.
     readable : (str, float)

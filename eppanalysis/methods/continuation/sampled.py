@@ -71,9 +71,8 @@ _CEASED = "ends where no cycle near it continues it"
 #: A multiplier as near to 1 as this at a border is that of a fold.
 _AT_FOLD = 0.02
 NOT_COVERED = (
-    "The loop is sampled: the branch follows one cycle at a time, and cycles that stand beside it with another number "
-    "of samples, or with none, are not covered; parts that are not locked to the samples are stable cycles as runs "
-    "have them."
+    "The loop is sampled: the branch follows one cycle at a time. Cycles beside it with another number of samples, or "
+    "with none, are not covered; parts that are not locked to the samples are stable cycles from runs."
 )
 
 
@@ -326,7 +325,7 @@ class _Walk:
             if last.value == stop:
                 return "leaves the range"
             if len(self.rows) >= self.n_points:
-                return "stops at the number of points asked for"
+                return "stops at the given number of points"
             step = np.sign(stop - last.value) * min(self.max_step * self.width, abs(stop - last.value))
             if last.once is not None and last.slope is None:  # near it its way is known: others stand beside it
                 near = last.next(self._asked(last.value + _NEAR * step))
@@ -447,7 +446,7 @@ def _joined(found: Sequence[Branch], ends: tuple[float, float]) -> Branch:
     """The first branch, with the others behind it and what they all leave of the range."""
     first, *others = found
     left = gaps((min(ends), max(ends)), [(b.points["value"], b.ends) for b in found])
-    part = (" Together they cover" if others else " It covers") + " a part of the range asked for."
+    part = (" Together they cover" if others else " It covers") + " a part of the range."
     return replace(first, message=first.message + part * bool(left), missing=left, others=tuple(others))
 
 

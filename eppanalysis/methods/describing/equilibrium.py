@@ -45,8 +45,8 @@ def _no_rest_together(balance: Balance) -> Iterator[str]:
     if not any(_stands(rows, columns, static.prescribed, levels) for levels in product(*held.values())):
         names = listed([system.element_names[i] for i in held])
         yield (
-            f"The loop has no state of rest: at none of their levels do {names} hold it still together; it keeps "
-            "moving, in a motion that is not predicted here."
+            f"The loop has no state of rest: {names} cannot balance it at any of their levels; it keeps moving, in a "
+            "motion that is not predicted here."
         )
 
 
@@ -115,7 +115,7 @@ def _no_rest_of_one(balance: Balance) -> Iterator[str]:
             if _never_stays(balance, i):
                 yield (
                     f"The loop has no state of rest: {system.element_names[i]} leaves each of its modes before the "
-                    "loop would stand still; it keeps moving, in a motion that is not predicted here."
+                    "loop rests; it keeps moving, in a motion that is not predicted here."
                 )
             continue
         for on_bias, on_mean, prescribed in balances_of_one(system, balance.static, i):
@@ -135,8 +135,8 @@ def _no_rest_of_one(balance: Balance) -> Iterator[str]:
             if _dies_out(balance, i, float(e.jumps[jump])):
                 yield (
                     f"The loop can rest only on an edge of {system.element_names[i]}, which jumps where its input "
-                    f"passes {quantity(edge, of_input)}: it comes to rest there in ever faster switching, and what "
-                    "delay the model leaves out makes it hunt."
+                    f"passes {quantity(edge, of_input)}: it comes to rest there in ever faster switching, and any "
+                    "delay outside the model makes it hunt."
                 )
                 break
             levels = (float(e.slopes[k] * edge + e.intercepts[k]) for k in (jump, jump + 1))

@@ -169,7 +169,7 @@ def frozen_nyquist(
     ----------
     system : LureSystem or Case
     cycle : LimitCycle
-        Where the other elements are frozen. The curves meet in it if it is one of first order.
+        Where the other elements are frozen. The curves meet in it if it is one of the describing function.
     operating_point : OperatingPoint or mapping of str to float, optional
         Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
 

@@ -112,11 +112,11 @@ def made_by_harmonics(
             continue
         known.append(here)
         size = quantity(2.0 * abs(here.Z[0, 1]), unit_at_input(balance.system, 0))
+        gain, seen = 100.0 * np.expm1(abs(x[-1])), here.omega / (2.0 * np.pi)
         yield (
-            "Harmonics make a cycle that the describing function does not have: its loop gain misses one by "
-            f"{100.0 * np.expm1(abs(x[-1])):.2g} % near {omega / (2.0 * np.pi):.4g} Hz, and a balance of {here.order} "
-            f"harmonics stands at {here.omega / (2.0 * np.pi):.4g} Hz, with {size} peak to peak of the fundamental at "
-            f"{balance.system.element_names[0]}."
+            f"The describing function misses a cycle that harmonics make: its loop gain misses 1 by {gain:.2g} % near "
+            f"{omega / (2.0 * np.pi):.4g} Hz. A balance of {here.order} harmonics has it at {seen:.4g} Hz, with {size} "
+            f"peak to peak of the fundamental at {balance.system.element_names[0]}."
         )
 
 
@@ -218,9 +218,9 @@ def _undamped(balance: Balance) -> Iterator[str]:
             sizes.add(f"{factor * 2.0 * float(line[i, 0] + share * (line[i + 1, 0] - line[i, 0])):.2g}")
     if sizes:
         yield (
-            f"The linear part swings undamped by itself at {listed([f'{w / (2.0 * np.pi):.4g}' for w in alone])} Hz, "
-            f"where the describing function has cycles of about {listed(sorted(sizes, key=float)[:_PLACES])}{unit} "
-            f"peak to peak at {system.element_names[0]}, whose gain passes zero, and does not follow them here."
+            f"The linear part is undamped at {listed([f'{w / (2.0 * np.pi):.4g}' for w in alone])} Hz. The describing "
+            f"function has cycles of about {listed(sorted(sizes, key=float)[:_PLACES])}{unit} peak to peak there at "
+            f"{system.element_names[0]}; its gain passes zero, so they are not followed here."
         )
 
 
@@ -237,9 +237,9 @@ def _conservative(balance: Balance) -> Iterator[str]:
     ):
         name = system.element_names[0]
         yield (
-            f"Nothing damps the loop: at no frequency does its linear part or {name} delay a sine. The balance holds "
-            "at every size of a whole range, each at a frequency of its own, and a swing keeps its size; what damping "
-            "or delay the model leaves out makes it die out or grow."
+            f"Nothing damps the loop: neither its linear part nor {name} delays a sine at any frequency. The balance "
+            "holds for a whole range of sizes, each at another frequency, and a swing keeps its size; damping or "
+            "delay outside the model makes it decay or grow."
         )
 
 
@@ -265,9 +265,8 @@ def _stick_slip(balance: Balance) -> Iterator[str]:
         if e.sticks_and_slips and ((winds_up := _winds_up(balance, i)) or _is_dragged(balance, i)):
             why, how = ("integral action", "hunt") if winds_up else ("what drags it", "judder")
             yield (
-                f"{system.element_names[i]} sticks, which the describing function does not see, and {why} does not "
-                f"let it stick for ever: the loop may {how}, in cycles of sticking and slipping that are not "
-                "predicted here."
+                f"{system.element_names[i]} sticks, which the describing function does not see, and {why} ends the "
+                f"sticking: the loop may {how}, in cycles of sticking and slipping that are not predicted here."
             )
 
 
@@ -280,8 +279,8 @@ def _jumps_on(balance: Balance) -> Iterator[str]:
     for i, e in enumerate(balance.system.elements):
         if e.goes_on_in_jumps and any(_slow_slope(balance, i, g) < -0.5 for g in _gains(balance)):
             yield (
-                f"{names[i]} goes on in jumps where it has stuck, and integral action does not let it stick for ever: "
-                "the loop may hunt about a place between two jumps, in cycles that are not predicted here."
+                f"{names[i]} moves in jumps after sticking, and integral action ends the sticking: the loop may hunt "
+                "about a place between two jumps, in cycles that are not predicted here."
             )
 
 

@@ -58,7 +58,7 @@ _STILL = 1e-9
 def predict_limit_cycles(
     system: LureSystem | CaseLike | MeasuredLoop, operating_point: PointLike | None = None
 ) -> Prediction:
-    """Limit cycles of first-order harmonic balance with bias: stable and unstable, symmetric and biased.
+    """Limit cycles by describing functions with bias: stable and unstable, symmetric and biased.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def predict_limit_cycles(
         If an element has no describing function, an input is unknown, the static balance does not determine the
         means, numbers are beyond all range, or measured data end below harmonics that matter to a cycle.
     EppError
-        If an input does not stand still.
+        If an input is not constant.
 
     Examples
     --------
@@ -103,8 +103,8 @@ def _of_parts(own: LureSystem, at: OperatingPoint, parts: Sequence[tuple[Subsyst
     cycles = [p.to_user(c, own, state) for (p, _, state), found in zip(parts, each, strict=True) for c in found]
     names = [listed(loop.element_names) for _, loop, _ in parts]
     apart = (
-        f"Not all elements act on one another: each cycle is of a group that swings by itself ({'; '.join(names)}), "
-        "with the others at rest or their means."
+        f"Not all elements act on one another: each cycle is of one group that swings alone ({'; '.join(names)}), with "
+        "the others at rest or their means."
     )
     return Prediction(
         cycles=tuple(cycles),

@@ -45,22 +45,22 @@ _FAR_FROM_ONE, _FAINT = 4.0, 1e-3
 #: Breakpoints around which biases are sought where the static balance has several answers.
 _MOST_CENTRES = 8
 _MANY_STEPS = (
-    " The loop may stand on many pieces of its element, as its static balance has several answers: biases were sought "
-    f"around zero and the first {_MOST_CENTRES} breakpoints, and cycles about others may be missing."
+    " The static balance has several solutions on pieces of the element: biases were sought around zero and the first "
+    f"{_MOST_CENTRES} breakpoints; cycles about others may be missing."
 )
 #: Amplitudes against which biases are held where they may be many; of an element each of whose answers is a quadrature,
 #: against half as many biases.
 _AMPLITUDES, _FEW_AMPLITUDES = 250, 60
 _UNBALANCED = "At no amplitude is there a bias with which the static balance holds."
 _FEW_PLACES = (
-    " The means of its element are quadratures: a branch of the bias was sought at a tenth of the places, and "
-    "cycles on a small one, or between two jumps of the describing function near each other, may be missing."
+    " The means of its element are quadratures: a branch of the bias was sought at a tenth of the places. Cycles on a "
+    "small one, or between two jumps of the describing function near each other, may be missing."
 )
 #: Branches of the bias that are followed: an element that turns back for ever, such as a sine, has them without end.
 _MOST_BRANCHES = 40
 _MANY_BRANCHES = (
-    f" The static balance has more answers than can be followed: the {_MOST_BRANCHES} branches of the bias with the "
-    "smallest oscillations and biases were, and cycles on others may be missing."
+    f" The static balance has more solutions than can be followed: the {_MOST_BRANCHES} branches of the bias with the "
+    "smallest oscillations and biases were; cycles on others may be missing."
 )
 
 
@@ -521,7 +521,7 @@ def _sentence(system: LureSystem, real: bool, omega: Array, amplitude: Array, n_
     )
     if np.any(system.delays):
         text += (
-            " Dead time makes the phase turn for ever: faster modes, for which the gain cannot suffice (or, with an "
+            " Dead time turns the phase without end: faster modes, for which the gain is too small (or, with an "
             "element of unbounded gain, whose period is shorter than the dead time), were left out."
         )
     if not _is_whole(system, omega):

@@ -130,7 +130,7 @@ def design(
     ----------
     case : Case or LureSystem
         With sampled controllers, and in discrete time, runs from the cycles that are known bound each place, and the
-        search for limit cycles tests the optimum; what that does not cover is said (`Design.not_covered`).
+        search for limit cycles tests the optimum; what that does not cover is in `Design.not_covered`.
     tune : mapping of str to (quantity, quantity)
         The parameters that may be chosen and their ranges (plain numbers are SI). Where none of them is the objective,
         the first is the one that cycles bound.
@@ -161,7 +161,7 @@ def design(
     seed : int
         Of the runs of each test: the same seed, the same runs.
     progress : callable, optional
-        Told the number of optima done, and of all.
+        Called with the number of optima done, and of all.
 
     Returns
     -------
@@ -401,9 +401,9 @@ def _would_have_to_give(search: Search, best: Pick) -> str:
     wider = (low / _WIDER, low) if frontier.sign > 0 else (high, high * _WIDER)
     told = f"{'; '.join(reasons)}."
     if np.isfinite(frontier.worth(best.bound)):  # not the cycles, but what is to be kept
-        return f"{told} That, or what is allowed of cycles, would have to give."
+        return f"{told} Relax that, or the allowed size of cycles."
     if not (0.0 < wider[0] < wider[1]):
-        return f"{told} Its range would have to begin elsewhere."
+        return f"{told} Begin its range elsewhere."
     try:
         beyond = frontier.over(*wider)
         known = {p: beyond.at(search.full(p, search.corners[-1])) for p in list(search.picks)[:_MOST_GIVING]}
@@ -413,7 +413,5 @@ def _would_have_to_give(search: Search, best: Pick) -> str:
     if not np.isfinite(beyond.worth(known[place])) or known[place].kind is Turn.END:
         return f"{told} Within {wider[0]:.4g} to {wider[1]:.4g} no bound was found either."
     where = ", ".join(f"{name} {value:.4g}" for name, value in zip(search.others, place, strict=True))
-    return (
-        f"{told} The end of its range at {end:.4g} would have to give: cycles vanish at {known[place].value:.4g}"
-        f"{f' (at {where})' if where else ''}."
-    )
+    moved = f"Move the end of its range at {end:.4g}: cycles vanish at {known[place].value:.4g}"
+    return f"{told} {moved}{f' (at {where})' if where else ''}."

@@ -123,7 +123,7 @@ class Design(Result):
     tolerances : dict of str to float
         Relative half-widths within which the optima hold.
     front_over : str
-        Parameter of the front; empty where none was asked for.
+        Parameter of the front; empty without one.
     front : tuple of (float, Optimum)
         Its values [SI], and the optimum at each.
     front_own : float
@@ -227,7 +227,7 @@ class Design(Result):
             told += f" {best.at_end}."
         told += self._outside(best)
         if len(self.tune) > 2:
-            told += " It was found uphill from what the describing function proposes; a better one is not excluded."
+            told += " The search climbed from the describing function's proposal; a better design is not excluded."
         return f"{told} {self._tests(best)} {self.not_covered}".rstrip()
 
     def inside(self, found: Optimum, name: str) -> str:
@@ -259,13 +259,13 @@ class Design(Result):
             return f"Only its own range limits it: {self.limit} is at the end of it."
         if best.kind is Turn.UNKNOWN:
             kept = best.active in map(str, self.kept)
-            return f"Active is what is kept: the {best.active}." if kept else f"{INSIDE}."
+            return f"The active constraint is the {best.active}." if kept else f"{INSIDE}."
         what = {
             Turn.FOLD: "a limit cycle that is born there (fold)",
             Turn.CORNER: "a limit cycle that is born there (border collision)",
             Turn.BREAK: "a limit cycle, which is not found beyond (end of the branch)",
             Turn.LINEAR: "an oscillation, as the loop ceases to be stable there (linear limit)",
-            Turn.SIZE: "the stable limit cycle, which reaches what is allowed there",
+            Turn.SIZE: "the stable limit cycle, which reaches the allowed size there",
             Turn.STABILITY: "a limit cycle that becomes stable there",
             Turn.SEARCH: "a limit cycle that is found beyond (by the search)",
         }[best.kind]

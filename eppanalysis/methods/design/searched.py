@@ -43,7 +43,7 @@ class SearchedFrontier(BoundCurve):
     @property
     def not_covered(self) -> str:
         """What the bounds do not cover, in a sentence."""
-        aside = "Places of the parameters beside the optimum were asked by runs alone."
+        aside = "Parameters beside the optimum were tested by runs alone."
         return f"{self.asking.not_covered(self.cells)} {aside}"
 
     def _at(self, place: Place) -> ExactBound:

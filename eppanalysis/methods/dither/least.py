@@ -39,14 +39,14 @@ def dither(
 ) -> Dither:
     """The least amplitude of a fast dither at an element's input that removes the loop's limit cycle.
 
-    First order, on the loop with the smoothed element (:func:`smoothed`), proposes the amplitude; exact runs with the
-    dither as an input, begun on the largest stable limit cycle and at the loop's own start, tell on both sides whether
-    the cycle stays or goes, and narrow it down.
+    The describing function of the loop with the smoothed element (:func:`smoothed`) proposes the amplitude; exact runs
+    with the dither as an input, begun on the largest stable limit cycle and at the loop's own start, tell on both sides
+    whether the cycle stays or goes, and narrow it down.
 
     Parameters
     ----------
     system : LureSystem or Case
-        Beside sampled controllers the element stands in the continuous part, where the dither passes between samples.
+        Beside sampled controllers the element is in the continuous part, where the dither passes between samples.
     frequency : float
         Of the dither [Hz]; at least five times that of the cycle.
     wave : {"sine", "triangle"}
@@ -98,7 +98,7 @@ def dither(
     if frequency * cycle.period < _FAST:
         raise EppError(
             f"dither: frequency is {frequency:.6g} Hz; expected {_FAST:g} times that of the limit cycle, "
-            f"{cycle.frequency:.4g} Hz, or more: a slower dither is none (forced_response says what it does)."
+            f"{cycle.frequency:.4g} Hz, or more (for a slower sine use forced_response)."
         )
     held = replace(loop, v0=at.vector(loop))
     rig = Rig.of(held, number, cycle, frequency, wave)

@@ -15,7 +15,7 @@ from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, VERMILLION, places_o
 #: How a run from the cycle ended: label, colour, marker.
 _ENDS = {
     False: ("run: it stays", VERMILLION, "o"),
-    None: ("run: cannot tell", ORANGE, "s"),
+    None: ("run: undecided", ORANGE, "s"),
     True: ("run: it is gone", GREEN, "D"),
 }
 

@@ -42,15 +42,15 @@ class Dither(Result):
     stays : float
         The largest at which they show that it stays, or cannot tell; 0 where they show none.
     first_order : float
-        The least at which the smoothed loop has no stable cycle in first order; nan where it always has one.
+        The least at which the describing function gives the smoothed loop no stable cycle; nan where it always does.
     size : float
         Peak-to-peak of the element's input on the cycle.
     cycle : LimitCycle
         The one that is removed.
     returned : float
-        Share of the dither that the loop brings back to the element's input, in first order: zero for one that is fast.
+        Share of the dither that the loop returns to the element's input, by the fundamental: zero for one that is fast.
     predicted : array, shape (k, 2)
-        Amplitudes of the dither, and peak-to-peak of the slow cycle at the element's input there, in first order; 0 for
+        Amplitudes of the dither, and peak-to-peak of the slow cycle at the element's input there, by DF; 0 for
         none.
     runs : tuple of DitherRun
         By amplitude.
@@ -93,11 +93,11 @@ class Dither(Result):
 
     @property
     def sentence(self) -> str:
-        """The least dither, first order beside it, and what was not looked at."""
+        """The least dither, the describing function's beside it, and what was not tried."""
         what = f"a {self.wave} of {self.frequency:.4g} Hz at the input of {self.element}"
         first = f"{self.first_order:.4g}" if np.isfinite(self.first_order) else "none"
         if not np.isfinite(self.amplitude):
-            told = f"No amplitude that was run removes the limit cycle by {what}; the describing function says {first}."
+            told = f"No amplitude tried removes the limit cycle by {what}; the describing function says {first}."
         elif not self.stays:
             told = (
                 f"The limit cycle goes under a dither of amplitude {self.amplitude:.4g}, {what}, and under all less "
@@ -115,13 +115,13 @@ class Dither(Result):
                 "function leaves out: of a faster one it would return less."
             )
         return (
-            f"{told} Shown by {count(len(self.runs), 'run')} from the cycle and from the loop's own start; "
-            "other starts were not looked at."
+            f"{told} Shown by {count(len(self.runs), 'run')} from the cycle and from the loop's own start; other "
+            "starts were not tried."
         )
 
     def _below(self) -> str:
         unclear = any(run.amplitude == self.stays and run.gone is None for run in self.runs)
-        return "the runs cannot tell" if unclear else "it stays"
+        return "the runs do not decide" if unclear else "it stays"
 
     def to_frame(self) -> pandas.DataFrame:
         """One row a run: amplitude of the dither [SI], start, share of the cycle left, periods, whether it is gone."""

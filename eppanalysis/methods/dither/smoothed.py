@@ -159,7 +159,7 @@ def smoothed(element: Nonlinearity, amplitude: float, wave: Wave = "sine") -> No
     """What an element is to slow signals while a fast dither rides on its input: its effective characteristic.
 
     Its `output` is the mean over the dither, its `describing_function` the equivalent one of a slow sine; both are
-    means of the element's own, exact to quadrature (1e-9 of their size). It stands for the limit of an infinitely fast
+    means of the element's own, exact to quadrature (1e-9 of their size). It is the limit of an infinitely fast
     dither.
 
     Parameters
@@ -174,8 +174,8 @@ def smoothed(element: Nonlinearity, amplitude: float, wave: Wave = "sine") -> No
     Returns
     -------
     Nonlinearity
-        It has no automaton, so that it serves first order alone (but for a play, of which a narrower one is left, or
-        none).
+        It has no automaton, so that it serves describing functions alone (but for a play, of which a narrower one is
+        left, or none).
 
     Raises
     ------

@@ -94,7 +94,7 @@ class Entrainment:
         if self.is_of_second_order(2.0 * np.pi * frequency):
             return (
                 f"on its own oscillation, {self.cycles} of which last about {self.multiple} periods of the input. "
-                "There a sine moves the phase in second order only: whether the two keep step was not found"
+                "There a sine moves the phase in second order only: entrainment is undecided"
             )
         if not self.phases:
             beat = f"with a beat of {quantity(self.beat(1.0 / frequency), 's', 4)}"

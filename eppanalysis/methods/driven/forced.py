@@ -57,19 +57,16 @@ _PARTS = {
         "does not repeat itself: quasi-periodic, for neighbouring motions neither part nor meet "
         f"(by more than {100 * _NO_RATE:.0f} % a period, so that a slower entrainment looks the same)"
     ),
-    Motion.UNDECIDED: "has not come to repeat itself within {1} periods of the input",
+    Motion.UNDECIDED: "does not repeat itself within {1} periods of the input",
 }
 
 
 #: What is said where responses of one period are even in number.
 _EVEN = (
-    "At least one more response of one period was not found, an unstable one between those found, say: they are odd in "
-    "number."
+    "At least one more response of one period exists, as their number is odd: an unstable one between those found, "
+    "for instance."
 )
-_UNTOLD = (
-    "Of that so weak a sine moves the phase by less than rounding: whether the two keep step, and at which phases, "
-    "cannot be told at this size."
-)
+_UNTOLD = "So weak a sine moves its phase by less than rounding: entrainment is undecided at this size."
 
 
 def forced_response(
@@ -112,7 +109,7 @@ def forced_response(
     Raises
     ------
     EppError
-        For a number that is not positive, an input that does not stand still besides, or discrete time.
+        For a number that is not positive, another input that is not constant, or discrete time.
     ModelError
         If there is no such input.
 

@@ -46,7 +46,7 @@ def frequency_response(
 ) -> FrequencyResponse:
     """The response to a sine of one amplitude over its frequency, exact, stable and unstable, through its folds.
 
-    Beside the exact branches stand those of first order (describing functions). Only responses of the input's own
+    Beside the exact branches are those of describing functions. Only responses of the input's own
     period are followed; where one loses its stability to others, the point is named.
 
     Parameters
@@ -81,7 +81,7 @@ def frequency_response(
     References
     ----------
     Nayfeh and Mook, "Nonlinear Oscillations", 1979, section 4.1 (jumps); Allgower and Georg, "Numerical Continuation
-    Methods", 1990 (pseudo-arclength); Gelb and Vander Velde, 1968, chapter 3 (first order).
+    Methods", 1990 (pseudo-arclength); Gelb and Vander Velde, 1968, chapter 3 (describing functions).
 
     Examples
     --------
@@ -194,8 +194,8 @@ def _closed_exactly(drive: Drive) -> int:
     """
     if why := by_runs(drive, _MOST_PERIODS):
         raise EppError(
-            f"{drive.system.name} has {why}, so there is no exact response to follow; "
-            "expected a loop without, or one frequency and amplitude (forced_response), which a run answers."
+            f"{drive.system.name} has {why}, so there is no exact response to follow; expected a loop without, or one "
+            "frequency and amplitude (forced_response)."
         )
     return drive.comes_round(_MOST_PERIODS)
 
@@ -231,8 +231,8 @@ class _Response:
         if not self.walks:
             what = "only a continuum of periodic responses" if self.continua else "no periodic response"
             raise EppError(
-                f"{analysis}: {what} of {self.drive.system.name} was found in the range; expected one to follow, "
-                "and forced_response says how its run goes on."
+                f"{analysis}: {what} of {self.drive.system.name} was found in the range; expected one to follow "
+                "(forced_response computes one sine)."
             )
         exact = sorted((self._branch(*walk) for walk in self.walks), key=len, reverse=True)
         settings = {

@@ -128,7 +128,7 @@ class ForcedResponse(Listing[PeriodicResponse]):
         of the other. nan where the run has come to no such oscillation, or keeps step.
     tongue : (float, float)
         Frequencies between which a weak sine entrains the oscillation that the run has come to, by Adler's law [Hz];
-        nan where that law, of first order in the sine, knows none.
+        nan where that law, linear in the sine, knows none.
     """
 
     input: str
@@ -355,5 +355,5 @@ class FrequencyResponse(Result):
 
     @checked
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Gain and phase over what runs: stable solid, unstable dashed, folds marked, first order thin."""
+        """Gain and phase over what runs: stable solid, unstable dashed, folds marked, describing function thin."""
         return self.drawn("plot_frequency_response", ax)

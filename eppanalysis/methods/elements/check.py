@@ -118,10 +118,10 @@ def check_element(
 
 
 _UNDECIDED = (
-    "Whether the rules are unambiguous is not decided: guards read smooth functions by way of the output, or there are "
-    "too many of them."
+    "It is undecided whether the rules are unambiguous: guards read smooth functions through the output, or are too "
+    "many."
 )
-_NOT_EXCITED = "Its linear states are not excited: describing function and energy are those of its automaton alone."
+_NOT_EXCITED = "Its linear states are not excited: describing function and energy are of its automaton alone."
 _NOT_ANSWERED = "It does not answer with the period of a sine, or switches without end, at"
 
 

@@ -12,8 +12,8 @@ from eppanalysis.results import LimitCycle
 
 #: What controllers in the mean over where their samples fall do not tell.
 LEFT_OUT = (
-    "Sampled controllers stand as their mean over all phases of the samples, hold and delay included; what the samples "
-    "fold back from beyond half their rate, and locking to them, is left out."
+    "Sampled controllers are averaged over all phases of their samples, hold and delay included; aliasing and locking "
+    "to the samples are left out."
 )
 
 

@@ -76,14 +76,14 @@ def harmonic_balance(
         change the answer of each by more than 5 % or higher orders do not settle. ``error_estimate`` is the relative
         error of frequency and fundamentals, from balances of higher orders; it is not-a-number where those do not
         settle, and `note` says why: an exact orbit need not be near then. ``provenance.statistics["orders"]`` lists the
-        orders tried, with the change that the neglected harmonics cause to first order.
+        orders tried, with the change that the neglected harmonics cause to the describing function's cycle.
 
     Raises
     ------
     ModelError
         If an element cannot take part, an input is unknown, or the static balance does not determine the means.
     EppError
-        If `order` is not a positive integer, or an input does not stand still.
+        If `order` is not a positive integer, or an input is not constant.
 
     Examples
     --------

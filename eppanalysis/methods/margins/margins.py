@@ -34,8 +34,8 @@ def margins(
 ) -> Margins | tuple[Margins, ...]:
     """Gain, phase, disk and delay margins of the linearised loop, cut open at a place.
 
-    Every element is replaced by the gain that it names for it (its ``linear_gain``), and the result says which. No gain
-    stands for an element that jumps, such as a relay: where the loop leads through one, it has no margins.
+    Every element is replaced by the gain that it names for it (its ``linear_gain``), and the result says which. An
+    element that jumps, such as a relay, has no gain: where the loop leads through one, it has no margins.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def margins(
     Returns
     -------
     Margins or tuple of Margins
-        One for each place where several are asked for.
+        One for each place where several are given.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def _margins(linearised: Linearised, at: str, nowhere: str, made_by: Provenance)
     in_the_way = linearised.in_the_way(at)
     if in_the_way:
         names = " and ".join(system.element_names[i] for i in in_the_way)
-        why = f"The loop leads through {names}, for which no gain stands, so it has no margins."
+        why = f"The loop leads through {names}, without a gain there, so it has no margins."
         return Margins(at, Status.INCOMPLETE, rule, why, provenance=made_by)
     loop, closed = linearised.opened(at), linearised.closed()
     rates = np.concatenate([loop.rates, closed.rates])
@@ -152,7 +152,7 @@ def _margins(linearised: Linearised, at: str, nowhere: str, made_by: Provenance)
     response = Response.of(loop, rates)
     of_gain, phase_crossover = _gain_margin(*response.phase_crossovers())
     if not np.any(response.value):
-        why = "What is sent off from there does not come back: no loop of elements with a gain leads through it."
+        why = "A signal from there does not return: no loop of elements with a gain leads through it."
         if linearised.system.cuts is not None:
             why += f" Other places of the loop: {', '.join(p for p in linearised.system.places.distinct if p != at)}."
         return Margins(at, Status.INCOMPLETE, rule, why, stable=stable, provenance=made_by)
@@ -162,11 +162,13 @@ def _margins(linearised: Linearised, at: str, nowhere: str, made_by: Provenance)
     disk, disk_frequency = response.nearest_to_minus_one()
     message = ""
     if stable is None:
-        message = "Whether the linearised loop is stable is not decided: it is on the border, or rounding hides it."
+        message = "The stability of the linearised loop is undecided: it is on the border within rounding."
     elif linearised.without:
         stable = None
         names = " and ".join(system.element_names[i] for i in linearised.without)
-        message = f"{names} without a gain: whether the loop is stable with it is not told, the loop cut here is."
+        message = (
+            f"{names} without a gain: the stability of the whole loop is unknown; the margins are of the loop cut here."
+        )
     return Margins(
         at,
         Status.CONVERGED if response.complete and stable is not None else Status.INCOMPLETE,

@@ -68,7 +68,7 @@ def olop(
     -----
     Of a rate-limited servo it is the rate of its output that is held against the limit, its lag included; of an ideal
     limiter that is the rate of its input, as in Duda's papers. Frequencies above the onset do not count. The boundary
-    reaches from -180 to -60 degrees: outside it nothing is said. It is drawn from experience and proves nothing.
+    reaches from -180 to -60 degrees: outside it there is no verdict. It is empirical.
 
     Examples
     --------
@@ -188,15 +188,15 @@ def _judged(
     """How far the point may be relied on, and what else there is to say of it."""
     if linearised.without:
         names = " and ".join(linearised.system.element_names[i] for i in linearised.without)
-        return Status.INCOMPLETE, f"No gain stands for {names}: the loop is read without."
+        return Status.INCOMPLETE, f"The loop is linearised without {names}, as no gain exists there."
     if not stable:
-        return Status.INCOMPLETE, "The linearised loop is not stable, so that the criterion has nothing to say of it."
+        return Status.INCOMPLETE, "The linearised loop is unstable, so the criterion does not apply."
     if omega == lowest:
-        return Status.INCOMPLETE, "The limit is reached however slow the sine is: there is no onset."
+        return Status.INCOMPLETE, "The limit is reached at any frequency: there is no onset."
     if np.isnan(omega):
         return Status.CONVERGED, "At this amplitude the limit is not reached at any frequency."
     if np.isnan(boundary_at(_phase(value))):
-        return Status.INCOMPLETE, "The boundary reaches from -180 to -60 deg and says nothing there."
+        return Status.INCOMPLETE, "The boundary covers only -180 to -60 deg."
     return Status.CONVERGED, ""
 
 

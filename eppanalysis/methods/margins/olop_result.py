@@ -43,7 +43,7 @@ class OnsetPoint(Result):
     message : str
         What else there is to say; empty where there is nothing.
     rule : tuple of str
-        Which gain stands for each element, and why.
+        The gain of each element, and why.
     frequencies, response : array, complex array, shape (m,)
         The open loop, for a feedback of -1, on frequencies [rad/s].
     """

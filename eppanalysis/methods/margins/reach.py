@@ -68,9 +68,7 @@ def _together(system: LureSystem, static: StaticBalance, reaches: dict[int, tupl
         return
     needed = np.any(np.abs(given[missing]) > BALANCED * size[missing, None], axis=0)
     names = listed([system.element_names[i] for i, n in zip(reaches, needed, strict=True) if n])
-    what = (
-        f"in the mean {names} cannot give together what is asked of them" if names else "nothing holds what drives it"
-    )
+    what = f"in the mean {names} cannot together give what the loop needs" if names else "nothing holds what drives it"
     yield f"{_NEITHER}: {what}{_AWAY}"
 
 

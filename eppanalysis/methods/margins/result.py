@@ -31,9 +31,9 @@ class Margins(Result):
     at : str
         Where the loop is cut.
     status : Status
-        INCOMPLETE where the loop leads through an element that no gain stands for, or its stability is not decided.
+        INCOMPLETE where the loop leads through an element without a gain, or its stability is undecided.
     rule : tuple of str
-        Which gain stands for each element, and why.
+        The gain of each element, and why.
     message : str
         What else there is to say; empty where there is nothing.
     gain_margin : float
@@ -93,7 +93,7 @@ class Margins(Result):
         return {name: float(getattr(self, name)) for name in names}
 
     def summary(self) -> dict[str, Any]:
-        """Where the loop is cut, the numbers, and the gains that stand for the elements: what a prediction tells."""
+        """Where the loop is cut, the numbers, and the gains of the elements, for a prediction."""
         return {"at": self.at, **self.numbers(), "stable": self.stable, "rule": self.rule, "message": self.message}
 
     def __str__(self) -> str:

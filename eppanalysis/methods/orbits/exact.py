@@ -68,7 +68,7 @@ def exact_orbit(
 
     A run from the start gives the sequence of events. A run leaves an unstable cycle, and may be on another one before
     it has come round: a cycle that is its own mirror image is begun as half an orbit and its image, and one predicted
-    unstable is closed without a run, from all sizes that it may have. Where what is found is not what is asked for
+    unstable is closed without a run, from all sizes that it may have. Where the orbit found is not the requested one
     (frequency, size, mean and symmetry within twice the start's own estimate of its error), or not of the predicted
     stability, harmonic balance of rising order is put in between.
 
@@ -84,13 +84,13 @@ def exact_orbit(
     Returns
     -------
     LimitCycle
-        With status NOT_CONVERGED, and otherwise as given, where the orbit that is asked for was not closed;
+        With status NOT_CONVERGED, and otherwise as given, where the requested orbit was not closed;
         its `note` then says what was found instead, if anything.
 
     Raises
     ------
     EppError
-        For a start without a state, or an input that does not stand still.
+        For a start without a state, or an input that is not constant.
 
     Examples
     --------

@@ -58,7 +58,7 @@ class CycleSearch(Listing[LimitCycle]):
         What a search that leaves nothing open has not looked for, in a sentence without its full stop; empty where
         `search` says it all.
     n_continua : int
-        How many of the cycles stand for a continuum of cycles, between which a disturbance may move the loop.
+        How many of the cycles are one of a continuum of cycles, between which a disturbance may move the loop.
     """
 
     cycles: tuple[LimitCycle, ...]
@@ -85,9 +85,7 @@ class CycleSearch(Listing[LimitCycle]):
         told = [f"The search leaves something open: {open_ends}."] * bool(open_ends)
         doubtful = listed(by_name([c for c in self.unclosed if not exists(c)]))
         if doubtful:
-            told.append(
-                f"No orbit was found for what the describing function predicts at {doubtful}, which may not exist."
-            )
+            told.append(f"No orbit was found for the describing-function cycle at {doubtful}, which may not exist.")
         told = told or [self.status.value]
         return " ".join([*told, f"{self.not_covered}."] if self.not_covered else told)
 
@@ -141,8 +139,8 @@ class CycleSearch(Listing[LimitCycle]):
         many = self.n_continua
         if not many:
             return ""
-        which = "It stands" if len(self) == 1 else f"{many} of them {'stands' if many == 1 else 'stand'}"
-        return f" {which} for a continuum of cycles, between which a disturbance may move the loop."
+        which = "It is" if len(self) == 1 else f"{many} of them {'is' if many == 1 else 'are'}"
+        return f" {which} one of a continuum of cycles, between which a disturbance may move the loop."
 
     def to_frame(self) -> pandas.DataFrame:
         """The cycles, one a row."""

@@ -53,8 +53,8 @@ _UNITS = {"harness_position": "m", "theta": "rad", "theta_dot": "rad/s"}
 
 #: What is said of a loop with sampled controllers.
 _AT_SAMPLES = (
-    " The loop is sampled: it is disturbed just behind a sample; what comes at another time between two samples, or "
-    "with other contents of the controllers' memory, is not covered."
+    " The loop is sampled: it is disturbed just after a sample. Disturbances at other times, or with other contents "
+    "of the controllers' memory, are not covered."
 )
 
 
@@ -155,7 +155,7 @@ def trigger(
     NoRest
         If the loop has no resting state that a run from its start reaches.
     EppError
-        If there is no such state, or an input does not stand still.
+        If there is no such state, or an input is not constant.
 
     Examples
     --------
@@ -359,4 +359,4 @@ def _threshold(
 
 def _left_open(runs: int) -> str:
     """What runs that came to no end leave open, in a sentence."""
-    return f" {count(runs, 'run')} of smaller disturbances neither settled nor came to a cycle." if runs else ""
+    return f" {count(runs, 'run')} of smaller disturbances neither settled nor reached a cycle." if runs else ""

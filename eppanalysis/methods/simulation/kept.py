@@ -98,8 +98,8 @@ class Run:
         stopped = f"The run stopped at {number(reached)} s"
         if self.code != 1:
             return (
-                f"{stopped}: far faster motions, or a far smaller step, than its length allows took all its steps; let "
-                "it end sooner or give it more (max_steps)."
+                f"{stopped}: far faster motions, or a far smaller step, than its length allows took all its steps; "
+                "shorten it or give more (max_steps)."
             )
         if self._accumulates:
             return f"{stopped}: its switches accumulate there, as the time between them shrinks to nothing."
@@ -111,8 +111,8 @@ class Run:
                 "bound them."
             )
         return (
-            f"{stopped}: it had used up all its events, of which one comes each {number(each)} s; let it end sooner or "
-            f"give it some {number((t_end - reached) / each, 2)} more (max_events)."
+            f"{stopped}: it had used up all its events, one each {number(each)} s; shorten it or give some "
+            f"{number((t_end - reached) / each, 2)} more (max_events)."
         )
 
 

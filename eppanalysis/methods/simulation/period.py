@@ -140,7 +140,7 @@ def advances(system: LureSystem, gained: Array, shape: PeriodShape) -> list[str]
         for name, more in zip(system.signals.names, gained, strict=True)
         if abs(more) > _RESOLVED * most[name]
     ]
-    return [f"each period adds {listed(on)}, beside the swing that is told"] if on else []
+    return [f"each period adds {listed(on)} to the swing"] if on else []
 
 
 def resting(signals: Mapping[str, Array], more: Array) -> dict[str, float]:

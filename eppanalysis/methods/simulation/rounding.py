@@ -21,8 +21,8 @@ from eppanalysis.models.systems.sampled.strobe import sampled_among
 
 #: What is said of a motion whose elements are beneath rounding.
 BENEATH_ROUNDING = (
-    "The motion repeats itself, but what the elements change of it in a period is beneath rounding of its states: "
-    "whether it grows, decays or is a limit cycle cannot be told at this size."
+    "The motion repeats itself, but its elements change it by less than rounding in a period: whether it grows, "
+    "decays or is a limit cycle is undecided at this size."
 )
 #: Samples of a period in which what the elements change is measured.
 SAMPLES = 512

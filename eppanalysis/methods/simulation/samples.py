@@ -107,7 +107,7 @@ def locked_or_not(strobe: Strobe, found: Array) -> str:
         return f"locked to the samples: {n} of {sample_time:g} s"
     return (
         f"not locked to the samples of {sample_time:g} s: its turns took {_from_to(found[4], found[5])}, and its "
-        f"states came back to {100.0 * found[2]:.2g} % of their motion"
+        f"states returned to within {100.0 * found[2]:.2g} % of their motion"
     )
 
 

@@ -266,7 +266,7 @@ class Continuation:
             if has_turned and len(places) > 10 and self._same(places[0], new):
                 return places, "closes on itself"
             ds = min(2.0 * ds, self.max_step) if self._bend(old, new) < _LITTLE_BEND else ds
-        return places, "stops at the number of points asked for"
+        return places, "stops at the given number of points"
 
     def _within(self, old: Place, new: Place) -> Place | None:
         """A place within the range, or for one beyond it that at the end; None where that one does not close."""

@@ -256,7 +256,7 @@ def _refuse_straight_delay(
         said = f"{diagram.name}: the dead time of {part} acts straight on {hit}"
         raise ModelError(said, expected=between, field="connect")
     which = f"signal {fixing[0]}" if len(fixing) == 1 else f"signals {', '.join(fixing[:-1])} and {fixing[-1]}"
-    expected = f"no {which}, so that the dead time of {part} may stand elsewhere, or {between}"
+    expected = f"no {which}, so that the dead time of {part} may be elsewhere, or {between}"
     raise ModelError(diagram.name, diagram.signals[fixing[0]], expected, field=f"signals.{fixing[0]}")
 
 

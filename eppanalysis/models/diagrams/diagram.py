@@ -161,9 +161,7 @@ class Diagram:
     def _cut(self, text: str, field: str) -> str:
         """A port at which margins are taken, in full."""
         if text in self.levels:
-            raise ModelError(
-                self.name, text, "a port of a part, as nothing comes back to an external input", field=field
-            )
+            raise ModelError(self.name, text, "a port of a part, as nothing drives an external input", field=field)
         return ".".join(self.ports.either(text, field))
 
     @property

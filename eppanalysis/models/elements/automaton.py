@@ -135,7 +135,7 @@ class Smooth:
     constant, scale : float
         What is added to its argument, and what its value is multiplied by.
     on_smooth : tuple of float, optional
-        Weights of the functions that stand before it in the automaton, in their order.
+        Weights of the functions before it in the automaton, in their order.
     """
 
     kind: str

@@ -203,7 +203,7 @@ class Nonlinearity(ABC):
         Linear states that a loop appends to its own. What the element says of itself holds behind them, for its
         automaton, or, where it has an element inside, from the loop's signal before it to the one behind it.
     inside : Nonlinearity or None
-        Element that stands in a loop between the own states, where this one is described together with them.
+        Element in a loop between the own states, where this one is described together with them.
     small_signal : Nonlinearity or None
         Of such an element, what it is for margins of the linearised loop.
     rate_limit : RateLimit or None
@@ -364,7 +364,7 @@ class Nonlinearity(ABC):
         return None
 
     def linear_gain(self) -> Array:
-        """Gains, shape (n_outputs, n_inputs), that stand for the element in the margins of the linearised loop.
+        """Gains, shape (n_outputs, n_inputs), of the element in the margins of the linearised loop.
 
         The steepest slopes, infinite where the element jumps.
         """
@@ -374,7 +374,7 @@ class Nonlinearity(ABC):
     def exact(self, read: Reading) -> Exact | None:
         """What it does in exact numbers, for certificates; None where none can state it.
 
-        `read` gives the rational number that a field stands for. May raise a ModelError that says why there is none.
+        `read` gives the rational number of a field. May raise a ModelError that says why there is none.
         """
         return None
 
@@ -411,7 +411,7 @@ class Nonlinearity(ABC):
         """The element as one of python-control's own, which keeps what it remembers from call to call.
 
         ``control.describing_function_plot`` and its like take the element itself, too, by its describing function.
-        There that is a number of the amplitude alone: what has a mean output without a bias is refused when asked for.
+        There that is a number of the amplitude alone: an element with a mean output without a bias is refused.
 
         Raises
         ------

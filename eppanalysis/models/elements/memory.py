@@ -242,7 +242,7 @@ class BacklashCompensator(_Sticking, kind="backlash_compensator"):
         return (-np.inf, np.inf) if self.gap else (1.0, 1.0)
 
     def memory_of(self, output: Array) -> float | None:
-        """Where the middle of the travel is, while the input stands there."""
+        """Where the middle of the travel is, while the input stays there."""
         return float(output[0]) if self.travel else None
 
     def memory_at(self, mode: int, stored: Array, x: Array, output: Array) -> Any:

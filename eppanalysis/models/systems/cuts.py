@@ -46,7 +46,7 @@ class Cuts:
     Raises
     ------
     ModelError
-        If shapes do not fit, a number is not finite, a name stands twice, a dead time is negative, or a signal follows
+        If shapes do not fit, a number is not finite, a name occurs twice, a dead time is negative, or a signal follows
         its own disturbance with a gain of -1, so that the loop cut open there has no solution.
 
     Examples
@@ -87,7 +87,7 @@ class Cuts:
                 raise ModelError(f"Cuts: the loop cut open at {name} has no solution", expected="F other than -1")
 
     def called(self, name: str) -> str:
-        """The whole name of a place: that of a part alone stands for its output."""
+        """The whole name of a place: that of a part alone means its output."""
         return f"{name}.out" if f"{name}.out" in self.names else name
 
     @property
@@ -107,7 +107,7 @@ class Cuts:
         return tuple(found.values())
 
     def number(self, name: str) -> int:
-        """Number of a place; a name alone stands for its output.
+        """Number of a place; a name alone means its output.
 
         Raises
         ------

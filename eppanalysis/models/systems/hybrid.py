@@ -337,7 +337,7 @@ class _Packer:
         for delay in self.system.delays[self._delayed()]:
             if 0.0 < delay * fastest < _LEAST_DELAY:
                 raise ModelError(
-                    f"{self.system.name}: a dead time of {delay:g} s is nothing beside the loop's fastest time "
+                    f"{self.system.name}: a dead time of {delay:g} s is negligible beside the loop's fastest time "
                     f"constant, {1.0 / fastest:g} s",
                     expected=f"0, or at least {_LEAST_DELAY / fastest:g} s",
                 )

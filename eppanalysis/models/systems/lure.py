@@ -83,14 +83,14 @@ class LureSystem(Responses):
     time_step : float or None
         Sample time [s] of a discrete-time system.
     principal : int
-        Element at which pictures cut the loop, and margins where nothing else is said.
+        Element at which pictures cut the loop, and margins by default.
     cuts : Cuts or None
         Places at which the loop can be cut besides the inputs and outputs of its elements.
     margins_at : tuple of str
         Names of the places at which margins cut the loop; empty for the principal element.
     given : LureSystem or None
         The loop as it was given, where elements in it are described together with their own states, or case files know
-        them: here the states are appended, and what is inside such an element stands in its place.
+        them: here the states are appended, and what is inside such an element replaces it.
     """
 
     A: Array
@@ -156,7 +156,7 @@ class LureSystem(Responses):
         ModelError
             If shapes or lengths do not fit, a number is not finite, two elements have the same name, a dead time or the
             sample time is negative, a place for margins is not known, an element with states of its own has a dead
-            time or stands in discrete time, or elements act straight on themselves without one answer.
+            time or is in discrete time, or elements act straight on themselves without one answer.
         """
         elements, A = on_common_ticks([as_element(e) for e in elements]), np.atleast_2d(np.asarray(A, float))
         if A.size and (A.ndim != 2 or A.shape[0] != A.shape[1]):
@@ -237,7 +237,7 @@ class LureSystem(Responses):
         x0 : array, optional
             State of G at the start; by default all its states are 1, which leaves the equilibrium.
         memory : optional
-            What the element remembers at the start; by default as it starts by itself.
+            What the element remembers at the start; by default its own start.
         name : str
             Of the loop, in sentences and messages.
 
@@ -281,7 +281,7 @@ class LureSystem(Responses):
         feedback, x0, name : optional
             As in :meth:`from_tf`.
         memory, element_names : sequence, optional
-            What each element remembers at the start, and its name; by default as it starts by itself, and its kind.
+            What each element remembers at the start, and its name; by default its own start, and its kind.
 
         Raises
         ------

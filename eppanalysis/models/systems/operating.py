@@ -24,9 +24,9 @@ _SINE = "is a sine"
 @checked_class
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Where the external inputs of a loop are held, or why they do not stand still.
+    """Where the external inputs of a loop are held, or why they are not constant.
 
-    That of a case is where its inputs stand at the end of its run; that of a loop without input signals, its `v0`.
+    That of a case has its inputs at the end of its run; that of a loop without input signals, its `v0`.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class OperatingPoint:
 
     @property
     def stands(self) -> bool:
-        """Whether all inputs stand still."""
+        """Whether all inputs are constant."""
         return not self.moving
 
     @checked
@@ -101,7 +101,7 @@ class OperatingPoint:
         Raises
         ------
         EppError
-            If an input does not stand still.
+            If an input is not constant.
         ModelError
             If the loop has no input of that name.
         """
@@ -112,16 +112,16 @@ class OperatingPoint:
                 raise ModelError(f"{system.name}: there is no input {name!r}", expected=f"one of: {known}")
             value[system.input_names.index(name)] = number
         if self.moving:
-            sine = " What a loop does under a sine, forced_response says (on the command line: response)."
+            sine = " For a loop under a sine use forced_response (on the command line: response)."
             raise EppError(
-                f"{system.name}: {self}, so there is no operating point for a limit cycle; expected inputs that stand "
-                f"still at the end of the run, or values at which they are held.{sine * self.is_driven}"
+                f"{system.name}: {self}, so there is no operating point for a limit cycle; expected inputs that are "
+                f"constant at the end of the run, or values at which they are held.{sine * self.is_driven}"
             )
         return value
 
     @property
     def is_driven(self) -> bool:
-        """Whether an input does not stand still because it is a sine."""
+        """Whether an input is a sine."""
         return _SINE in self.moving.values()
 
     def to_dict(self) -> dict[str, Any]:

@@ -74,7 +74,7 @@ def test_what_cannot_be_proved_is_said(monkeypatch, valve, tmp_path) -> None:
 
 def test_bounds_that_are_not_of_any_cycle_are_refused(valve) -> None:
     for other in ({"allow": "x 0.5"}, {"exact": False}, {"verify": False}):
-        with pytest.raises(epp.EppError, match="prove is asked of bounds that have no proof; expected"):
+        with pytest.raises(epp.EppError, match="prove is given for bounds that have no proof; expected"):
             epp.design_bounds(valve, THRESHOLD, GAIN, at=[1.0], within=(1.0, 8.0), prove=True, **other)
 
 

@@ -50,7 +50,7 @@ def test_runs_on_both_sides_say_the_same(case: epp.Case, bounds: epp.DesignBound
 
 def test_what_the_search_does_not_cover_is_said_everywhere(case: epp.Case, bounds: epp.DesignBounds) -> None:
     said = bounds.not_covered
-    assert f"asked at {bounds[0].n_searched} values of the range and to 5 %" in said and "not covered" in said
+    assert f"searched at {bounds[0].n_searched} values of the range and to 5 %" in said and "not covered" in said
     assert str(bounds).startswith("No limit cycle was found above a dead of 0.18") and said in str(bounds)
     assert "Free of limit cycles" not in str(bounds)
     assert bounds.status is epp.Status.INCOMPLETE and bounds.to_dict()["not_covered"] == said
@@ -150,7 +150,7 @@ def test_the_own_run_of_a_virtual_spring_is_bounded_where_closed_forms_are() -> 
 
 
 def test_the_own_run_is_for_sampled_loops() -> None:
-    with pytest.raises(epp.EppError, match="own_run is asked of a loop whose bounds are folds"):
+    with pytest.raises(epp.EppError, match="own_run is given for a loop whose bounds are folds"):
         epp.design_bounds(epp.case("wheelchair"), "play.gap", "loop.gain", at=[0.012], within=(0.5, 1.0), own_run=True)
 
 

@@ -211,7 +211,7 @@ def test_a_relay_that_cannot_oscillate_is_certified_for_all_gains() -> None:
         (epp.LureSystem.from_tf(([0.1], [1.0, 1.0]), epp.Saturation(), delay=0.5), "dead time"),
         (epp.LureSystem.from_tf(([1.0, 2.0], [1.0, 1.0]), epp.Saturation()), "straight through"),
         (limited(1.0, [1.0, 0.0, 0.0]), "neither"),
-        (limited(0.0, [1.0, 2.0, 1.0]), "come back"),
+        (limited(0.0, [1.0, 2.0, 1.0]), "does not reach its input"),
         (
             epp.LureSystem.from_tf(([1.0, 0.0, 4.0], np.polymul([1.0, 0.0, 4.0], [1.0, 1.0])), epp.Saturation()),
             "neither",

@@ -119,7 +119,7 @@ def test_every_changed_digit_of_a_file_is_seen(files: dict[str, Path], name: str
         ("[1, 2]", "no certificate"),
         ('{"statement": "the moon is round"}', "no checker for the statement 'the moon is round'"),
         ('{"statement": "no periodic motion but rest"}', "refused"),
-        ('{"statement": "all roots of the first-order balance in a box", "digest": 1, "loop": 3}', "changed"),
+        ('{"statement": "all roots of the describing-function balance in a box", "digest": 1, "loop": 3}', "changed"),
     ],
 )
 def test_what_is_no_certificate_is_refused_in_a_sentence(tmp_path: Path, text: str, why: str) -> None:

@@ -69,7 +69,7 @@ def test_the_unstable_cycle_divides(original: epp.Ladder) -> None:
     assert (below.status, above.status) == (Status.SETTLED, Status.LIMIT_CYCLE)
     assert original.run.limit_cycle is not None
     assert above.peak_to_peak == pytest.approx(original.run.limit_cycle.peak_to_peak["theta"], rel=1e-6)
-    assert "does divide" in original.verdict
+    assert "is on a basin boundary" in original.verdict
 
 
 def test_rows_hold_every_method_with_its_time(original: epp.Ladder) -> None:
@@ -179,7 +179,7 @@ def test_a_cycle_that_only_first_order_has() -> None:
     assert result.agreement is Agreement.NOT_THERE and result.outcome == "settle"
     assert result.prediction is not None and any(c.stable for c in result.prediction)
     assert [p.status for p in result.probes] == [Status.SETTLED] * 5
-    assert "divides nothing here" in result.verdict
+    assert "is on no basin boundary here" in result.verdict
 
 
 @pytest.mark.slow
@@ -331,7 +331,7 @@ def test_a_run_that_stays_at_an_unstable_rest_is_guarded_by_nothing() -> None:
     rest = epp.LureSystem.build([[0.0, 1.0], [-1.0, 1.0]], [[0.0], [-1.0 / 3.0]], [[0.0, 1.0]], [epp.Cube(1.0)])
     result = epp.ladder(replace(rest, x0=np.zeros(2)))
     assert result.outcome == "settle" and result.search is not None and not result.search.unstable
-    assert result.agreement is Agreement.AT_REST and "guards" not in str(result)
+    assert result.agreement is Agreement.AT_REST and "basin boundary of rest" not in str(result)
 
 
 @pytest.mark.slow

@@ -328,7 +328,7 @@ def test_what_a_branch_does_not_cover_is_said_in_result_and_picture() -> None:
     alone = epp.continue_branch(case, "loop.gain", 1.0, 2.0, n_points=20, n_others=0)
     (gap,) = alone.missing
     assert gap.low == alone.points["value"].max() and gap.high == 2.0
-    assert gap.why == "the branch stops at the number of points asked for" and "a part of the range" in alone.message
+    assert gap.why == "the branch stops at the given number of points" and "a part of the range" in alone.message
     figure = alone.plot(signal="play_input").figure
     assert f"not covered: {gap.why}" in [
         text.get_text().replace("\n", " ") for text in figure.axes[0].get_legend().get_texts()

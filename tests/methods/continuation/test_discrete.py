@@ -50,7 +50,7 @@ def test_a_relay_alternates_as_far_as_its_levels_let_it() -> None:
 
 def test_folds_of_loops_in_discrete_time_are_refused() -> None:
     case = epp.case("backlash_discrete_pi")
-    with pytest.raises(EppError, match="continue_folds does not cover loops in discrete time: locked cycles cease"):
+    with pytest.raises(EppError, match="continue_folds does not cover loops in discrete time: locked cycles end"):
         epp.continue_folds(case, "play.gap", "loop.time_step", (1.0, 2.0), (0.5, 1.5))
 
 

@@ -104,4 +104,4 @@ def test_a_cycle_that_is_not_locked_is_followed_by_runs() -> None:
     # Beside the small law the loop is that of the relay alone, whose period is in proportion to the lag.
     periods = along.points["period"] / along.points["value"]
     np.testing.assert_allclose(periods, periods[0], rtol=2e-3)
-    assert "not locked to the samples are stable cycles as runs have them" in str(along)
+    assert "not locked to the samples are stable cycles from runs" in str(along)

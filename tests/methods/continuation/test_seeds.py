@@ -57,7 +57,7 @@ def test_a_branch_up_to_values_that_the_loop_does_not_take_leaves_them_out(relay
 def test_a_branch_that_stops_at_the_number_of_points_does_not_find_itself_again():
     """Its own cycles, searched for farther on, were followed back along it as those of another branch."""
     branch = epp.continue_branch(epp.case("relay_biased_fopdt"), "hysteresis_relay.high", 1.3, 0.7, n_points=20)
-    assert branch.ends[1] == "stops at the number of points asked for" and branch.others and not branch.missing
+    assert branch.ends[1] == "stops at the given number of points" and branch.others and not branch.missing
     assert "joins a branch that stops" in branch.others[-1].message
     values = [one.points["value"] for one in (branch, *branch.others)]
     assert sum(np.ptp(v) for v in values) == pytest.approx(0.6, rel=1e-9)

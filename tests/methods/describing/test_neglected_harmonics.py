@@ -91,7 +91,7 @@ def test_friction_hunts_under_a_limited_law_as_under_one_without_limits(law, fri
     """What keeps an integrator at the limits does not act within them, where the friction sticks."""
     (plain,) = predict_limit_cycles(positioned(epp.blocks.PI(kp=5.0, ti=5.0), friction)).warnings
     (limited,) = predict_limit_cycles(positioned(LIMITED[law](), friction)).warnings
-    assert limited == plain and "integral action does not let it stick" in limited
+    assert limited == plain and "integral action ends the sticking" in limited
     assert predict_limit_cycles(positioned(LIMITED[law](), epp.Friction(0.38))).warnings == ()
 
 
@@ -121,7 +121,7 @@ def test_a_valve_that_slips_by_jumps_hunts_under_integral_action(law, jump):
     loop = through_a_valve(FLOW[law](), epp.JumpAndFollow(stick_band=0.1, slip_jump=jump))
     prediction = predict_limit_cycles(loop)
     assert len(prediction) == 0 and len(find_limit_cycles(loop).stable) > 0
-    assert len(prediction.warnings) == 1 and "valve goes on in jumps" in prediction.warnings[0]
+    assert len(prediction.warnings) == 1 and "valve moves in jumps after sticking" in prediction.warnings[0]
 
 
 @pytest.mark.parametrize(
@@ -238,7 +238,7 @@ def test_a_cycle_that_only_harmonics_make_is_said_with_its_frequency(gain):
     prediction = predict_limit_cycles(loop)
     assert len(prediction) == 0
     (warning,) = prediction.warnings
-    said = float(re.search(r"stands at ([\d.]+) Hz", warning).group(1))
+    said = float(re.search(r"has it at ([\d.]+) Hz", warning).group(1))
     assert min(abs(c.frequency / said - 1.0) for c in find_limit_cycles(loop)) < 0.02
 
 
@@ -332,7 +332,7 @@ def test_cycles_where_the_linear_part_swings_undamped_by_itself_are_told(coeffic
         loop = loop.in_coordinates(Q.T, Q)
     told = str(epp.predict_limit_cycles(loop))
     assert (
-        f"at {1.0 / (2.0 * np.pi):.4g} Hz, where the describing function has cycles of about {sizes} peak to peak"
+        f"at {1.0 / (2.0 * np.pi):.4g} Hz. The describing function has cycles of about {sizes} peak to peak there"
         in told
     )
 

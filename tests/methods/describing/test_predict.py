@@ -581,7 +581,7 @@ def test_an_element_that_turns_back_for_ever_is_covered_in_part_and_soon(plant):
     begun = time.process_time()
     found = predict_limit_cycles(from_tf(([1.0], plant), epp.Sine(1.0)))
     assert time.process_time() - begun < 20.0
-    assert found.status is Status.INCOMPLETE and "more answers than can be followed" in found.search
+    assert found.status is Status.INCOMPLETE and "more solutions than can be followed" in found.search
 
 
 def test_staircase_on_which_the_loop_may_stand_anywhere_is_said_to_be_covered_in_part():

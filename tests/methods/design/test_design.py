@@ -154,7 +154,7 @@ def test_places_that_first_order_does_not_rank_are_asked_before_nothing_is_said_
 def test_where_nothing_is_free_the_range_that_would_have_to_give_is_named() -> None:
     design = epp.design(made_bounds.wheelchair(), {GAIN: (0.9, 1.0)}, maximise=GAIN)
     assert not design.optimum.feasible and design.values == {}
-    assert "The end of its range at 0.9 would have to give: cycles vanish at 0.8463" in design.sentence
+    assert "Move the end of its range at 0.9: cycles vanish at 0.8463" in design.sentence
     assert design.sentence.startswith("No design within these ranges has no limit cycle")
 
 

@@ -92,7 +92,7 @@ def test_the_largest_gain_at_a_phase_margin_is_its_closed_form(case: epp.Case) -
     found = epp.design(case, {"k": ("0.5", 40.0)}, maximise="k", subject_to={"phase_margin": "45 deg"}, verify=False)
     assert found.optimum.at["k"] == pytest.approx(10.0 * math.sqrt(2.0), rel=1e-6)
     assert found.optimum.active == "phase margin of 45 deg"
-    assert "Active is what is kept: the phase margin of 45 deg." in found.sentence
+    assert "The active constraint is the phase margin of 45 deg." in found.sentence
 
 
 @pytest.mark.slow

@@ -74,14 +74,14 @@ def test_it_says_what_it_found_and_what_it_did_not_look_at(found: epp.Dither) ->
     text = str(found)
     assert "The least dither that removes the limit cycle has amplitude 0." in text
     assert "a sine of 4 Hz at the input of relay" in text
-    assert "other starts were not looked at" in text
+    assert "other starts were not tried" in text
     slow = replace(found, returned=0.2)
     assert "The loop returns 20 % of the dither" in str(slow)
     frame = found.to_frame()
     assert list(frame.columns) == ["amplitude", "start", "left", "periods", "gone"] and len(frame) == len(found.runs)
     assert len(found.plot().figure.axes) == 2
     none = replace(found, amplitude=float("nan"), stays=0.5)
-    assert str(none).startswith("No amplitude that was run removes the limit cycle")
+    assert str(none).startswith("No amplitude tried removes the limit cycle")
 
 
 @pytest.mark.parametrize(

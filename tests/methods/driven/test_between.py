@@ -98,7 +98,7 @@ def test_where_one_between_is_not_found_it_is_said(monkeypatch):
     monkeypatch.setattr("eppanalysis.methods.driven.forced.Search.from_between", lambda search: None)
     found = epp.forced_response(saturated(), amplitude=0.35, frequency=0.877 / TURN)
     assert [r.stable for r in found] == [True, True]
-    assert "At least one more response of one period was not found" in found.message
+    assert "At least one more response of one period exists" in found.message
 
 
 @pytest.mark.slow

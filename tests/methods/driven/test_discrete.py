@@ -100,5 +100,5 @@ def test_over_the_amplitude_the_responses_jump_where_a_plain_iteration_does(ampl
 
 
 def test_over_the_frequency_samples_do_not_come_round_with_the_input() -> None:
-    with pytest.raises(epp.EppError, match="at one of which amplitude_response follows the responses"):
+    with pytest.raises(epp.EppError, match="at single frequencies only; use amplitude_response"):
         epp.frequency_response(loop(), frequencies=(0.5, 2.0), amplitude=1.0)

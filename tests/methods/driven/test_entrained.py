@@ -69,7 +69,7 @@ def test_of_a_sine_below_rounding_nothing_is_told(share: float) -> None:
     # The tongue is 2.1139 Hz wide for each unit of amplitude.
     found = epp.forced_response(loop, amplitude=amplitude, frequency=own.frequency + share * 1.057 * amplitude)
     assert not len(found) and found.motion == "undecided"
-    assert found.message.endswith("whether the two keep step, and at which phases, cannot be told at this size.")
+    assert found.message.endswith("entrainment is undecided at this size.")
     assert np.isnan(found.beat) and np.all(np.isnan(found.tongue))
 
 

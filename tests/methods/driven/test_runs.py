@@ -136,6 +136,6 @@ def test_what_does_not_repeat_itself_and_what_cannot_be_followed_is_said() -> No
     slow = late(epp.Saturation(-1.0, 1.0, 5.0), 1.0)  # oscillates by itself, besides
     found = epp.forced_response(slow, amplitude=0.01, frequency=0.137, most_periods=2)
     assert found.motion == "undecided" and not found.responses and not found.status.ok
-    assert "has not come to repeat itself within 300 periods of the input" in str(found)
+    assert "does not repeat itself within 300 periods of the input" in str(found)
     with pytest.raises(EppError, match="has dead time, so there is no exact response to follow"):
         epp.frequency_response(slow, amplitude=1.0, frequencies=(0.1, 1.0))

@@ -409,7 +409,7 @@ def test_a_loop_that_stands_nowhere_has_no_margins(turned):
     ramp = epp.LureSystem.build([[0, 0], [0, -1.0]], [[0], [-1.0]], [[1.0, 1.0]], [main], constant_state=[1.0, 0.0])
     for loop, why in (
         (driven(1.2, main=main), "main would have to give 1.2, and gives -1 to 1"),
-        (driven(1.7, main=main, helper=helper), "main and helper cannot give together"),
+        (driven(1.7, main=main, helper=helper), "main and helper cannot together give"),
         (ramp, "nothing holds what drives it"),
     ):
         loop = in_coordinates(loop, orthogonal(len(loop.A), 3)) if turned else loop

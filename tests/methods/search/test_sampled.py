@@ -52,10 +52,10 @@ def test_the_smallest_disturbance_is_that_of_the_map(case: epp.Case, found: epp.
         state = np.eye(3)[place]
         assert rests(hit.settles * state) and not rests(hit.starts * state)
         assert abs(hit.starts / hit.settles - 1.0) < 2e-7
-        assert "disturbed just behind a sample" in str(hit) and hit.not_covered in str(hit)
+        assert "disturbed just after a sample" in str(hit) and hit.not_covered in str(hit)
         assert hit.to_dict()["not_covered"] == hit.not_covered
         shown = " ".join(" ".join(t.get_text() for t in hit.plot().texts).split())
-        assert "disturbed just behind a sample" in shown
+        assert "disturbed just after a sample" in shown
 
 
 def test_runs_end_where_the_map_ends(case: epp.Case) -> None:

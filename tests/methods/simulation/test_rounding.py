@@ -29,7 +29,7 @@ def test_the_size_of_a_start_makes_no_limit_cycle(name: str) -> None:
     for size in 10.0 ** np.arange(1, 17, 3):
         run = epp.simulate(replace(NO_CYCLES[name], x0=np.array([size, 0.0])), t_end=60.0, t_eval=[0.0])
         assert run.limit_cycle is None, size
-    assert "beneath rounding" in str(run) and run.to_dict()["message"] == run.note
+    assert "less than rounding" in str(run) and run.to_dict()["message"] == run.note
 
 
 def test_a_motion_whose_element_is_felt_stays_a_limit_cycle() -> None:

@@ -42,8 +42,8 @@ _WRITTEN = {
     "rms": Measure.RMS,
 }
 _EXPECTED = (
-    '"SIGNAL SIZE", as in "theta 0.3 deg", with "rms" behind it where not peak to peak is meant, and '
-    '"within 1 Hz..8 Hz" where only cycles of such frequencies are bounded'
+    '"SIGNAL SIZE", as in "theta 0.3 deg"; add "rms" for a size that is not peak to peak, and "within 1 Hz..8 Hz" to '
+    "bound only cycles of these frequencies"
 )
 
 

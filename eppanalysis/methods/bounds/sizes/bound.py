@@ -102,7 +102,7 @@ def without_bound(question: BoundProblem, seen: Sequence[_Seen], what: str, aske
         return Scan(Finding.UNSURE, note=note)
     if not some:
         return Scan(Finding.NONE, note=f"At no value tried in the range there is a {what}: nothing bounds it there.")
-    note = f"There is a {what} at {some} and none at {free}: ask for a narrower range, which ends among these."
+    note = f"There is a {what} at {some} and none at {free}: give a narrower range that ends among these."
     return Scan(Finding.BETWEEN, note=note)
 
 

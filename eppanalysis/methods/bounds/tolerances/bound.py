@@ -131,8 +131,8 @@ def tolerance_bound(
     ----------
     case : Case or LureSystem
         With sampled controllers, in discrete time, and where harmonic balance does not cover an element, bounds are
-        those of the search, as :func:`design_bounds` has them; what they do not cover is said
-        (`ToleranceBound.not_covered`).
+        those of the search, as :func:`design_bounds` has them; `ToleranceBound.not_covered` says
+        what they do not cover.
     limit : str
         The parameter that is bounded; its own tolerance is taken off the bound.
     tolerances : mapping of str to quantity or percentage, optional
@@ -151,7 +151,7 @@ def tolerance_bound(
         Over one of the parameters of a neighbouring case, at whose last value the search goes on; a new search by
         default.
     progress : callable, optional
-        Told which rounds of runs are done, of how many, and what is being done.
+        Called with which rounds of runs are done, of how many, and what is being done.
 
     Returns
     -------

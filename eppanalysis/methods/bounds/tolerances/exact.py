@@ -109,7 +109,7 @@ class ExactBox(Box[ExactPlace]):
             seen.add(corner)
             found = self.exact(corner, here)
             if found is None:
-                return here, "the worst corner could not be reached; the bound of the last place is given", 0
+                return here, "the worst corner could not be reached; the last bound is given", 0
             here = found
         message = "" if self._downhill(here) == here.place else "the bound is not monotone over the box"
         better, n_corners = self._check(here)

@@ -51,7 +51,7 @@ class ToleranceBound(Result):
     n_corners : int
         Corners checked besides.
     quantiles : tuple of Quantile
-        Bounds that hold with each probability asked for, with their confidence intervals.
+        Bounds that hold with each given probability, with their confidence intervals.
     draws : array, shape (samples,)
         Bounds of the draws [SI].
     engine_offset : float

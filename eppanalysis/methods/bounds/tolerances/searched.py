@@ -52,7 +52,7 @@ class SearchedBox(Box[Place]):
     @property
     def not_covered(self) -> str:
         """What the bounds do not cover, in a sentence."""
-        return f"{self.asking.not_covered(self.cells)} Of the tolerances corners were asked, and nothing between them."
+        return f"{self.asking.not_covered(self.cells)} Only the corners of the tolerances were searched."
 
     def worst(self) -> tuple[Place, str, int]:
         """The corner with the worst bound, what is missing, and the number of corners checked besides."""

@@ -205,7 +205,7 @@ def _search(loop: Mapping[str, Any], returns: ReturnMap, cycles: bool) -> dict[s
             break
         for n in left:
             leaves[n].halve(leaves[n].longer(shape))
-    return f"; {len(left)} of {len(leaves)} cells of the return map may come back to themselves"
+    return f"; {len(left)} of {len(leaves)} cells of the return map may map to themselves"
 
 
 def _clusters(returns: ReturnMap, leaves: list[Node], graph: Graph) -> list[Cluster]:

@@ -65,8 +65,8 @@ def rational_elbow(system: LureSystem) -> dict[str, Any]:
 def _refused(system: LureSystem) -> NotCovered:
     """That a loop is another."""
     return NotCovered(
-        "certificates of absence speak of loops with one element of one input and output, and of the elbow on its side "
-        f"with a ball-bearing pulley, unfiltered and unsampled; here are: {', '.join(system.element_names)}."
+        "certificates of absence cover loops with one element of one input and output, and the elbow on its side with "
+        f"a ball-bearing pulley, unfiltered and unsampled; here are: {', '.join(system.element_names)}."
     )
 
 
@@ -118,7 +118,7 @@ def find(stated: Mapping[str, Any]) -> dict[str, Any] | str:
             )
         claim = {"backlash": stated["backlash"]}
         return sealed({"statement": check_elbow.STATEMENT, "loop": dict(stated), "claim": claim, "evidence": evidence})
-    return "no weights were found with which the drive's losses outweigh at all frequencies what the gap lets it gain."
+    return "no weights were found with which the drive's losses exceed its gain from the gap at all frequencies."
 
 
 def _candidates(v: Mapping[str, float]) -> list[Array]:

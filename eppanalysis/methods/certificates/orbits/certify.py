@@ -55,9 +55,9 @@ def certify_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> Certified
     """Prove that a cycle exists, that it is the only one near, and whether it is stable.
 
     The proof is in rational and ball arithmetic. Each number of the loop (of its matrices, thresholds, slopes and held
-    inputs) is its shortest decimal where that has up to 14 digits; a longer one has been computed in floats and stands
-    for the simplest fraction within 2**-50 of it: 0.1111111111111111 is 1/9. A sequence of events that closes, but at
-    which an element would have switched earlier or otherwise, is refused.
+    inputs) is its shortest decimal where that has up to 14 digits; a longer one has been computed in floats and is
+    replaced by the simplest fraction within 2**-50 of it: 0.1111111111111111 is 1/9. A sequence of events that closes,
+    but at which an element would have switched earlier or otherwise, is refused.
 
     Parameters
     ----------
@@ -107,8 +107,8 @@ def certify_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> Certified
     same = (o for o in _closed(hybrid, cycle) if abs(o.period / cycle.period - 1.0) < _SAME_PERIOD)
     orbit = next(same, None)
     if orbit is None:
-        why = "" if unobservable_apart(loop) is None else ", for an integral that nothing reads goes on"
-        reason = f"From the state of the cycle the loop does not come back to it after its period{why}."
+        why = "" if unobservable_apart(loop) is None else ", as an unobservable integral goes on"
+        reason = f"From the state of the cycle the loop does not return to it after its period{why}."
         return CertifiedOrbit(Proof.NOT_DECIDED, reason, operating_point=at, provenance=_provenance(loop, facts))
     return replace(certified(orbit), operating_point=at, provenance=_provenance(loop, facts))
 
@@ -267,7 +267,7 @@ def _with_stability(made: CertifiedOrbit, path: ExactPath, shooting: Shooting, e
     try:
         discs = discs_of(return_map(shooting, enclosure), shooting.columns[: path.m])
     except (ZeroDivisionError, ValueError, np.linalg.LinAlgError):
-        return replace(made, stability_message="The return map has no basis in which its multipliers can be told.")
+        return replace(made, stability_message="The return map has no basis that separates its multipliers.")
     made = replace(
         made,
         multipliers=np.array([d.centre for d in discs], complex),

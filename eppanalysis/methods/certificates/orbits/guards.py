@@ -56,7 +56,7 @@ def starts_of(path: ExactPath, arc: int, state: Any) -> dict[int, Start]:
                 break
             if not path.zero_at_start(arc, row):
                 raise NotCovered(
-                    f"It is not decided on which side of zero '{path.guard_name(g)}' stands behind "
+                    f"It is undecided on which side of zero '{path.guard_name(g)}' is behind "
                     f"'{path.guard_name(path.stages[arc - 1].fired)}'."
                 )
             # The next derivative: a guard that is zero by an equation of the orbit leaves zero by the first that is not

@@ -77,7 +77,7 @@ class ExactPath:
         """
         sequence = orbit.arcs.event_sequence
         if np.any(sequence.at_once == LETS_GO):
-            raise NotCovered("An element lets go because its input is about to jump; such events are not covered.")
+            raise NotCovered("An element releases because its input is about to jump; such events are not covered.")
         at_once = (sequence.at_once == 1) | (np.abs(orbit.tau) <= _NO_TIME * orbit.period)
         free = tuple(int(i) for i in orbit.arcs.free)
         return cls.along(orbit.hybrid, Course(sequence.modes, sequence.guards, at_once, free), orbit.y)
@@ -176,7 +176,7 @@ class ExactPath:
             known = [item for item in open_ if self._stands(*item)]
             if not known:
                 raise NotCovered(
-                    "It cannot be shown that what sticks stands exactly on its level; where something sticks all the "
+                    "It cannot be shown that a sticking element is exactly on its level; where it sticks all the "
                     "time, no event puts it there."
                 )
             for a, row in known:
@@ -220,8 +220,8 @@ class _Reduction:
             raise NotCovered("The sequence has an event that the modes of its arc do not have.")
         rate = (before.rate * self.spread).tolist()
         if any(v != 0 for i in self.fixed if i < self.exact.n for v in rate[i]):
-            moved = "a clock, or an integral that nothing reads"
-            raise NotCovered(f"The loop has a state that does not come back ({moved}); all have to for a proof.")
+            moved = "a clock, or an unobservable integral"
+            raise NotCovered(f"The loop has a state that is not periodic ({moved}); a proof needs that all are.")
         # A value that no event renews and that moves the states: there is a cycle for each of its values.
         self.continuum |= any(before.rate[i, j] != 0 for i in range(self.exact.n) for j in self.idle)
         jump = (self.exact.event(before, guard, int(after[self.element(guard)])) * self.spread).tolist()

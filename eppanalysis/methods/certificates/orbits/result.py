@@ -78,7 +78,7 @@ class CertifiedOrbit(WithFile):
     stability_message : str
         Why stability is not decided; empty where it is.
     multipliers, multiplier_radii : complex array, array, shape (m,)
-        Discs that hold the Floquet multipliers, largest first; that of the motion along the cycle stands there as 0.
+        Discs that hold the Floquet multipliers, largest first; that of the motion along the cycle is listed as 0.
     n_pieces : int
         Pieces of the cycle on which the guards were proved.
     evidence : dict of str to str

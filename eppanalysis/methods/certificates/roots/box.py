@@ -110,7 +110,7 @@ def _frequencies(
     """
     scales = [*_corners(system, stated), *(1.0 / system.delays[system.delays > 0]), *(c.omega for c in cycles)]
     if not scales:
-        raise NotCovered("the linear part has no frequency of its own; give a box.")
+        raise NotCovered("the linear part sets no frequency range; give a box.")
     low, high = _short(min(scales)) / REACH, _short(max(scales)) * REACH
     fastest = max([number_of(c.omega) for c in cycles], default=Fraction(0))
     if system.time_step:
@@ -152,7 +152,7 @@ def _amplitudes(
     scales += [float(rest)] * (rest != 0) + [c.amplitude for c in cycles]
     scales = scales or _as_high(stated.get("element", {}))
     if not scales:
-        raise NotCovered("the element has no amplitude of its own; give a box.")
+        raise NotCovered("the element sets no amplitude range; give a box.")
     return _short(min(scales)) / REACH, _short(max(scales)) * REACH
 
 

@@ -1,4 +1,4 @@
-"""Finds a certificate of all roots of the first-order balance in a box: a cover of it, and an enclosure of each root.
+"""Finds a certificate of all roots of the describing-function balance in a box: a cover, and an enclosure of each root.
 
 Boxes are cut until each is certainly empty or lies in a region that certainly holds one root. Whether it is so is asked
 of the checker's own functions, so that what is found here is what the checker sees.

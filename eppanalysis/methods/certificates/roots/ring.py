@@ -54,14 +54,14 @@ def _means(system: LureSystem, link: dict[str, Any], inputs: Array) -> list[Frac
     polynomials = ([Fraction(c) for c in link[name]] for name in ("den", "num"))
     on_bias, on_mean = (c[-1] for c in polynomials)
     if not (on_bias or on_mean):
-        raise NotCovered("the linear part hides a mode at zero, and the balance of the means says nothing.")
+        raise NotCovered("the linear part hides a mode at zero, so the means have no unique balance.")
     return [on_bias, on_mean, forced(system, inputs)]
 
 
 def order_of(system: LureSystem) -> list[int]:
     """The elements in the order of the ring, from one with memory on: next to where it lets go the balance is steep."""
     names = ", ".join(system.element_names) or "none"
-    refusal = f"certificates of roots speak of one element, or of a ring of odd ones; here are: {names}."
+    refusal = f"certificates of roots cover one element, or a ring of odd ones; here are: {names}."
     if not system.elements or any((e.n_inputs, e.n_outputs) != (1, 1) for e in system.elements):
         raise NotCovered(refusal)
     n = len(system.elements)

@@ -143,15 +143,15 @@ def cautions(
             "that matter there."
         )
     if any(np.isnan(c.beyond) for c in cycles):
-        out.append("How much harmonics above the data matter is not known, as the harmonics of an element are not.")
+        out.append("The effect of harmonics above the data is unknown, as the harmonics of an element are unknown.")
     if not system.means_known:
         out.append("The static gain is not known: cycles with a mean were not sought.")
     for cycle in cycles:
         if cycle.interpolation_error > _COARSE:
             out.append(
-                f"Points beside the cycle at {cycle.omega:.4g} rad/s lie off a curve through their neighbours so far "
-                f"that its amplitude or frequency may be off by {100.0 * cycle.interpolation_error:.2g} %: closer "
-                "points would tell, or, where it is noise, their standard deviation, by which they are smoothed."
+                f"Points beside the cycle at {cycle.omega:.4g} rad/s lie off a curve through their neighbours: its "
+                f"amplitude or frequency may be off by {100.0 * cycle.interpolation_error:.2g} %. Give closer points "
+                "or, if this is noise, its standard deviation, which smooths them."
             )
     out += _at_the_edge_of_noise(system, balance, points, found, cycles)
     omega = np.array([c.omega for c in cycles])
@@ -167,7 +167,7 @@ def cautions(
 def above_the_data(system: DataSystem, balance: Balance, cycles: Sequence[MeasuredCycle]) -> tuple[str, ...]:
     """Sentence on which cycles faster than the data are not excluded: those whose loop gain can be one there."""
     if system.only is None:
-        return (f"Above the data, which end at {system.band[1]:.4g} rad/s, cycles were not sought.",)
+        return (f"No cycles were sought above the data, which end at {system.band[1]:.4g} rad/s.",)
     levels = np.abs(np.asarray(system.elements[0].thresholds(), float)).ravel()
     levels = levels[levels > 0]
     a = (float(levels.max()) if levels.size else 1.0) * _AMPLITUDES
@@ -190,9 +190,9 @@ def _at_the_edge_of_noise(
     for cycle in cycles:
         if cycle.at_a_fold:
             yield (
-                f"The cycle at {cycle.omega:.4g} rad/s with an amplitude of {cycle.amplitude_of_first:.4g} stands so "
-                "near a fold that errors of the size of the noise take it away together with another: it may not "
-                "exist, and its interval reaches across the fold."
+                f"The cycle at {cycle.omega:.4g} rad/s with an amplitude of {cycle.amplitude_of_first:.4g} is so near "
+                "a fold that errors of the size of the noise remove it together with another: it may not exist, and "
+                "its interval reaches across the fold."
             )
     noise = Noise.of(system, balance)
     for interval, off in noise.missed(near_misses(balance, points, found)) if noise else ():

@@ -19,12 +19,12 @@ _WHOLE = 0.3
 def stability_of_data(system: DataSystem, balance: Balance, p: Point) -> tuple[bool | None, str]:
     """Verdict by Nyquist's criterion a little beside the cycle, and the sentence that says by what."""
     if system.only is None:
-        return None, "Of several measured paths, or states between them, no criterion tells the stability."
+        return None, "No criterion decides stability with several measured paths, or with states between them."
     more, less = (_unstable_poles(system, balance, p, side * _BESIDE) for side in (1.0, -1.0))
     if more is None or less is None:
         return None, "Nyquist's criterion: the data do not show how the loop gain ends, towards zero or upwards."
     if more < 0 or less < 0:
-        return None, "Nyquist's criterion: the measured part must have more unstable poles than was said."
+        return None, "Nyquist's criterion: the measured part must have more unstable poles than given."
     text = (
         f"Nyquist's criterion on the data: with a little more amplitude {more}, with a little less {less} of the poles "
         f"of the quasi-linear loop are unstable, if of the measured part {system.only.unstable_poles or 'none'} are."

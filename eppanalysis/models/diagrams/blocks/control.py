@@ -142,7 +142,7 @@ class Gain(Block, kind="gain"):
 class Sensor(Block, kind="sensor"):
     """A sensor with its converter: ``gain`` times what comes in, in whole steps; held where it has a sample time.
 
-    It is a gain with a quantiser in front of it, which stands among the elements of the loop by the sensor's name and
+    It is a gain with a quantiser in front of it, an element of the loop by the sensor's name and
     "_quantiser".
     """
 

@@ -44,7 +44,7 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
         dd/dt = (e - d)/filter_time
 
     the integrator s is held, ds/dt = 0, while v is beyond a limit and ki e would drive it further; else ds/dt = ki e.
-    Where v comes back from a limit only while s is held, v stays at the limit, and s moves by what keeps it there.
+    Where v returns from a limit only while s is held, v stays at the limit, and s moves by what keeps it there.
 
     The states start at zero. Its sector, slopes and thresholds are those of the law from v, e and s to ``ds/dt + s``
     and u; its describing function is for a v that is a sine, with the e that belongs to it. Margins are those
@@ -220,8 +220,8 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
             # zero and ki e (docs/theory/anti_windup.md, Clamping); a v that has jumped over the limit takes the bypass.
             beyond, back, further = [sign, 0.0, 0.0], [-sign, 0.0, 0.0], [0.0, sign * way, 0.0]
             build.guard(f"reaches {side}", within, slides, on_input=beyond, constant=-sign * limit, bypass=held)
-            build.guard(f"comes back to {side}", held, slides, on_input=back, constant=sign * limit, bypass=within)
-            build.guard(f"comes back from {side}", free, within, on_input=back, constant=sign * limit)
+            build.guard(f"returns to {side}", held, slides, on_input=back, constant=sign * limit, bypass=within)
+            build.guard(f"returns from {side}", free, within, on_input=back, constant=sign * limit)
             build.guard("error turns back", held, free, on_input=[-f for f in further])
             build.guard("error turns on", free, held, on_input=further)
             # Along the limit the integrator is driven by between nothing and ki e.

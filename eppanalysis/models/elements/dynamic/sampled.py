@@ -82,7 +82,7 @@ class SampledController(Nonlinearity):
     state_last : bool
         Whether the state is updated after the outputs, from the inputs as they are then (at the same instant): so an
         integrator stops where an element behind it saturates (anti-windup). Only without `delay`: a dead time
-        of the loop behind the saturation stands for it there.
+        of the loop behind the saturation replaces it there.
     tick : float, optional
         Unit in which its times are counted [s]; by default `sample_time`. A loop gives those of its controllers that
         have a common divisor the same one.
@@ -344,7 +344,7 @@ class SampledController(Nonlinearity):
         return (mean[..., 0], gain[..., 0]) if self._p == 1 else (mean, gain)
 
     def slope_bounds(self) -> tuple[float, float]:
-        """Not bounded: between two samples the input may have come back."""
+        """Not bounded: between two samples the input may have returned."""
         return -np.inf, np.inf
 
     def linear_gain(self) -> Array:

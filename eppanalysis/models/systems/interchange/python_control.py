@@ -95,11 +95,11 @@ def from_control(
         As ``control.ss`` and ``control.interconnect`` make it, in continuous or discrete time. Its outputs are the
         named signals of the loop, inputs that no element drives its external inputs; names of states are kept. Inputs
         and outputs of the linear subsystems of an interconnection are places at which margins can cut the loop, as in
-        ``epp.margins(loop, "controller.voltage")``; "controller" alone stands for the output of one that has one.
+        ``epp.margins(loop, "controller.voltage")``; "controller" alone means the output of one that has one.
     elements : mapping of (str, ..., str) or str to Nonlinearity
         By what an element takes and drives: ``("speed", "torque")`` is fed by the output "speed" and drives the input
         "torque"; with several inputs, ``("deflection", "rate", "torque")``. A name alone is an output and an input of
-        the same name, or a nonlinear subsystem of an interconnection that the element stands for. What the element
+        the same name, or a nonlinear subsystem of an interconnection that the element replaces. What the element
         gives is added as it is: a minus belongs into the system. ``control.saturation_nonlinearity`` and its like are
         taken.
     element_names : sequence of str, optional
@@ -233,7 +233,7 @@ def _place(plant: _Plant, key: Any, element: Nonlinearity, taken: dict[int, str]
     n_fed, n_driven = ports(element)
     if len(names) != n_fed + n_driven:
         who = type(element).__name__
-        raise ModelError(f"{plant.name}: {who} stands at {names}", expected=f"{_counts(n_fed, n_driven)} in a row")
+        raise ModelError(f"{plant.name}: {who} is at {names}", expected=f"{_counts(n_fed, n_driven)} in a row")
     fed_by = tuple(_number(plant, "output", plant.outputs, n) for n in names[:n_fed])
     drives = tuple(_number(plant, "input", plant.inputs, n) for n in names[n_fed:])
     for j in drives:
@@ -392,7 +392,7 @@ def _hold_against(part: Any, elements: Mapping[Any, Nonlinearity], name: str) ->
     """Refuse a nonlinear subsystem that no element stands for, or that gives something else than its element."""
     what = f"{name}: subsystem {part.name!r} is nonlinear"
     if part.name not in elements:
-        raise ModelError(what, expected=f"an element that stands for it: elements={{{part.name!r}: ...}}")
+        raise ModelError(what, expected=f"an element in its place: elements={{{part.name!r}: ...}}")
     element = elements[part.name]
     if part.nstates or (part.ninputs, part.noutputs) != ports(element):
         raise ModelError(
@@ -409,7 +409,7 @@ def _hold_against(part: Any, elements: Mapping[Any, Nonlinearity], name: str) ->
         own = float(np.squeeze(element.output(x, None)[0]))
         if not np.isclose(given, own, rtol=1e-9, atol=1e-12 * abs(x)):
             raise ModelError(
-                f"{what} and gives {given:.6g} at {x:.6g}", expected=f"{own:.6g}, as {element!r} that stands for it"
+                f"{what} and gives {given:.6g} at {x:.6g}", expected=f"{own:.6g}, as {element!r} in its place"
             )
 
 

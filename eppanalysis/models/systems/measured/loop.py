@@ -49,8 +49,8 @@ class MeasuredLoop:
     Parameters
     ----------
     response : MeasuredResponse or MeasuredMatrix
-        Of several elements a matrix: a row for each of their inputs, a column for each of their outputs. Nothing
-        stands for what follows from others: the rate of an input, a clock, a contact angle and its rate.
+        Of several elements a matrix: a row for each of their inputs, a column for each of their outputs. Rates of
+        inputs, clocks, contact angles and their rates follow from others and have none.
     element : Nonlinearity or sequence of Nonlinearity
         Linear states that an element brings itself are not part of the response. A :class:`SampledController` is taken
         with hold and delay, in the mean over where its samples fall; the response is that of the plant around it, in
@@ -160,7 +160,7 @@ class MeasuredLoop:
         return on_bias, on_mean, np.zeros(rows)
 
     def to_system(self) -> DataSystem:
-        """What stands for it in methods that need no states."""
+        """The system for methods that need no states."""
         elements, (A, B, C, constant) = self.elements, self._means_as_states()
         labels, (p, q) = labels_of(elements, None), (len(C), B.shape[1])
         single = ("x", "y") if self.matrix.shape == (1, 1) and q == 1 else None

@@ -52,7 +52,7 @@ class MeasuredResponse(Shown):
         Response at frequency zero, which only oscillations with a mean need; infinite for a part that integrates.
     unstable_poles : int
         How many poles of the part lie right of the imaginary axis, for the stability of cycles: none where it was
-        measured as it stands by itself.
+        measured alone.
     name : str
         What results call it.
 

@@ -48,15 +48,13 @@ def is_sampled(elements: Iterable[Nonlinearity]) -> bool:
 
 #: Analyses that do not cover loops with samples, and what answers in their place.
 _INSTEAD = {
-    "continue_folds": "locked cycles cease at borders and not in folds; design_bounds has the bound on one parameter "
-    "at each value of the other",
-    "fold_boundary": "outcome_boundary with run='cycles' has where the answer of the search changes",
-    "certify": "find_limit_cycles lists the cycles that it finds, without a proof",
-    "certify_orbit": "exact_orbit closes a locked cycle to rounding, without a proof",
-    "frozen_nyquist": "predict_limit_cycles and margins do",
-    "olop": "predict_limit_cycles and forced_response do",
-    "frequency_response": "samples come round with the input at single frequencies only, at one of which "
-    "amplitude_response follows the responses",
+    "continue_folds": "locked cycles end at borders, not in folds; use design_bounds",
+    "fold_boundary": "use outcome_boundary with run='cycles'",
+    "certify": "find_limit_cycles lists cycles without a proof",
+    "certify_orbit": "exact_orbit closes a locked cycle without a proof",
+    "frozen_nyquist": "use predict_limit_cycles and margins",
+    "olop": "use predict_limit_cycles and forced_response",
+    "frequency_response": "samples come round with the input at single frequencies only; use amplitude_response",
     "A batch": "simulate runs them one by one",
 }
 

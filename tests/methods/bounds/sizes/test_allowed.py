@@ -142,7 +142,7 @@ def test_what_is_allowed_is_named_everywhere(servo: epp.Case, by_gap: epp.Design
     assert plain["cells"][0]["kind"] == "allowed size" and plain["provenance"]["settings"]["allowed"]["size"] == 1.5
     told = " ".join(sentences(servo, by_gap))
     assert "Allowed is a stable limit cycle up to x 1.5 peak to peak." in told
-    assert "reaches what is allowed" in told
+    assert "reaches the allowed size" in told
     assert " ".join(said_above(by_gap.plot().figure)).startswith(by_gap.headline())
     assert "allowed size" in str(epp.table(by_gap))
     assert "active" in bounds_columns(by_gap).columns
@@ -155,7 +155,7 @@ def test_what_is_allowed_is_named_everywhere(servo: epp.Case, by_gap: epp.Design
         ([1, 1, 1], False, "unsure", "left runs undecided at 0.1, "),
         ([2, 1, 2], False, "unsure", "at 0.1, 4; of the others, runs were left undecided at "),
         ([2, 2, 2], True, "always", "none of them is safe"),
-        ([2, 1, 2], True, "between", "ask for a narrower range"),
+        ([2, 1, 2], True, "between", "give a narrower range"),
         ([1, 2, 1], True, "bound", "There is none at 4 either."),
     ],
 )

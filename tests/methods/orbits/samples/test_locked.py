@@ -82,7 +82,7 @@ def test_where_there_is_no_orbit_of_so_many_samples_none_is_given() -> None:
 
 def test_what_does_not_cover_samples_says_so() -> None:
     loop = sampled_relay()
-    with pytest.raises(epp.EppError, match="does not cover loops with sampled controllers: predict_limit_cycles"):
+    with pytest.raises(epp.EppError, match="does not cover loops with sampled controllers: use predict_limit_cycles"):
         epp.frozen_nyquist(loop, epp.predict_limit_cycles(loop)[0])
 
 

@@ -269,7 +269,7 @@ def test_a_step_against_another_integrator(controller: Any, r: float) -> None:
 def test_it_slides_along_its_limit_without_chatter() -> None:
     """Behind a large step the integrator pushes out of the limit and the falling error in: one event each way."""
     run = epp.simulate(servo(epp.ClampedPID(0.5, 1.5)), epp.inputs.Step(3.0), t_end=3.0)
-    assert [e.name for e in run.events] == ["reaches upper", "comes back to upper"]
+    assert [e.name for e in run.events] == ["reaches upper", "returns to upper"]
 
 
 def test_a_cycle_by_all_methods() -> None:

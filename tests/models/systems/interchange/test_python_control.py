@@ -84,7 +84,7 @@ def test_element_with_two_inputs():
     loop = epp.from_control(system, {("deflection", "rate", "force"): pin}, x0=[0.0, 1.0, 0.0, 0.0])
     assert np.array_equal(loop.C, system.C[:2]) and np.array_equal(loop.B, system.B)
     with pytest.raises(
-        ModelError, match=r"LockPin stands at .*; expected 2 outputs of the system that feed it and the inp"
+        ModelError, match=r"LockPin is at .*; expected 2 outputs of the system that feed it and the inp"
     ):
         epp.from_control(system, {("deflection", "force"): pin})
 
@@ -147,7 +147,7 @@ TWICE = {("speed", "friction"): FRICTION, ("angle", "friction"): epp.Play(1.0)}
         ({("speed", "fricton"): FRICTION}, r"no input 'fricton'; .*\(did you mean 'friction'\?\)"),
         ({"friction": FRICTION}, "servo has no output 'friction'; expected one of: angle, speed"),
         (TWICE, "'friction' is driven by two elements; expected one"),
-        ({("angle", "speed", "friction"): FRICTION}, "Friction stands at .*; expected the output .* and the input"),
+        ({("angle", "speed", "friction"): FRICTION}, "Friction is at .*; expected the output .* and the input"),
         ({}, "servo: a loop needs at least one nonlinear element"),
     ],
 )
