@@ -47,14 +47,7 @@ def choose_pivot(system: LureSystem) -> int:
 
     If it ties one on a loop, for what only follows a loop tells nothing of it; then the pin.
     """
-    rows = [s.start for s in system.input_slices]
-    m = len(rows)
-    owner = np.repeat(np.arange(m), [e.n_outputs for e in system.elements])
-    scales = frequency_scales(system)
-    middle = float(np.exp(np.log(scales).mean())) if scales.size else 1.0
-    acts = _acts(system, middle * 1.2345)[rows]
-    feeds = np.array([[acts[i, owner == j].any() for j in range(m)] for i in range(m)])
-
+    m, feeds = len(system.elements), fed(system)
     on_loop = np.diag(reached(feeds))
 
     def burden(p: int) -> tuple[int, bool, int, int]:
@@ -66,6 +59,16 @@ def choose_pivot(system: LureSystem) -> int:
         return in_loops, not on_loop[p], -system.elements[p].n_inputs, p
 
     return min(range(m), key=burden)
+
+
+def fed(system: LureSystem) -> BoolArray:
+    """Which elements (columns) act on the first input of which, through the linear part alone, shape (m, m)."""
+    rows, m = [s.start for s in system.input_slices], len(system.elements)
+    owner = np.repeat(np.arange(m), [e.n_outputs for e in system.elements])
+    scales = frequency_scales(system)
+    middle = float(np.exp(np.log(scales).mean())) if scales.size else 1.0
+    acts = _acts(system, middle * 1.2345)[rows]
+    return np.array([[acts[i, owner == j].any() for j in range(m)] for i in range(m)])
 
 
 def _acts(system: LureSystem, omega: float) -> BoolArray:
