@@ -366,7 +366,7 @@ def test_a_search_without_a_stable_cycle_claims_none():
     search = examples()[epp.CycleSearch]
     unstable = replace(search, cycles=search.unstable)
     assert str(unstable).startswith("No stable limit cycle was found: 1 unstable limit cycle with x 2.066 peak to peak")
-    unknown = replace(search, cycles=(replace(search[0], stable=None),))
+    unknown = replace(search, cycles=(replace(search[0], stable=None, multipliers=None),))
     assert str(unknown).startswith("Limit cycles of unknown stability exist: 1 limit cycle with x 2.066 peak to peak")
     none = replace(search, cycles=(), n_runs=40)
     assert str(none) == "No limit cycle was found by 40 runs: all settle at rest."

@@ -20,6 +20,7 @@ from eppanalysis.methods.describing.balance import ON_THE_WAY, Balance, describe
 from eppanalysis.methods.describing.curves import contour_lines, crossings, distinct, interpolate, polish, settle
 from eppanalysis.methods.describing.search import Found, frequency_scales
 from eppanalysis.methods.describing.trace import Box, trace
+from eppanalysis.models.systems.algebraic import reached
 from eppanalysis.models.systems.linear import ROUNDING, units_of_states
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import CANCELLED
@@ -42,26 +43,32 @@ _FOLLOWED = "curves of zero phase followed to their ends, with all local extrema
 
 
 def choose_pivot(system: LureSystem) -> int:
-    """Element whose input, once given, leaves the fewest of the others in loops of their own; the pin if it ties."""
-    rows = [s.start for s in system.input_slices]
-    m = len(rows)
+    """Element whose input, once given, leaves the fewest of the others in loops of their own.
+
+    If it ties one on a loop, for what only follows a loop tells nothing of it; then the pin.
+    """
+    m, feeds = len(system.elements), fed(system)
+    on_loop = np.diag(reached(feeds))
+
+    def burden(p: int) -> tuple[int, bool, int, int]:
+        rest = [i for i in range(m) if i != p]
+        reach = reached(feeds[np.ix_(rest, rest)]).astype(int)
+        # With the pivot's input given, what is in no loop follows by one pass; each loop that is left may have several
+        # solutions.
+        in_loops = int(sum((reach[i] * reach[:, i]).sum() - reach[i, i] for i in range(len(rest))))
+        return in_loops, not on_loop[p], -system.elements[p].n_inputs, p
+
+    return min(range(m), key=burden)
+
+
+def fed(system: LureSystem) -> BoolArray:
+    """Which elements (columns) act on the first input of which, through the linear part alone, shape (m, m)."""
+    rows, m = [s.start for s in system.input_slices], len(system.elements)
     owner = np.repeat(np.arange(m), [e.n_outputs for e in system.elements])
     scales = frequency_scales(system)
     middle = float(np.exp(np.log(scales).mean())) if scales.size else 1.0
     acts = _acts(system, middle * 1.2345)[rows]
-    feeds = np.array([[acts[i, owner == j].any() for j in range(m)] for i in range(m)])
-
-    def burden(p: int) -> tuple[int, int, int]:
-        rest = [i for i in range(m) if i != p]
-        reach = feeds[np.ix_(rest, rest)].astype(int)
-        for _ in range(m):
-            reach = np.minimum(reach + reach @ reach, 1)
-        # With the pivot's input given, what is in no loop follows by one pass; each loop that is left may have several
-        # solutions.
-        in_loops = int(sum((reach[i] * reach[:, i]).sum() - reach[i, i] for i in range(len(rest))))
-        return in_loops, -system.elements[p].n_inputs, p
-
-    return min(range(m), key=burden)
+    return np.array([[acts[i, owner == j].any() for j in range(m)] for i in range(m)])
 
 
 def _acts(system: LureSystem, omega: float) -> BoolArray:

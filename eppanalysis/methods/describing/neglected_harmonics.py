@@ -26,6 +26,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Balance, unit_at_input
 from eppanalysis.methods.describing.equilibrium import no_rest
 from eppanalysis.methods.describing.error import BalancedOscillation, Estimate
+from eppanalysis.methods.describing.multi import fed
 from eppanalysis.methods.describing.quality import Point
 from eppanalysis.methods.describing.search import (
     Found,
@@ -259,10 +260,14 @@ def _along_the_static_balance(balance: Balance) -> Iterator[tuple[Array, Complex
 
 
 def _stick_slip(balance: Balance) -> Iterator[str]:
-    """Friction that is greater at rest than in motion, where the loop pulls ever harder while it sticks."""
+    """Friction that is greater at rest than in motion, where the loop pulls ever harder while it sticks.
+
+    It holds its input only where it acts on it.
+    """
     system = balance.system
     for i, e in enumerate(system.elements):
-        if e.sticks_and_slips and ((winds_up := _winds_up(balance, i)) or _is_dragged(balance, i)):
+        holds = e.sticks_and_slips and fed(system)[i, i]
+        if holds and ((winds_up := _winds_up(balance, i)) or _is_dragged(balance, i)):
             why, how = ("integral action", "hunt") if winds_up else ("what drags it", "judder")
             yield (
                 f"{system.element_names[i]} sticks, which the describing function does not see, and {why} ends the "

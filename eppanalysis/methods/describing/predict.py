@@ -31,7 +31,7 @@ from eppanalysis.methods.harmonic.loop import role_of_input
 from eppanalysis.methods.margins.linearised import within_range
 from eppanalysis.methods.margins.margins import margins, places_of
 from eppanalysis.methods.margins.result import Margins
-from eppanalysis.methods.simulation.states import Subsystem, parts_apart, without_held_states
+from eppanalysis.methods.simulation.states import Subsystem, elements_apart, parts_apart, without_held_states
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state, static_balance
 from eppanalysis.models.systems.measured.loop import DataSystem, MeasuredLoop
@@ -93,8 +93,13 @@ def predict_limit_cycles(
     if not isinstance(own, DataSystem):
         # Elements meet what B and C make together: units of the states alone may be of any size.
         within_range(own.name, own.A, own.D, np.abs(own.C).max(initial=0.0) * own.B)
-    parts = _parts(own, at)
-    return _of_parts(own, at, parts) if parts else _of_one(own, at)
+    apart = None if isinstance(own, DataSystem) else elements_apart(own)
+    seen = own if apart is None else apart.system
+    parts = _parts(seen, at)
+    if not parts:
+        return _of_one(own, at)
+    found = _of_parts(seen, at, parts)
+    return found if apart is None else replace(found, cycles=tuple(map(apart.to_user, found)))
 
 
 def _of_parts(own: LureSystem, at: OperatingPoint, parts: Sequence[tuple[Subsystem, LureSystem, Array]]) -> Prediction:
@@ -170,8 +175,11 @@ def predicted_cycles(system: LureSystem | CaseLike, operating_point: PointLike |
         As :func:`predict_limit_cycles`.
     """
     own, at = standing(system, operating_point, "predict_limit_cycles")
-    if parts := _parts(own, at):
-        return tuple(p.to_user(c, own, state) for p, loop, state in parts for c in _balanced(loop, at, True)[-1])
+    apart = None if isinstance(own, DataSystem) else elements_apart(own)
+    seen = own if apart is None else apart.system
+    if parts := _parts(seen, at):
+        cycles = (p.to_user(c, seen, state) for p, loop, state in parts for c in _balanced(loop, at, True)[-1])
+        return tuple(cycles if apart is None else map(apart.to_user, cycles))
     return _balanced(own, at, True)[-1]
 
 

@@ -92,14 +92,15 @@ class Drive:
     def hybrid(self) -> HybridSystem:
         """The hybrid system, begun at the loop's own start with the input at phase zero."""
         unit, s = self._unit, self.sine.start
-        A, C, Yx = (getattr(unit.model, name).copy() for name in ("A", "C", "Yx"))
         # Amplitude and frequency enter by the sine's own two states alone
         # (docs/theory/driven.md), so that nothing of the loop is built anew along a branch.
-        for matrix in (A[: unit.n_plant], C, Yx):
+        of_states = {name: getattr(unit.model, name).copy() for name in ("A", "C", "smooth_x", "Yx")}
+        A = of_states["A"]
+        for matrix in (A[: unit.n_plant], *(rows for name, rows in of_states.items() if name != "A")):
             matrix[:, s] *= self.amplitude
         A[s, s + 1], A[s + 1, s] = self.omega, -self.omega
         scale = min(unit.time_scale, 0.5 * _STEP * self.period)
-        return replace(unit, model=unit.model._replace(A=A, C=C, Yx=Yx), time_scale=scale)
+        return replace(unit, model=unit.model._replace(**of_states), time_scale=scale)
 
     @cached_property
     def balance(self) -> Balance | None:

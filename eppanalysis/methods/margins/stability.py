@@ -6,6 +6,7 @@ import numpy as np
 
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.methods.margins.linearised import Linear
+from eppanalysis.methods.simulation.stability import eigenvalues_and_errors
 from eppanalysis.models.systems.linear import balanced, integrators_apart
 
 #: Largest matrix whose eigenvalues are asked for.
@@ -45,13 +46,7 @@ def _by_poles(A: Array, discrete: bool) -> bool | None:
     apart, _, k = integrators_apart(balanced(A - unit)[0])
     if not k:
         return True
-    found, right = np.linalg.eig(apart[:k, :k])
-    left = np.linalg.pinv(right).conj().T
-    left /= np.linalg.norm(left, axis=0)
-    with np.errstate(all="ignore"):
-        worst = 1.0 / np.abs(np.sum(left.conj() * right, axis=0))
-    # To first order rounding moves an eigenvalue by its own size over the cosine between left and right eigenvector.
-    error = 10.0 * np.finfo(float).eps * k * np.linalg.norm(apart[:k, :k]) * worst
+    found, error = eigenvalues_and_errors(apart[:k, :k], 10.0 * np.finfo(float).eps * k)
     growth = np.abs(found + 1.0) - 1.0 if discrete else found.real
     if np.any(growth > error):
         return False

@@ -11,7 +11,7 @@ from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, sample_arcs
 from eppanalysis.methods.orbits.shooting import begun_amid
 from eppanalysis.methods.simulation.period import PeriodShape, about_zero, advance, advances, analyse_period
 from eppanalysis.methods.simulation.runs import named_events, run_hybrid
-from eppanalysis.methods.simulation.stability import describe, is_stable
+from eppanalysis.methods.simulation.stability import describe, drifts, on_the_circle, verdict
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.starts import remembered
 from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
@@ -45,6 +45,11 @@ def _cycle_of(system: LureSystem, orbit: Orbit) -> LimitCycle:
     y[:n] += aside
     shape = shape.moved(orbit.hybrid.model.Yx[:, :n] @ aside)
     settings = {"system": system.name, "inputs": y[n : orbit.hybrid.x0.size].tolist()}
+    error = error_estimate(orbit)
+    many, drifting, on_circle = orbit.one_of_many, False, False
+    if orbit.motion is None:  # where what is delayed moves, the equations at the start alone do not tell
+        of_start = orbit.return_map, orbit.scale[orbit.arcs.free]
+        drifting, on_circle = many and drifts(*of_start), on_the_circle(*of_start, error, many)
     return LimitCycle(
         method=EXACT_ORBIT,
         status=Status.CONVERGED if orbit.residual < CONVERGED else Status.NOT_CONVERGED,
@@ -53,11 +58,11 @@ def _cycle_of(system: LureSystem, orbit: Orbit) -> LimitCycle:
         peak_to_peak=shape.peak_to_peak,
         harmonics=shape.harmonics,
         note="".join(advances(system, gained(orbit), shape)),
-        stable=is_stable(values, orbit.one_of_many),
-        stability_criterion=describe(values, orbit.one_of_many),
+        stable=verdict(values, many, drifting, on_circle),
+        stability_criterion=describe(values, many, drifting, on_circle),
         multipliers=values,
         residual=orbit.residual,
-        error_estimate=error_estimate(orbit),
+        error_estimate=error,
         events=_events(orbit),
         time=shape.time,
         waveform=shape.waveform,

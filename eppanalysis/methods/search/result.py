@@ -10,7 +10,6 @@ import numpy as np
 
 from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array
-from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.readable import count, listed, number, quantity, span, words
 from eppanalysis.results import LimitCycle, Listing, Status, brief_cycles, counted, cycles_frame
 
@@ -128,8 +127,8 @@ class CycleSearch(Listing[LimitCycle]):
         if not self.stable:
             unknown = [cycle for cycle in self.cycles if cycle.stable is None]
             begin = "Limit cycles of unknown stability exist" if unknown else "No stable limit cycle was found"
-            # One that its multipliers do not take off, and of which it is not known that it is stable, is neutral.
-            if any(c.multipliers is not None and is_stable(c.multipliers, one_of_many=True) for c in unknown):
+            # One that has multipliers, and of which it is not known whether it is stable, is neutral.
+            if any(c.multipliers is not None for c in unknown):
                 begin = "Neutral limit cycles exist"
         rest = " Other starts settle at rest." * self.settles + " Some starts grow without bound." * self.diverges
         return f"{begin}: {counted(self.cycles)}.{self._continua()}{rest}{open_ends}"

@@ -63,14 +63,55 @@ def multipliers(P: Array, scale: Array, n_wanted: int) -> ComplexArray:
     n_wanted : int
         Number of states of the loop less one for the direction along the orbit; what the memory values add vanishes.
     """
-    Q = _without_zeros(P * scale / scale[:, None])
-    moved = _without_zeros(Q - np.eye(len(Q)))
-    values = np.ones(len(Q), complex)
+    moved, count = _less_one(P, scale)
+    values = np.ones(count, complex)
     values[: len(moved)] += np.linalg.eigvals(moved)
     values = values[np.argsort(-np.abs(values), kind="stable")]
     found = np.zeros(n_wanted, complex)
     found[: min(n_wanted, values.size)] = values[:n_wanted]
     return found
+
+
+def _less_one(P: Array, scale: Array) -> tuple[Array, int]:
+    """The scaled map less one without what vanishes and what is one, and how many multipliers do not vanish."""
+    Q = _without_zeros(P * scale / scale[:, None])
+    return _without_zeros(Q - np.eye(len(Q))), len(Q)
+
+
+def eigenvalues_and_errors(M: Array, share: float) -> tuple[ComplexArray, Array]:
+    """Eigenvalues of a matrix, and how far an error of that share of its norm may move each, to first order."""
+    found, right = np.linalg.eig(M)
+    left = np.linalg.pinv(right).conj().T
+    left /= np.linalg.norm(left, axis=0)
+    # An error moves an eigenvalue by its own size over the cosine between left and right eigenvector.
+    with np.errstate(all="ignore"):
+        worst = 1.0 / np.abs(np.sum(left.conj() * right, axis=0))
+    return found, share * np.linalg.norm(M) * worst
+
+
+def on_the_circle(P: Array, scale: Array, error: float, one_of_many: bool) -> bool:
+    """Whether a multiplier is beside the unit circle by less than errors may have moved it.
+
+    Parameters
+    ----------
+    P, scale : arrays, shapes (m, m), (m,)
+        As of :func:`multipliers`.
+    error : float
+        Of the orbit, relative to its size.
+    one_of_many : bool
+        Whether the 1 of a continuum of cycles is let pass.
+    """
+    moved, _ = _less_one(P, scale)
+    if not (moved.size and np.isfinite(error)):
+        return False
+    rounding = len(moved) * np.finfo(float).eps
+    values, errors = eigenvalues_and_errors(moved + np.eye(len(moved)), error + rounding)
+    others = np.abs(values - 1.0) > _NEUTRAL if one_of_many else np.ones(values.size, bool)
+    # What is certainly outside decides, whatever is on the circle besides.
+    return bool(
+        np.any(others & (np.abs(np.abs(values) - 1.0) <= errors))
+        and not np.any(others & (np.abs(values) - 1.0 > errors))
+    )
 
 
 def _without_zeros(Q: Array, share: float = VANISHED) -> Array:
@@ -105,14 +146,18 @@ def is_stable(values: ComplexArray, one_of_many: bool = False) -> bool:
     return bool(np.all(np.abs(others) < 1.0))
 
 
-def verdict(values: ComplexArray, one_of_many: bool, drifting: bool) -> bool | None:
-    """Whether a cycle is stable; None for a neutral one, off which a disturbance grows by as much each turn alone."""
+def verdict(values: ComplexArray, one_of_many: bool, drifting: bool, on_circle: bool = False) -> bool | None:
+    """Whether a cycle is stable; None for a neutral one, off which a disturbance grows by as much each turn alone, or
+    neither grows nor decays beyond rounding.
+    """
     stable = is_stable(values, one_of_many)
-    return None if stable and drifting else stable
+    return None if on_circle or (stable and drifting) else stable
 
 
-def describe(values: ComplexArray, one_of_many: bool = False, drifting: bool = False) -> str:
+def describe(values: ComplexArray, one_of_many: bool = False, drifting: bool = False, on_circle: bool = False) -> str:
     """The sentence that goes with a verdict of stability."""
+    if on_circle:
+        return f"{describe(values, one_of_many, drifting)}; one lies on the unit circle to rounding"
     if drifting:
         neutral = "neutral, as " * is_stable(values, one_of_many)
         return f"{describe(values)}; {neutral}a disturbance moves it by as much each turn along a continuum of cycles"

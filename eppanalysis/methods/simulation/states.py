@@ -13,6 +13,7 @@ import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.models.systems.algebraic import reached
+from eppanalysis.models.systems.linear import ROUNDING, units_of_states
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import equilibrate, without_rounding
 from eppanalysis.results import LimitCycle
@@ -182,6 +183,80 @@ class Subsystem:
         return replace(cycle, state=x, mean_state=mean, memory=tuple(memory), elements=still | dict(cycle.elements))
 
 
+def elements_apart(system: LureSystem) -> OtherStates | None:
+    """The loop in states in which it shows which elements do not act on others; None where it shows already.
+
+    In turned states what one element drives is mixed with what others see.
+    """
+    n = len(system.A)
+    if len(system.elements) < 2 or not n:
+        return None
+    size = units_of_states(system.A, system.around)
+    A, B, C = system.A * size / size[:, None], system.B / size[:, None], system.C * size
+    driven = [_driven(A, B[:, w]) for w in system.output_slices]
+    acts = [
+        [
+            bool(np.any(without_rounding(C[z] @ R, np.abs(C[z]) @ np.abs(R))) or np.any(system.D[z, w]))
+            for w, R in zip(system.output_slices, driven, strict=True)
+        ]
+        for z in system.input_slices
+    ]
+    between = reached(np.array(acts))
+    if np.array_equal(between, _reach(system)[n:, n:]):
+        return None
+    # What an element drives of its own stands behind all that those drive on which it acts, and acts on nothing else.
+    basis = np.zeros((n, 0))
+    for e in np.argsort(np.sum(between | np.eye(len(between), dtype=bool), axis=0), kind="stable"):
+        basis = np.hstack([basis, _beyond(driven[e], basis)])
+    basis = np.hstack([basis, _beyond(np.eye(n), basis)])
+    T, inverse = size[:, None] * basis, np.linalg.inv(basis) / size
+    apart = system.in_coordinates(T, inverse)
+    terms = [np.abs(x) for x in (inverse, system.A, T, system.B, system.C)]
+    return OtherStates(
+        replace(
+            apart,
+            A=without_rounding(apart.A, terms[0] @ terms[1] @ terms[2]),
+            B=without_rounding(apart.B, terms[0] @ terms[3]),
+            C=without_rounding(apart.C, terms[4] @ terms[2]),
+        ),
+        T,
+        inverse,
+        np.zeros(n),
+    )
+
+
+def _driven(A: Array, B: Array) -> Array:
+    """Orthonormal basis of what inputs drive of the states, straight or through others, shape (n, k)."""
+    basis, last, least = np.zeros((len(A), 0)), B, ROUNDING * np.linalg.norm(B)
+    while last.size:
+        last = last - basis @ (basis.T @ last)
+        U, s, _ = np.linalg.svd(last - basis @ (basis.T @ last), full_matrices=False)
+        new = U[:, s > least]
+        basis, last, least = np.hstack([basis, new]), A @ new, ROUNDING * np.linalg.norm(A)
+    return basis
+
+
+def _beyond(space: Array, basis: Array) -> Array:
+    """Directions of a space, given by orthonormal columns, that a basis does not span."""
+    Q = np.linalg.qr(basis)[0]
+    _, s, Vt = np.linalg.svd(space - Q @ (Q.T @ space), full_matrices=False)
+    return space @ Vt[s > ROUNDING].T
+
+
+def _reach(system: LureSystem) -> BoolArray:
+    """Which states and, behind them, elements act on which, straight or through others, by what is zero."""
+    n, m = len(system.A), len(system.elements)
+    acts = np.zeros((n + m, n + m), bool)
+    acts[:n, :n] = system.A != 0.0
+    columns = list(enumerate(system.output_slices))
+    for e, z in enumerate(system.input_slices):
+        acts[n + e, :n] = np.any(system.C[z] != 0.0, axis=0)
+        acts[n + e, n:] = [np.any(system.D[z, w] != 0.0) for _, w in columns]
+    for f, w in columns:
+        acts[:n, n + f] = np.any(system.B[:, w] != 0.0, axis=1)
+    return reached(acts)
+
+
 def parts_apart(system: LureSystem) -> list[tuple[Subsystem, list[Subsystem]]]:
     """Groups of elements that swing without others, each with these others, by what acts on one another.
 
@@ -192,15 +267,7 @@ def parts_apart(system: LureSystem) -> list[tuple[Subsystem, list[Subsystem]]]:
         return []
     from scipy.sparse.csgraph import connected_components
 
-    acts = np.zeros((n + m, n + m), bool)
-    acts[:n, :n] = system.A != 0.0
-    columns = list(enumerate(system.output_slices))
-    for e, z in enumerate(system.input_slices):
-        acts[n + e, :n] = np.any(system.C[z] != 0.0, axis=0)
-        acts[n + e, n:] = [np.any(system.D[z, w] != 0.0) for _, w in columns]
-    for f, w in columns:
-        acts[:n, n + f] = np.any(system.B[:, w] != 0.0, axis=1)
-    reach = reached(acts)
+    reach = _reach(system)
     between = reach[n:, n:]
     # What a loop makes swing, and with it the loop: the same for all its elements.
     groups = {tuple(between[:, e]): between[:, e] for e in np.flatnonzero(np.diag(between))}

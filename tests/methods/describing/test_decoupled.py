@@ -56,6 +56,24 @@ def test_each_loop_has_the_cycles_that_it_has_alone(names) -> None:
     assert ("Not all elements act on one another" in str(found)) and len(found.to_frame()) == len(found)
 
 
+@pytest.mark.parametrize("names", [("relay", "band"), ("relay", "relay_too"), ("limit", "wide")])
+def test_loops_that_do_not_act_on_one_another_are_seen_apart_in_turned_states(names, monkeypatch) -> None:
+    """All cycles were lost, and two relays said to have no state of rest, where turned states mixed the loops."""
+    monkeypatch.setitem(LOOPS, "relay_too", LOOPS["relay"])  # the same poles twice
+    loop = diagram(*names, set_point=0.05)
+    units = 10.0 ** np.array([0.0, 3.0, -2.0, 1.0, -3.0, 2.0])
+    T = np.linalg.qr(np.random.default_rng(5).normal(size=(6, 6)))[0] * units
+    turned = loop.in_coordinates(T, np.linalg.inv(T))
+    plain, found = epp.predict_limit_cycles(loop), epp.predict_limit_cycles(turned)
+    assert found.warnings == plain.warnings and "Not all elements act on one another" in str(found)
+    told = [
+        [(c.omega, c.stable, *(c.elements[name]["amplitude"] for name in names)) for c in p] for p in (found, plain)
+    ]
+    assert told[0] == [pytest.approx(one, rel=1e-8) for one in told[1]]
+    for cycle, own in zip(found, plain, strict=True):
+        assert T @ cycle.mean_state == pytest.approx(own.mean_state, abs=1e-8)
+
+
 def test_a_loop_at_rest_is_told_where_it_rests() -> None:
     (cycle,) = epp.predict_limit_cycles(diagram("relay", "limit", set_point=0.4))
     # Of unit gain on both ways: half of the set point.

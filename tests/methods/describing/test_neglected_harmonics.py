@@ -577,3 +577,11 @@ def test_thrusters_between_whose_thresholds_nothing_damps_are_said_to_drift():
         thrusters([*pairs, epp.Saturation(-9.0, 9.0)], [1.0, 0.2, 1.0]),
     ):
         assert not any("it drifts" in w for w in predict_limit_cycles(loop).warnings)
+
+
+def test_friction_that_does_not_act_on_its_own_input_does_not_stick() -> None:
+    """What slides under it goes on at one speed, whatever the friction does: it was said to judder."""
+    loop = epp.LureSystem.build(
+        [[0.0, 0.0], [0.0, -2.6]], [[0.0], [-1.3]], [[4.0, 0.0]], [epp.Friction(0.49, static=1.7)], x0=[0.6, -2.0]
+    )
+    assert epp.predict_limit_cycles(loop).warnings == ()

@@ -60,6 +60,27 @@ def test_the_order_of_the_elements_does_not_decide_which_cycles_are_found(loop, 
     assert np.array([f for f, _ in one]) == pytest.approx(np.array([f for f, _ in other]), rel=1e-6)
 
 
+@pytest.mark.parametrize("names", [("friction", "follower"), ("follower", "friction")])
+def test_an_element_that_only_follows_a_loop_does_not_lead_the_search(names):
+    """Where the follower led, no cycle was found."""
+    A = np.diag([-0.8355, 0.0, -0.2919, -1.394])
+    A[[1, 2], [2, 1]] = 1.0, -0.5553
+    system = epp.LureSystem.build(
+        A, [[-0.423, 0.0], [-0.551, 0.0], [0.0, 0.0], [0.0, -1.477]],
+        [[6.346, -2.415, 0.0, 0.0], [2.87, 0.0, 0.0, 0.0]], [epp.Friction(0.8172, static=1.534), epp.Cube(1.758)],
+        element_names=["friction", "follower"],
+    )  # fmt: skip
+    order = [system.element_names.index(name) for name in names]
+    loop = epp.LureSystem.build(
+        system.A, system.B[:, order], system.C[order], [system.elements[i] for i in order], element_names=names
+    )
+    (cycle,) = epp.predict_limit_cycles(loop)
+    # Closed form of the friction, whose loop it is: the linear part is real there.
+    response = system.frequency_response(np.array([cycle.omega]))[0, 0, 0]
+    assert abs(response.imag) < 1e-9 * abs(response)
+    assert cycle.elements["friction"]["amplitude"] == pytest.approx(4.0 * 0.8172 / np.pi * response.real, rel=1e-3)
+
+
 def ring(first: int, *parts: object) -> epp.LureSystem:
     """A ring that is named from one of its parts on."""
     return epp.LureSystem.from_blocks([*parts[first:], *parts[:first]])

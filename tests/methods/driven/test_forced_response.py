@@ -115,6 +115,24 @@ def test_duffing_is_that_of_an_independent_integrator_and_near_first_order():
     assert exact == pytest.approx(sizes, rel=0.03), "its third harmonic is some per cent of the fundamental"
 
 
+def test_a_smooth_element_sees_the_whole_sine_that_acts_on_its_input():
+    """x + v into a cube: the amplitude was left out of what a smooth element sees of the sine."""
+    omega, size = 1.3, 0.4
+    system = epp.LureSystem.build(
+        [[0.0, 1.0], [-1.0, -0.5]], [[0.0], [-1.0]], [[1.0, 0.0]], [epp.Cube(1.5)],
+        D_input=[[1.0]], input_names=["v"], element_names=["cube"],
+    )  # fmt: skip
+
+    def rate(t, y):
+        return [y[1], -y[0] - 0.5 * y[1] - 1.5 * (y[0] + size * np.sin(omega * t)) ** 3]
+
+    (response,) = epp.forced_response(system, amplitude=size, frequency=omega / TURN)
+    end = solve_ivp(rate, (0.0, TURN / omega), response.cycle.state, method="DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+    # Not begun elsewhere than at phase zero: no element switches there.
+    assert response.phase == 0.0
+    assert end == pytest.approx(response.cycle.state, abs=1e-10)
+
+
 @pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(

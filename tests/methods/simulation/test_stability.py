@@ -53,3 +53,34 @@ def test_stribeck_friction_is_superstable():
     # Every cycle on the belt passes through the same point of breakaway.
     (cycle,) = cycles_of("belt_leine")
     assert np.all(cycle.multipliers == 0.0) and cycle.stable
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+def test_a_mode_without_damping_makes_a_cycle_neither_stable_nor_unstable(turn):
+    """A relay's cycle drives an undamped mode that it does not see: by the rounding of two multipliers of size one it
+    was stable or not.
+    """
+    relay = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    A, B, C = np.zeros((5, 5)), np.zeros((5, 1)), np.zeros((1, 5))
+    A[:3, :3], B[:3], C[:, :3] = relay.A, relay.B, relay.C
+    A[3:, 3:], B[4] = [[0.0, 1.0], [-1.69, 0.0]], 0.2
+    T = np.eye(5)
+    T[np.ix_([0, 3], [0, 3])] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    loop = epp.LureSystem.build(T @ A @ T.T, T @ B, C @ T.T, [epp.Relay()], x0=np.ones(5))
+    cycle = epp.exact_orbit(loop, epp.predict_limit_cycles(loop)[0])
+    # The mode's own multipliers are those of its free swing over the period.
+    assert np.abs(cycle.multipliers[:2]) == pytest.approx([1.0, 1.0], rel=1e-9)
+    assert cycle.stable is None
+    assert "on the unit circle to rounding" in cycle.stability_criterion
+
+
+@pytest.mark.slow
+def test_cycles_of_two_undamped_oscillators_are_neutral():
+    A = np.zeros((4, 4))
+    A[[0, 1, 2, 3], [1, 0, 3, 2]] = 1.0, -1.0, 1.0, -2.0
+    loop = epp.LureSystem.build(
+        A, [[0.0], [-1.0], [0.0], [1.0]], [[1.0, 0.0, -1.0, 0.0]], [epp.DeadZone()], x0=[0.7, 0.0, 0.7, 0.0]
+    )
+    found = epp.find_limit_cycles(loop)
+    assert [c.stable for c in found] == [None] * len(found) and len(found)
+    assert str(found).startswith("Neutral limit cycles exist")
