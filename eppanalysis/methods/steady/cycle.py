@@ -8,7 +8,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.period import about_zero, advance, advances, analyse_period
 from eppanalysis.methods.simulation.runs import named_events, run_hybrid
-from eppanalysis.methods.simulation.stability import describe, drifts, verdict
+from eppanalysis.methods.simulation.stability import describe, drifts, on_the_circle, verdict
 from eppanalysis.methods.steady.closing import CLOSED
 from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -60,6 +60,7 @@ def steady_cycle(
     if values is not None:
         inverse = np.linalg.pinv(matrix - np.eye(len(matrix)), rcond=1e-12)
         error = float(np.abs(inverse).sum(1).max(initial=0.0) * noise)
+    on_circle = values is not None and on_the_circle(matrix, np.ones(len(matrix)), error, many)
     return LimitCycle(
         method=EXACT_ORBIT,
         status=Status.CONVERGED,
@@ -67,8 +68,8 @@ def steady_cycle(
         mean=shape.mean,
         peak_to_peak=shape.peak_to_peak,
         harmonics=shape.harmonics,
-        stable=None if values is None else verdict(values, many, drifting),
-        stability_criterion=BORDER if values is None else describe(values, many, drifting),
+        stable=None if values is None else verdict(values, many, drifting, on_circle),
+        stability_criterion=BORDER if values is None else describe(values, many, drifting, on_circle),
         multipliers=values,
         residual=steady.gap,
         error_estimate=error,
