@@ -27,8 +27,6 @@ TERMS = {
     r"first-order (filter|lag|servo|reset)|first order and dead time": "a transfer function of order one",
     r"(the|a|its|no|of) guards?\b|: guards read": "a guard of an automaton, at which a mode ends",
     r"divides by 0": "arithmetic",
-    r"a smooth element stands in the loop": "methods/search/report.py",
-    r"For an input that does not stand still|numbers of samples asked": "methods/search/find.py",
 }
 _TERM = re.compile("|".join(TERMS), re.IGNORECASE)
 #: Pages of style and scripts for browsers.

@@ -95,7 +95,7 @@ def find_limit_cycles(
         What :func:`predict_limit_cycles` found for this system and this input, where that is known already; it saves
         that part of the search.
     progress : callable, optional
-        Called with what is done (runs made, or numbers of samples asked), of how much (None where that is not known
+        Called with what is done (runs made, or numbers of samples sought), of how much (None where that is not known
         before), and the state of the search in words.
 
     Returns
@@ -105,7 +105,7 @@ def find_limit_cycles(
     Raises
     ------
     EppError
-        For an input that does not stand still.
+        For an input that is not constant.
     ModelError
         If an input is unknown.
 
@@ -203,7 +203,7 @@ def _in_samples(
         # Where no controller remembers a time, the clock is at zero.
         return hybrid.begun(state if memory else np.where(np.arange(n) == clock, 0.0, state), memory)
 
-    misses = "that small basins or only other contents of the controllers' memory lead to"
+    misses = "that are reached only from small basins or other contents of the controllers' memory"
     return search(system, Starts(system, hybrid, known, begun, lambda y: y[:n], misses))
 
 

@@ -67,7 +67,7 @@ class RunOutcome(StrEnum):
     REST = "at rest"
     CYCLE = "on a cycle"
     #: Of a loop with sampled controllers, not locked to the samples.
-    OF_RUNS = "on a cycle as runs have it"
+    OF_RUNS = "on a cycle known from runs"
     UNCLOSED = "on a cycle that could not be closed"
     #: Its elements change less in a period than rounding does.
     BENEATH_ROUNDING = "beneath rounding"

@@ -51,7 +51,7 @@ class SearchReport(RunOutcomes):
         parts = {
             f"{undecided(aimless)}{f' ({why[0].lower()}{why[1:]})' if why else ''}": aimless,
             f"{count(unclosed, 'run')} ended on a cycle that could not be closed": unclosed,
-            f"what the elements change is beneath rounding on {count(beneath, 'run')}": beneath,
+            f"the elements change {count(beneath, 'run')} by less than rounding": beneath,
             f"{count(self.n_left, 'basin boundary')} not bisected": self.n_left,
             f"{count(self.n_ended, 'start')} left when the search had taken {self.work.most:.0e} steps": self.n_ended,
             f"{count(self.n_cut, 'prediction')} not followed to the end": self.n_cut,
@@ -125,7 +125,7 @@ class SearchReport(RunOutcomes):
         """From which pasts no run was begun, and which cycles were no seeds."""
         if not np.any(self.hybrid.model.smooth_kind == DELAY_LINE):
             return ""
-        smooth = " From a basin boundary no unstable cycle is closed here, as a smooth element stands in the loop."
+        smooth = " With a smooth element no unstable cycle is closed from a basin boundary."
         return (
             " Before a run its delayed signals are at rest; a cycle that only other pasts lead to may be missed. "
             "Predictions leave out fast modes of a dead time (their own sentence says which), so these are no seeds."
@@ -150,7 +150,7 @@ class SearchReport(RunOutcomes):
         if not many:
             return ""
         return (
-            f" {many} of the cycles listed {'stands' if many == 1 else 'stand'} for a continuum of cycles with the "
+            f" {many} of the cycles listed {'is' if many == 1 else 'are'} one of a continuum of cycles with the "
             "same switches: an element holds a value that none of them renews, or nothing fixes where the motion lies "
             "or how large it is."
         )
@@ -160,11 +160,11 @@ class SearchReport(RunOutcomes):
         if RunOutcome.UNCLOSED not in self.outcomes:
             return ""
         if np.any(self.hybrid.model.smooth_kind == DELAY_LINE):
-            why = "from none of their events, with what was on its way through the dead time, was an orbit closed"
+            why = "no orbit was closed from their events and delayed signals"
         else:
             why = "from none of their events did Newton's method close an orbit"
         what = (
-            f"They are listed as runs have them, stable ones only and {MOST_REACHED} at most"
+            f"They are listed from runs, stable ones only, {MOST_REACHED} at most"
             if self.reached
             else "They are not listed; simulate from such a start to see one"
         )

@@ -261,8 +261,10 @@ class SampledSearch:
         return self._keep(start, run, found) if status is Status.LIMIT_CYCLE else None
 
     def _rest_of(self, run: Run) -> Array:
-        """States of plant and memory values at the end of a run, (N,)."""
-        return np.concatenate([run.x_end, run.memory_values[run.order[-1]]])
+        """States of plant and memory values at the end of a run, its clock turned back, (N,)."""
+        last = run.order[-1]
+        begun = self.strobe.begun(run.x_end, run.memory_values[last], run.modes[last])
+        return np.concatenate([begun.x0, begun.H0])
 
     def _judged(self, start: HybridSystem, t: float, n_kept: int | None = None) -> tuple[Run, Status, Array]:
         """A run of so long, of which so many events are kept, and what it says of itself."""
@@ -490,19 +492,20 @@ class SampledSearch:
                 f"{max(self.lengths)} times {self.strobe.period:g} s, near the known ones."
             )
         else:
-            text += "no cycle gave a start to seek orbits from that are locked to the samples."
+            text += "no cycle gave a start for orbits that are locked to the samples."
         if self.boundaries:
             text += (
-                f" {count(self.boundaries, 'boundary').capitalize()} between starts that end differently were bisected."
+                f" {count(self.boundaries, 'boundary').capitalize()} between starts with different outcomes were "
+                "bisected."
             )
         if self.others:
             text += (
-                " Cycles that are not locked to the samples, and those through a dead time, are listed as runs have "
-                "them, stable ones only."
+                " Cycles that are not locked to the samples, and those through a dead time, are listed from runs, "
+                "stable ones only."
             )
         if self.ends[RunOutcome.UNDECIDED]:
             text += " Motions of runs that neither settle nor repeat themselves may fill a curve."
-        text += " The search ended before it had come to its end." * self.ended
+        text += " The search was stopped early." * self.ended
         return text + " It ended at the first cycle that was enough." * self.stopped
 
 
