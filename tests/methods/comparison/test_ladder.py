@@ -197,7 +197,7 @@ def test_a_run_that_is_too_short_is_no_witness_but_the_exact_search_is() -> None
 
 @pytest.mark.slow
 def test_in_discrete_time_the_search_is_a_witness_too_where_a_run_is_too_short() -> None:
-    result = epp.ladder(epp.case("backlash_discrete_pi_kp05_ki01").with_values({"run.t_end": "3 s"}))
+    result = epp.ladder(epp.case("backlash_discrete_pi_kp05_ki02").with_values({"run.t_end": "3 s"}))
     assert result.agreement is Agreement.FOUND and result.outcome == "undecided"
     assert result.search.stable and "simulate for longer" in result.verdict
 

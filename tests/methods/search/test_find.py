@@ -308,7 +308,6 @@ def test_starts_reach_beyond_the_elements_limits() -> None:
     ("plant", "element"),
     [
         (([1.0], [1.0, 1.0, 0.0]), epp.Relay()),
-        (([1.0], [1.0, 2.0, 1.0]), epp.Relay()),
         (([1.0], [1.0, 2.0, 1.0]), epp.Preload(0.5, 1.0)),
     ],
 )
