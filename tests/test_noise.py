@@ -2,8 +2,8 @@
 
 A case's answers are held against those with noise of one unit in the last place (`tests/noise.py`), on the numbers of
 its matrices and on what numpy and scipy return. In the quick tier a few cases, in the slow one all. There are twenty
-draws: margins and runs of each case are held against all of them; predictions, branches and searches, which take
-longer, against a few each, other ones from case to case, so that all are drawn. Searches of many seconds are left out.
+draws: each case is held against a few, other ones from case to case, so that all are drawn. Searches of many seconds
+are left out.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ QUICK = {
 
 #: How many draws there are, and against how many of them each case is held.
 DRAWS = 20
-OF_A_CASE = {"margins": DRAWS, "simulate": DRAWS, "predict": 3, "cycles": 1, "branch": 1}
+OF_A_CASE = {"margins": 5, "simulate": 5, "predict": 3, "cycles": 1, "branch": 1}
 #: Branches; those of other cases bend into borders where the last digits are lost.
 BRANCHES = """
     actuator_both_limits backlash_servo backlash_servo_unseen clegg_loop fig6a_original_pulley fig6b_ball_bearing
