@@ -31,8 +31,8 @@ BRANCHES = """
     two_mass_damped_shaft"""
 #: Searches of many seconds.
 LONG = """
-    azimuth_servo backlash_discrete_pi_kp05_ki01 level_valve robot_servo two_mass_deadzone upright virtual_spring
-    x15_flare"""
+    azimuth_servo backlash_discrete_pi_kp05_ki01 buck_converter level_valve robot_servo two_mass_deadzone upright
+    virtual_spring x15_flare"""
 #: What is another answer on another processor today, and what will make it one.
 OPEN = {
     ("simulate", "azimuth_servo"): "whether a sample that falls on the end of a run counts as an event is rounding",
@@ -41,7 +41,6 @@ OPEN = {
         "simulate",
         "buck_converter",
     ): "an irregular motion is told by turns of one run: no orbit is closed to confirm it",
-    ("cycles", "buck_converter"): "which members of a continuum are listed is what runs happen to come to",
 }
 
 
