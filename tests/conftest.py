@@ -57,5 +57,5 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Commands of pages first: some take most of a minute, for which the other worker would be idle at the end."""
-    items.sort(key=lambda item: item.path.name != "test_documentation.py")
+    """The engine with sanitizers first: its minute is one for which the other worker would be idle at the end."""
+    items.sort(key=lambda item: item.path.name != "test_builds.py")

@@ -86,3 +86,15 @@ def of_unknown_response() -> epp.Case:
 def cycles_of(name: str) -> epp.CycleSearch:
     """All limit cycles of a shipped case."""
     return epp.find_limit_cycles(epp.case(name))
+
+
+def draw_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let identification draw enough to see what happens, not to rely on intervals."""
+    from eppanalysis.identify import sampling, step, surface
+
+    for place, name, least in (
+        (step, "STARTS", 30), (step, "KEPT_STARTS", (4, 2, 1, 1, 1)), (step, "ROUNDS", 1), (surface, "ROUNDS", 2),
+        (sampling, "CHAINS", 10), (sampling, "BEFORE", 10), (sampling, "TURNS", 10), (sampling, "_PLACES", 16),
+        (sampling, "_TURNS", 6),
+    ):  # fmt: skip
+        monkeypatch.setattr(place, name, least)

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 import eppanalysis as epp
 from eppanalysis.cli.commands import app
 from tests.cli.test_main import TRUTH_TABLE
+from tests.shared import draw_few
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("[a-z]*/*.md")])
@@ -69,6 +70,8 @@ def test_command_of_the_documentation_runs_and_prints_what_the_page_shows(tmp_pa
     for text, name in FILE.findall(page.read_text(encoding="utf-8")):
         (tmp_path / name).write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
+    if arguments[0] == "identify":
+        draw_few(monkeypatch)
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     printed = " ".join(result.output.split())

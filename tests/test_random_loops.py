@@ -1,4 +1,4 @@
-"""The engine on random loops: three thousand (`EPP_LOOPS`) against itself with halved steps, some against another one.
+"""The engine on random loops: two thousand (`EPP_LOOPS`) against itself with halved steps, some against another one.
 
 A missed or invented switch shows as a difference between the two runs. Loops may be chaotic or balance on an edge;
 where the runs differ, a third run from a start moved by a few parts in 1e14 tells whether the loop itself magnifies
@@ -26,7 +26,7 @@ TIMES = np.linspace(0.0, 12.0, 61)
 #: Beyond this size thresholds of order one drown in rounding.
 LARGEST = 1e5
 #: Loops that are run with halved steps.
-LOOPS = int(os.environ.get("EPP_LOOPS", "3000"))
+LOOPS = int(os.environ.get("EPP_LOOPS", "2000"))
 
 
 def with_states(system: epp.LureSystem) -> epp.LureSystem:

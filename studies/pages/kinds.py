@@ -186,7 +186,9 @@ ANALYSES: dict[str, Callable[[Tried], Any]] = {
 
 
 #: Those that take most of the time.
-DEAR = {"design_bounds", "design_guide", "tolerance_bound", "design", "dither", "identify", "report"}
+DEAR = {
+    "design_bounds", "design_guide", "tolerance_bound", "design", "diagnose", "dither", "identify", "ladder", "report",
+}  # fmt: skip
 
 
 def public_analyses() -> Iterator[str]:

@@ -18,8 +18,12 @@ def test_the_table_has_a_row_for_each_remedy_in_the_units_of_people() -> None:
     assert "| none | 1.000 | - | 3.60 | yes |\n| all | 0.500 | 100 % | 3.50 | no |" in made
 
 
+#: Of leads the shorter one; a softer cable and a wider band together, which hold each of them.
+SEARCHED = [ROWS[i] for i in (0, 3, 4, 5)]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
+@pytest.mark.parametrize("row", SEARCHED, ids=lambda row: row[0])
 def test_cycles_begin_where_the_table_says(row: list[str]) -> None:
     case = cured(row[0])
     inside, beyond = (case.with_values({RANGE: f"{share * float(row[1])} lbf"}) for share in (1.01, 0.99))

@@ -337,7 +337,7 @@ def some_damage(draw: np.random.Generator, path: Path) -> str:
 
 
 @pytest.mark.parametrize(
-    ("share", "times"), [(0, 12), *(pytest.param(share, 40, marks=pytest.mark.slow) for share in range(4))]
+    ("share", "times"), [(0, 12), *(pytest.param(share, 40, marks=pytest.mark.slow) for share in (1, 2))]
 )
 def test_what_is_damaged_is_computed_again_or_said_and_never_read(tmp_path, share, times) -> None:
     """Damage at random to a finished store: it holds every cell as it was, as not run, or it says what is damaged."""

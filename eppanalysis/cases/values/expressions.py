@@ -69,6 +69,8 @@ def _chain(number: float, unit: Unit, *terms: tuple[float, Value]) -> Value:
 
 def times(first: Unit, second: Unit, power: int | Fraction = 1) -> Unit:
     """Exponents of a unit times a power of another one."""
+    if not second or (not first and power == 1):
+        return first or second
     return {name: first.get(name, 0) + power * second.get(name, 0) for name in {**first, **second}}
 
 

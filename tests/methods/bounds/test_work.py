@@ -71,7 +71,7 @@ def test_variants_of_a_guideline_share_the_processes_and_have_the_same_rows(monk
 
 @pytest.mark.slow
 def test_where_the_switches_change_a_bound_is_sought_next_to_the_last_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    low, high = (math.radians(angle) for angle in (0.1, 5.0))
+    low, high = (math.radians(angle) for angle in (0.4, 3.0))
     question = BoundProblem(epp.case("fig8a_original"), "lock_pin.backlash", low, high, "bands.range")
     sweep, first, then = HarmonicSweep(question), 6.672332422890751, 7.071531798619257  # 1.5 lbf and 1.59 lbf
     sweep.bound(first)

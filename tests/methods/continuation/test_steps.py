@@ -91,7 +91,6 @@ FURTHER = [
     ("robot_servo", ["Kp", "backlash", "arm_inertia"]),
     ("fig8a_original", ["drive.no_load_speed", "drive.stall_torque", "drive.coulomb_friction"]),
     ("light_forearm", ["drive.no_load_speed", "drive.inertia"]),
-    ("two_mass_deadzone", ["dead_zone.lower", "dead_zone.slope"]),
     ("freeplay_section", ["edge", "hinge_spring"]),
     ("wheelchair", ["dead_zone.upper", "play.gap"]),
     ("band_two_cycles", ["dead_zone_saturation.dead_zone", "dead_zone_saturation.slope"]),

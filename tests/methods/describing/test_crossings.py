@@ -62,11 +62,8 @@ def unlisted(prediction: epp.Prediction) -> list[tuple[float, float]]:
 
 VARIED = [
     {},
-    {"kp": 110.0, "ti": 0.3, "gap": 0.8},
     {"kp": 35.0, "ti": 0.2, "gap": 2.0, "sampled": False},
     {"kp": 90.0, "ti": 0.9, "gap": 0.4, "friction": 0.05, "step": 3.0},
-    {"kp": 50.0, "ti": 0.15, "friction": 0.28, "step": 17.0, "sampled": False},
-    {"kp": 75.0, "gap": 2.4, "step": 1.0},
 ]
 
 

@@ -149,7 +149,7 @@ AGAIN = {"quantised_sensor_ct_large"}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [n for n in CASES if n not in AGAIN][::5])
+@pytest.mark.parametrize("name", [n for n in CASES if n not in AGAIN][::10])
 def test_intervals_cover_the_model_in_as_many_draws_as_they_say(name):
     # Wald's sequential test between 95 and 80 % (Ann Math Stat 16, 1945): of the latter it lets 7 of 100 pass. At the
     # end as many hits are asked for as 95 % have in all but 2 of 1,000 series.

@@ -172,12 +172,13 @@ def ring(n_modes: int, n_guards: int, constant: float) -> epp.AutomatonElement:
 @pytest.mark.slow
 @pytest.mark.parametrize(("n_modes", "n_guards", "constant"), [(30, 40, 0.0), (60, 60, -1.0)])
 def test_rules_with_ever_more_chains_of_events_are_given_up_in_time(
-    n_modes: int, n_guards: int, constant: float
+    n_modes: int, n_guards: int, constant: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By what is counted, not by a clock: a first finding stands, and the rest is undecided."""
+    """By what is counted, not by a clock, a quarter of it here: a first finding stands, and the rest is undecided."""
+    monkeypatch.setattr("eppanalysis.methods.elements.rules._MOST_PROGRAMS", 1000)
     begin = time.process_time()
     found = epp.check_element(ring(n_modes, n_guards, constant), amplitudes=[2.0])
-    assert time.process_time() - begin < 60.0
+    assert time.process_time() - begin < 15.0
     assert found.findings or not found.decided
     assert not found.deterministic or not found.decided
 

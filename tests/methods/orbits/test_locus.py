@@ -71,12 +71,14 @@ class HalfPeriod:
     ],
 )
 def test_all_cycles_of_a_relay_whose_plant_rings_are_listed(damping, speed, lag, gain):
+    """Most of them lie on no basin boundary that a line of starts crosses, and first order predicts none."""
     denominator = np.polymul([1.0, 2.0 * damping * speed, speed**2], [1.0, lag, 0.0])
     wanted = HalfPeriod([gain], denominator).cycles()
     found = epp.find_limit_cycles(epp.LureSystem.from_tf(([gain], denominator), epp.RelayDeadZone(1.0)))
     assert len(wanted) >= 6
     for omega in wanted:
         assert min(abs(cycle.omega - omega) for cycle in found) < 1e-6 * omega
+    assert "one pulse to each side" in found.search
 
 
 def test_what_closes_is_a_motion():

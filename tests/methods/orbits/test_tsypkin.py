@@ -8,27 +8,6 @@ from scipy.optimize import brentq
 from scipy.signal import residue
 
 import eppanalysis as epp
-from tests.methods.orbits.test_locus import HalfPeriod
-
-
-def ringing(rng: np.random.Generator) -> tuple[list[float], np.ndarray]:
-    damping, speed, lag, gain = rng.uniform(0.03, 0.2), rng.uniform(0.5, 3.0), rng.uniform(0.1, 0.6), rng.uniform(2, 20)
-    return [gain * lag * speed**2], np.polymul([1.0, 2.0 * damping * speed, speed**2], [1.0, lag, 0.0])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_search_lists_all_cycles_of_a_relay_with_dead_zone_on_a_ringing_plant(seed: int) -> None:
-    """Most of them lie on no basin boundary that a line of starts crosses, and first order predicts none."""
-    rng = np.random.default_rng(seed)
-    wanted: list[float] = []
-    while len(wanted) < 5:
-        numerator, denominator = ringing(rng)
-        wanted = HalfPeriod(numerator, denominator).cycles()
-    found = epp.find_limit_cycles(epp.LureSystem.from_tf((numerator, denominator), epp.RelayDeadZone(1.0)))
-    for omega in wanted:
-        assert min(abs(cycle.omega - omega) for cycle in found) < 1e-6 * omega
-    assert "one pulse to each side" in found.search
 
 
 @pytest.mark.parametrize("width", [0.01, 0.05])

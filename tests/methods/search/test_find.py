@@ -184,15 +184,14 @@ def test_a_loop_of_integrators_alone_has_no_time_scale_of_its_own(slower):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_run_that_has_gone_is_not_made_longer(seed):
+def test_a_run_that_has_gone_is_not_made_longer():
     """Beyond an unstable cycle of three integrators under a valve with overlap states grow to 1e23, and what turned
     states leave of the valve's input is rounding: it switched without number, until no work was left.
     """
     lead, lag = np.polymul([1.0, 1.5], [1.0, 1.5]), np.polymul([0.04, 1.0], [0.02, 1.0])
     valve = epp.DeadZoneSaturation(0.2, 1.0, 1.5)
     loop = epp.LureSystem.from_tf((60.0 * lead, np.append(lag, [0.0, 0.0, 0.0])), valve)
-    found = epp.find_limit_cycles(turned(loop, np.random.default_rng(seed)))
+    found = epp.find_limit_cycles(turned(loop, np.random.default_rng(0)))
     # Of the work of a search, 2e7 steps, all was taken, and basin boundaries and starts were left.
     assert found.provenance.statistics["work"] < 1e7
     assert found.diverges and found.settles
@@ -308,7 +307,6 @@ def test_starts_reach_beyond_the_elements_limits() -> None:
     ("plant", "element"),
     [
         (([1.0], [1.0, 1.0, 0.0]), epp.Relay()),
-        (([1.0], [1.0, 2.0, 1.0]), epp.Relay()),
         (([1.0], [1.0, 2.0, 1.0]), epp.Preload(0.5, 1.0)),
     ],
 )
@@ -395,9 +393,7 @@ def test_a_centre_is_one_continuum_and_not_a_list_of_cycles(plant, element, fami
     assert "one of a continuum of cycles" in found.search
 
 
-@pytest.mark.parametrize(
-    "element", [epp.DeadZone(), *(pytest.param(e, marks=pytest.mark.slow) for e in (epp.Saturation(), epp.Play(0.2)))]
-)
+@pytest.mark.parametrize("element", [epp.DeadZone(), pytest.param(epp.Saturation(), marks=pytest.mark.slow)])
 def test_an_undamped_swing_does_not_settle(element):
     """However small it is beside what was predicted: nothing takes its energy."""
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 0.0, 1.0]), element)
@@ -458,11 +454,10 @@ def test_a_run_of_a_limiter_straight_behind_another_element_is_said_to_chatter(b
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("before", [epp.Play(0.5), epp.Relay(-1.0, 1.0)], ids=["play", "relay"])
-def test_a_search_of_a_limiter_straight_behind_another_element_is_said_to_chatter(before):
-    found = epp.find_limit_cycles(limited(before))
+def test_a_search_of_a_limiter_straight_behind_another_element_is_said_to_chatter():
+    found = epp.find_limit_cycles(limited(epp.Play(0.5)))
     assert not found.status.ok and CHATTERS in found.message
-    assert CHATTERS not in epp.find_limit_cycles(limited(before, ([5.0], [1.0, 5.0]))).message
+    assert CHATTERS not in epp.find_limit_cycles(limited(epp.Play(0.5), ([5.0], [1.0, 5.0]))).message
 
 
 @pytest.mark.slow

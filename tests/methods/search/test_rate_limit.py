@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -61,11 +63,16 @@ def test_a_run_through_a_limit_and_an_ideal_rate_limit_goes_on_to_its_end(gain):
         assert run.limit_cycle.peak_to_peak["y"] == pytest.approx(np.ptp(last), rel=5e-3)
 
 
+@cache
+def _searched(gain: float) -> epp.CycleSearch:
+    return epp.find_limit_cycles(epp.case_from_text(_LOOP.format(gain=gain), "rate"))
+
+
 @pytest.mark.slow
 @pytest.mark.xfail(strict=True, reason=_SLIDES)
 @pytest.mark.parametrize("gain", [0.5, 2.0])
 def test_the_search_finds_the_cycle_of_a_limit_before_an_ideal_rate_limit(gain):
-    found = epp.find_limit_cycles(epp.case_from_text(_LOOP.format(gain=gain), "rate"))
+    found = _searched(gain)
     assert found.status is epp.Status.CONVERGED
     if gain < 1.0:
         assert found.settles and not len(found)
@@ -78,7 +85,7 @@ def test_the_search_finds_the_cycle_of_a_limit_before_an_ideal_rate_limit(gain):
 @pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.5, 2.0])
 def test_a_run_that_stops_early_is_no_rest(gain):
-    found = epp.find_limit_cycles(epp.case_from_text(_LOOP.format(gain=gain), "rate"))
+    found = _searched(gain)
     # No run comes to its end, and that is what is said.
     assert found.status is epp.Status.CONVERGED or not found.settles
     assert "switches without end" in str(found) or found.status is epp.Status.CONVERGED

@@ -12,7 +12,7 @@ from eppanalysis.results import Status
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stribeck", [1e3, 1e6, 1e18])
+@pytest.mark.parametrize("stribeck", [1e3, 1e18])
 def test_all_methods_side_by_side_end_however_stiff_friction_falls(stribeck: float) -> None:
     """Series of smooth motion are the shorter the stiffer it is: those of runs and of orbits count, as far as any."""
     case = epp.case("belt_leine")

@@ -124,7 +124,7 @@ def test_the_list_is_the_same_with_both_signs_other_levels_and_another_unit_of_t
 
 @pytest.mark.parametrize(
     ("gain", "p", "q", "count"),
-    mostly_slow([(0.2, 0.1, 1.0, 2), (0.04, 0.1, 1.0, 0), (8.0, 1.0, 2.5, 0)], [(0.04, 0.1, 1.0, 0)]),
+    mostly_slow([(0.04, 0.1, 1.0, 0), (8.0, 1.0, 2.5, 0)], [(0.04, 0.1, 1.0, 0)]),
 )
 def test_cycles_of_other_poles(gain: float, p: float, q: float, count: int) -> None:
     found = epp.certify(relay(gain, p, q), "cycles")
