@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import re
 
 import numpy as np
 import pytest
@@ -121,13 +120,3 @@ def test_what_the_checks_add_up_to_is_read_from_their_tables(tmp_path, monkeypat
     monkeypatch.undo()
     rows = sums.sums_table().splitlines()
     assert len(rows) == 6 and all(row.count("|") == 4 for row in rows)
-
-
-def test_rows_of_checks_are_in_the_order_of_their_states():
-    text = sums.CHECKS.read_text(encoding="utf-8")
-    for head, rows in sums.tables(text):
-        if head[0] in ("runs", "searches"):
-            states = [row[0].partition(": seed")[0][0] for row in rows]
-            assert states == sorted(states) and set(states) <= set("ABCDEFGHIJKLM")
-    spans = dict(re.findall(r"([A-Z])(?: to [A-Z])? of (2026-\d\d-\d\d)", text))
-    assert list(spans) == sorted(spans) and list(spans.values()) == sorted(spans.values())
