@@ -208,3 +208,16 @@ def test_what_creeps_to_another_size_is_no_cycle() -> None:
             seen.append(v)
         sizes.append((cycle.peak_to_peak["hysteresis_relay_input"], float(np.ptp(seen[-5000:]))))
     assert all(abs(np.log(size / later)) < 0.2 for size, later in sizes), sizes
+
+
+def test_the_state_of_rest_has_a_clock_at_zero() -> None:
+    """It is the state in which a run begins to rest: the clock told how long the run was that had come there."""
+    parts = {
+        "reader": epp.SampledController([], [], [], [[0.5]], 0.2),
+        "limit": epp.Saturation(-1.0, 1.0),
+        "lag": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0]),
+    }
+    loop = epp.Diagram(parts=parts, connect=["lag -> reader", "reader -> limit", "-limit -> lag"]).to_system()
+    found = epp.find_limit_cycles(loop)
+    assert found.settles and len(found) == 0
+    assert found.rest_state == pytest.approx(np.zeros(len(loop.A)), abs=1e-9)
