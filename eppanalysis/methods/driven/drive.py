@@ -15,7 +15,7 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError, did_you_mean
-from eppanalysis.methods.describing.balance import Balance
+from eppanalysis.methods.describing.balance import Balance, describe
 from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.steady.flow import later
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -104,8 +104,10 @@ class Drive:
 
     @cached_property
     def balance(self) -> Balance | None:
-        """Of the means, for first order; None where it does not determine them."""
+        """Of the means, for describing functions; None where it does not determine them, or an element has none."""
         try:
+            for element in self.given.elements:
+                describe(element, np.array(1.0), np.array(0.0), np.array(self.omega))
             return Balance.of(self.given, 0, self.at.vector(self.given))
         except ModelError:
             return None

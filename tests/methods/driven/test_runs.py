@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
@@ -123,6 +124,32 @@ def test_all_responses_of_a_sampled_loop_are_found_as_of_its_difference_equation
     assert [r.stable for r in found] == [True, False, True]
     # Of the same loop as a difference equation (tests/methods/driven/test_discrete.py).
     assert [r.largest_multiplier for r in found] == pytest.approx([0.6742708807, 1.6271601435, 0.5565221328], rel=1e-9)
+
+
+def test_a_controller_of_two_inputs_needs_no_describing_function() -> None:
+    h, limit = 0.1, epp.Saturation(-10.0, 10.0)
+    loop = epp.Diagram(
+        parts={
+            "control": epp.SampledController([], [], [], [[1.0, 0.3]], h),
+            "limit": limit,
+            "plant": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0]),
+            "sensor": epp.blocks.TransferFunction(num=[1.0], den=[0.1, 1.0]),
+        },
+        connect=[
+            "force - plant -> control.in1",
+            "-sensor -> control.in2",
+            "control -> limit",
+            "limit -> plant",
+            "plant -> sensor",
+        ],
+        inputs=["force"],
+    )
+    (one,) = epp.forced_response(loop, amplitude=0.5, frequency=1.0)
+    # Within the limits the loop is linear: states of plant and sensor, what the controller gives held.
+    held = expm(h * np.array([[-1.0, 0.0, 1.0], [10.0, -10.0, 0.0], [0.0, 0.0, 0.0]]))
+    closed = held[:2, :2] - held[:2, 2:] @ [[1.0, 0.3]]
+    wanted = np.linalg.eigvals(np.linalg.matrix_power(closed, 10))
+    assert np.sort(np.abs(one.cycle.multipliers)) == pytest.approx(np.sort(np.abs(wanted)), rel=1e-8, abs=1e-12)
 
 
 def test_where_samples_never_come_round_with_the_input_a_run_answers() -> None:
