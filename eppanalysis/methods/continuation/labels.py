@@ -11,7 +11,7 @@ from eppanalysis.methods.continuation.steps import BranchPoint
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import run_from
 from eppanalysis.methods.simulation.stability import is_stable
-from eppanalysis.methods.steady.changes import Change
+from eppanalysis.methods.steady.changes import Change, left
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.readable import listed
 
@@ -95,14 +95,10 @@ def _creeps(orbit: Orbit) -> bool:
 def crossing(old: BranchPoint, new: BranchPoint) -> tuple[Change, Callable[[BranchPoint], float]]:
     """Which way a multiplier crosses the unit circle, and the test function for it."""
     unstable = new if not is_stable(new.multipliers) else old
-    values = unstable.multipliers
-    # Of those outside the circle the one nearest to it has just come through.
-    leading = values[np.abs(values) >= 1.0][-1]
-    if abs(leading.imag) > 1e-9:
-        return Change.TORUS, lambda p: _nearest(p.multipliers, leading) - 1.0
-    if leading.real < 0:
-        return Change.PERIOD_DOUBLING, lambda p: determinant(p.orbit, 1.0)
-    return Change.BRANCH_POINT, lambda p: determinant(p.orbit, -1.0)
+    kind, leading = left(unstable.multipliers)
+    if kind is Change.TORUS:
+        return kind, lambda p: _nearest(p.multipliers, leading) - 1.0
+    return kind, lambda p: determinant(p.orbit, 1.0 if kind is Change.PERIOD_DOUBLING else -1.0)
 
 
 def determinant(orbit: Orbit, sign: float) -> float:

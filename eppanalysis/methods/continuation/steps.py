@@ -20,7 +20,7 @@ from eppanalysis.methods.orbits.guess import Guess
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, effort_of, evaluate, evened, room_for, solve
 from eppanalysis.methods.orbits.shooting import close_orbit, is_met, next_guess
 from eppanalysis.methods.simulation.budget import BudgetExceeded, budget, spend
-from eppanalysis.methods.steady.locate import End, located, turned
+from eppanalysis.methods.steady.locate import End, located, solved, turned
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 #: Rate of the parameter along the branch, relative to its range, that is rounding.
@@ -154,12 +154,7 @@ def bordered(orbit: Orbit, slope: Array, row: Array, right: Array) -> Array:
     K[:n, :n], K[:n, n], K[n] = orbit.A, slope, row
     K /= rows[:, None]
     K *= columns
-    if not (np.isfinite(K).all() and np.isfinite(right).all()):
-        return np.full_like(right, np.nan)  # LAPACK would complain on the terminal
-    try:
-        return np.linalg.solve(K, right / rows) * columns
-    except np.linalg.LinAlgError:
-        return np.linalg.lstsq(K, right / rows, rcond=None)[0] * columns
+    return solved(K, right / rows) * columns
 
 
 def step(point: BranchPoint, ds: float) -> BranchPoint | None:

@@ -17,12 +17,12 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError, did_you_mean
 from eppanalysis.methods.describing.balance import Balance, describe
 from eppanalysis.methods.simulation.in_samples import InSamples
-from eppanalysis.methods.steady.flow import later
+from eppanalysis.methods.steady.flow import later, strobe_of
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import InputSignal, Sine, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
-from eppanalysis.models.systems.sampled.strobe import Strobe, is_sampled
+from eppanalysis.models.systems.sampled.strobe import is_sampled
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing, system_of
 
 #: Longest step of a run, relative to the period of the input: no simple share of it, for switches of what keeps step
@@ -131,7 +131,7 @@ class Drive:
 
     def comes_round(self, most: int) -> int:
         """Fewest periods of the input, `most` at most, in which samples come round with it; 0 where in none."""
-        strobe = Strobe.of(self.hybrid)
+        strobe = strobe_of(self.hybrid)
         if strobe is None:
             return 1
         for n in range(1, most + 1):
@@ -165,8 +165,7 @@ class DriveRange:
     def at(self, value: float, like: HybridSystem) -> tuple[HybridSystem, float]:
         """The system, begun as another one, and the time after which what it does repeats itself [s]."""
         drive = self.drive(value)
-        start = replace(drive.hybrid, x0=like.x0, H0=like.H0, modes0=like.modes0)
-        return start, self.multiple * drive.period
+        return drive.hybrid.at(like.x0, like.H0, like.modes0), self.multiple * drive.period
 
     def alongside(self, value: float, start: HybridSystem, other: HybridSystem) -> Iterator[HybridSystem | None]:
         """Where a motion from a start comes to the phase of the input at which another one begins."""
@@ -187,8 +186,7 @@ def drive_of(
     Raises
     ------
     EppError
-        If it has no such input, or the others do not stand still, the sine is not given, or the loop is in discrete
-        time, which driven loops do not cover.
+        If it has no such input, another input is not constant, or the sine is not given.
     """
     system = system_of(loop, analysis)
     own = _own_sines(system, getattr(loop, "input", None))

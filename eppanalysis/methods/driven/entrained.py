@@ -15,12 +15,13 @@ import numpy as np
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.describing.predict import predicted_cycles
-from eppanalysis.methods.driven.closing import begun, passed
 from eppanalysis.methods.driven.drive import Drive
+from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
+from eppanalysis.methods.orbits.guess import MOST_ARCS, brought_about, marked
 from eppanalysis.methods.orbits.orbit import Orbit, evaluate
-from eppanalysis.methods.orbits.shooting import orbits_near, same_orbit
+from eppanalysis.methods.orbits.shooting import orbits_near, restarted, same_orbit
 from eppanalysis.methods.simulation.stability import is_stable
-from eppanalysis.methods.steady.flow import away_from_events, later, run_over
+from eppanalysis.methods.steady.flow import advance, away_from_events, later, run_over
 from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.readable import quantity
@@ -180,9 +181,9 @@ def _beside(drive: Drive, cycle: Orbit, most_periods: int) -> Entrainment | None
     longest = int(np.argmax(cycle.tau))
     # The sine that keeps step: what it does at another frequency differs by the second order.
     hybrid = drive.changed(omega=2.0 * np.pi * n / own).hybrid
-    begin = replace(begun(cycle), model=hybrid.model, time_scale=hybrid.time_scale)
+    begin = replace(_begun(cycle), model=hybrid.model, time_scale=hybrid.time_scale)
     placed = later(begin, float(cycle.tau[:longest].sum() + 0.5 * cycle.tau[longest]))
-    orbit = None if placed is None else passed(placed, own)
+    orbit = None if placed is None else _passed(placed, own)
     if placed is None or orbit is None:
         return None
     A = orbit.scaled
@@ -228,3 +229,31 @@ def _by_state(orbit: Orbit, i: int) -> Array:
     return 0.5 * (
         evaluate(orbit.hybrid, orbit.arcs, up, orbit.tau).r - evaluate(orbit.hybrid, orbit.arcs, down, orbit.tau).r
     )
+
+
+def _passed(start: HybridSystem, duration: float) -> Orbit | None:
+    """One pass of the duration from a start: its arcs as the engine meets them, the derivative and what does not close.
+
+    None where the run does not come so far, or has too many events or one that arcs do not know.
+    """
+    found = advance(start, duration)
+    if found is None or found.events.size > MOST_ARCS:
+        return None
+    run, rows = found.run, found.events
+    tau = np.diff(np.concatenate([[0.0], run.time[rows], [found.duration]]))
+    modes, guards = np.vstack([start.modes0, run.modes[rows]]), run.guard[rows]
+    marks = np.append(brought_about(start.model, guards, tau[:-1]) if rows.size else guards, 0)
+    # The last arc ends when the time is over and on no guard: -1 (docs/theory/driven.md, Periodic responses).
+    sequence = EventSequence(modes, np.append(guards, -1), np.full((rows.size + 1, 3), -1), marks)
+    try:
+        arcs = replace(Arcs.build(start, sequence), duration=found.duration)
+    except ModelError:
+        return None
+    arcs = replace(arcs, event_sequence=marked(arcs, found.rows, tau))
+    orbit = evaluate(start, arcs, found.y, tau)
+    return orbit if np.isfinite(orbit.residual) else None
+
+
+def _begun(orbit: Orbit) -> HybridSystem:
+    """The system at the beginning of an orbit."""
+    return restarted(orbit.hybrid, orbit.arcs, orbit.y, orbit.arcs.event_sequence.modes[0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations, islice
 
 import numpy as np
@@ -19,11 +20,10 @@ from eppanalysis.methods.orbits.samples.locked import LockedOrbit, locked_cycle
 from eppanalysis.methods.simulation.stability import describe, is_stable
 from eppanalysis.methods.steady.closing import CLOSED, close
 from eppanalysis.methods.steady.cycle import steady_cycle
-from eppanalysis.methods.steady.flow import advance, advances, later, repeating, stacked
+from eppanalysis.methods.steady.flow import advance, advances, later, repeating, stacked, strobe_of
 from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of
 from eppanalysis.readable import quantity
 from eppanalysis.results import Status
@@ -109,7 +109,7 @@ def forced_response(
     Raises
     ------
     EppError
-        For a number that is not positive, another input that is not constant, or discrete time.
+        For a number that is not positive, or another input that is not constant.
     ModelError
         If there is no such input.
 
@@ -227,7 +227,7 @@ class Search:
             self.closed(start, self.shortest)
             self.run(start)
 
-    @property
+    @cached_property
     def shortest(self) -> int:
         """Fewest periods of the input after which samples, if any, come round with it."""
         return self.drive.comes_round(self.most_periods)
@@ -476,7 +476,7 @@ def periodic_response(drive: Drive, multiple: int, response: SteadyMotion) -> Pe
 
     With samples it begins at one of them.
     """
-    strobe = Strobe.of(response.start)
+    strobe = strobe_of(response.start)
     if strobe is not None:
         locked = LockedOrbit.closed(strobe, response, round(response.duration / strobe.period))
         assert locked is not None  # a run of it ends early only where the motion itself does

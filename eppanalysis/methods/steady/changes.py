@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+import numpy as np
+
+from eppanalysis.arrays import ComplexArray
+
 
 class Change(StrEnum):
     """What happens at a special point of a branch."""
@@ -27,3 +31,12 @@ class Change(StrEnum):
     PASSAGE = "passage"
     #: Of a sampled loop: the cycle ceases, and the branch goes on with one that has another place among the samples.
     SAMPLES = "change of samples"
+
+
+def left(values: ComplexArray) -> tuple[Change, complex]:
+    """What a multiplier does that has just left the unit circle, and which it is; values sorted, largest first."""
+    # Of those outside the circle the last one is the nearest to it.
+    leading = complex(values[np.abs(values) >= 1.0][-1])
+    if abs(leading.imag) > 1e-9:
+        return Change.TORUS, leading
+    return (Change.PERIOD_DOUBLING if leading.real < 0 else Change.BRANCH_POINT), leading

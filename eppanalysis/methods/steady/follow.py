@@ -18,10 +18,10 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.methods.steady.changes import Change
+from eppanalysis.methods.steady.changes import Change, left
 from eppanalysis.methods.steady.closing import CLOSED
 from eppanalysis.methods.steady.flow import advance, stacked
-from eppanalysis.methods.steady.locate import End, located, turned
+from eppanalysis.methods.steady.locate import End, located, solved, turned
 from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.systems.hybrid import HybridSystem
 
@@ -132,8 +132,9 @@ def measure(motion: SteadyMotion, width: float) -> Array:
 
 def _put(road: Road, motion: SteadyMotion, step: Array, value: float) -> SteadyMotion | None:
     """A motion after a step (m,) in what repeats, at another value; None where its run stops early."""
-    duration = road.at(value, motion.start)[1]
-    return motion.moved(step[None], float(np.log(duration / motion.duration)), lambda like: road.at(value, like)[0])
+    here, duration = road.at(value, motion.start)
+    longer = float(np.log(duration / motion.duration))
+    return motion.moved(step[None], longer, lambda like: here.at(like.x0, like.H0, like.modes0))
 
 
 def _slope(road: Road, motion: SteadyMotion, value: float) -> Array:
@@ -156,12 +157,7 @@ def _bordered(motion: SteadyMotion, slope: Array, row: Array, right: Array, widt
     K[:m, :m], K[:m, m], K[m] = motion.matrix - np.eye(m), slope / motion.scale * width, row * sizes
     b = np.append(right[:m] / motion.scale, right[m])
     K[m], b[m] = K[m] / np.abs(K[m]).max(), b[m] / np.abs(K[m]).max()
-    if not (np.isfinite(K).all() and np.isfinite(b).all()):
-        return np.full(m + 1, np.nan)
-    try:
-        return np.asarray(np.linalg.solve(K, b) * sizes)
-    except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.lstsq(K, b, rcond=None)[0] * sizes)
+    return solved(K, b) * sizes
 
 
 def place(road: Road, value: float, motion: SteadyMotion, along: Array, slope: Array | None = None) -> Place:
@@ -432,10 +428,7 @@ def between(road: Road, one: Place, other: Place, value: float) -> Place | None:
 def _crossing(old: Place, new: Place) -> tuple[Change, Callable[[Place], float]]:
     """Which way a multiplier crosses the unit circle, and the test function for it."""
     values = (new if not new.stable else old).motion.multipliers
-    values = np.zeros(0, complex) if values is None else values
-    # Multipliers are sorted, so that the last one outside is the nearest to the circle: the one that has just crossed.
-    leading = values[np.abs(values) >= 1.0][-1]
-    if abs(leading.imag) > 1e-9:
-        return Change.TORUS, lambda p: p.multiplier - 1.0
-    sign = 1.0 if leading.real < 0 else -1.0
-    return (Change.PERIOD_DOUBLING if sign > 0 else Change.BRANCH_POINT), lambda p: determinant(p.motion, sign)
+    kind, _ = left(np.zeros(0, complex) if values is None else values)
+    if kind is Change.TORUS:
+        return kind, lambda p: p.multiplier - 1.0
+    return kind, lambda p: determinant(p.motion, 1.0 if kind is Change.PERIOD_DOUBLING else -1.0)

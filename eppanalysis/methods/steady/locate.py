@@ -1,4 +1,4 @@
-"""Where a function of the places of a branch passes zero between two of them."""
+"""What branches of all kinds share: where a function passes zero between two places, directions, and equations."""
 
 from __future__ import annotations
 
@@ -67,3 +67,13 @@ def turned(weights: Array, old: Array, new: Array) -> float:
     """How much a direction turns, in weighted coordinates: one less the cosine of the angle."""
     sizes = np.sqrt(np.sum(weights * old**2) * np.sum(weights * new**2))
     return float(1.0 - np.sum(weights * old * new) / sizes)
+
+
+def solved(K: Array, right: Array) -> Array:
+    """The solution of ``K s = right``, a least one where K is singular; nan where not all of it are numbers."""
+    if not (np.isfinite(K).all() and np.isfinite(right).all()):
+        return np.full_like(right, np.nan)  # LAPACK would complain on the terminal
+    try:
+        return np.asarray(np.linalg.solve(K, right))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(K, right, rcond=None)[0])
