@@ -22,7 +22,7 @@ from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.engine.balances import assemble, move, newton_balance, shift, solve
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.means import CANCELLED, StaticBalance, static_balance, without_rounding
+from eppanalysis.models.systems.means import CANCELLED, StaticBalance, equilibrate, static_balance
 from eppanalysis.readable import number, readable
 
 _STEP = 1e-7  # relative step of the forward differences; it only slows Newton, it does not bias its answer
@@ -99,8 +99,13 @@ class Balance:
 
     @cached_property
     def operating_bias(self) -> Array:
-        """Inputs of the elements in the start state of the system, shape (m,): where a search for biases begins."""
-        return _start_inputs(self.system, self.rows)
+        """Least inputs of the elements that the static balance prescribes, shape (m,): searches for biases begin there.
+
+        The start state of the system has no say in it: a prediction is of the loop.
+        """
+        row, column = equilibrate(self.on_bias)
+        solved = np.linalg.lstsq(row[:, None] * self.on_bias * column, row * self.prescribed, rcond=1e-11)[0]
+        return np.asarray(column * solved)
 
     @cached_property
     def owner(self) -> NDArray[np.intp]:
@@ -409,26 +414,6 @@ def solved_in_part(
     out, ok = np.empty((len(R), J.shape[2])), np.empty(len(R), bool)
     solve(J, R, rows, columns, border, edge, out, ok)
     return out, ok
-
-
-def _start_inputs(system: LureSystem, rows: NDArray[np.intp]) -> Array:
-    """First inputs of all elements in the start state, by passing through direct connections once for each element."""
-    w = np.zeros(system.B.shape[1])
-    z = np.zeros(system.C.shape[0])
-    for _ in range(len(rows) + 1):
-        before = w.copy()
-        z = system.C @ system.x0 + system.D @ w + system.D_input @ system.v0 + system.constant_input
-        terms = [(system.C, system.x0), (system.D, w), (system.D_input, system.v0)]
-        size = sum((np.abs(matrix) @ np.abs(vector) for matrix, vector in terms), np.abs(system.constant_input))
-        z = without_rounding(z, size)
-        for i, e in enumerate(system.elements):
-            scale = float(np.min(e.thresholds(), initial=np.inf))
-            scale = 1e-9 * (scale if np.isfinite(scale) else abs(float(z[rows[i]])) or 1.0)
-            mean, _ = describe(e, np.array(scale), np.array(z[rows[i]]), np.array(1.0))
-            w[system.output_slices[i]] = np.nan_to_num(mean)
-        if np.array_equal(system.D @ w, system.D @ before):
-            break
-    return z[rows]
 
 
 def unit_at_input(system: LureSystem, element: int) -> str:

@@ -36,7 +36,7 @@ def _no_rest_together(balance: Balance) -> Iterator[str]:
     system, static = balance.system, balance.static
     if balance.m < 2:
         return
-    held = {i: levels for i in range(balance.m) if (levels := _held(balance, i)) is not None}
+    held = {i: levels for i in range(balance.m) if (levels := levels_held(balance, i)) is not None}
     if len(held) < 2 or np.prod([len(levels) for levels in held.values()]) > _MOST_TOGETHER:
         return
     mine = [system.output_slices[i].start for i in held]
@@ -50,7 +50,7 @@ def _no_rest_together(balance: Balance) -> Iterator[str]:
         )
 
 
-def _held(balance: Balance, element: int) -> list[tuple[tuple[float, float], tuple[float, float]]] | None:
+def levels_held(balance: Balance, element: int) -> list[tuple[tuple[float, float], tuple[float, float]]] | None:
     """Where an element between constant levels stays, ranges of its input and its output; None for any other."""
     e = balance.system.elements[element]
     a = e.automaton()

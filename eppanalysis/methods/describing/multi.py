@@ -8,6 +8,7 @@ with an artificial gain; where that gain is one there is a limit cycle.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from itertools import product
 
@@ -33,6 +34,8 @@ _GAIN_RANGE = 2.5
 _MOST_SEEDS = 150
 _LEVELS = (0.0, 0.7, -0.7)
 _SAME_CURVE = 0.15
+#: Amplitudes and frequencies of grids that are led by another element.
+_COARSE = 12
 #: Seeds that are followed at a time.
 _AT_ONCE = 4
 #: Share of a measured response within which another is that of the same signal.
@@ -45,18 +48,20 @@ _FOLLOWED = "curves of zero phase followed to their ends, with all local extrema
 def choose_pivot(system: LureSystem) -> int:
     """Element whose input, once given, leaves the fewest of the others in loops of their own.
 
-    If it ties one on a loop, for what only follows a loop tells nothing of it; then the pin.
+    If it ties one on a loop, for what only follows a loop tells nothing of it; then the pin; then by the names of their
+    kinds, as the order in which a loop lists them must decide nothing.
     """
     m, feeds = len(system.elements), fed(system)
     on_loop = np.diag(reached(feeds))
 
-    def burden(p: int) -> tuple[int, bool, int, int]:
+    def burden(p: int) -> tuple[int, bool, int, str, int]:
         rest = [i for i in range(m) if i != p]
         reach = reached(feeds[np.ix_(rest, rest)]).astype(int)
         # With the pivot's input given, what is in no loop follows by one pass; each loop that is left may have several
         # solutions.
         in_loops = int(sum((reach[i] * reach[:, i]).sum() - reach[i, i] for i in range(len(rest))))
-        return in_loops, not on_loop[p], -system.elements[p].n_inputs, p
+        e = system.elements[p]
+        return in_loops, not on_loop[p], -e.n_inputs, type(e).__name__, p
 
     return min(range(m), key=burden)
 
@@ -103,7 +108,7 @@ def search_several(balance: Balance) -> Found:
             pieces += _pieces(X, loop, path)
     limits = [(float(np.log(g[0])), float(np.log(g[-1]))) for g in (amplitude, omega)]
     box = Box(limits[0], limits[1], _GAIN_RANGE)
-    seeds = _seeds(balance, sheets, _kept_up(balance, omega, L))
+    seeds = _seeds(balance, sheets, [_kept_up(balance, omega, L), *_led_by_others(balance, omega)])
     curves = _followed(balance, settle(balance, pieces), seeds, box)
     crossed, unsolved = crossings(balance, curves)
     cycles = [polish(balance, seeds[seeds[:, -1] == 0.0]), crossed]
@@ -172,18 +177,14 @@ def _kept_up(balance: Balance, omega: Array, L: ComplexArray) -> Array:
     return balance.pack(sizes[each], np.tile(turns, (len(at), 1)), bias, omega[at][each], np.ones(n * len(at)))
 
 
-def _seeds(balance: Balance, sheets: list[tuple[Array, ComplexArray]], kept_up: Array) -> Array:
+def _seeds(balance: Balance, sheets: list[tuple[Array, ComplexArray]], beside: list[Array]) -> Array:
     """Solutions at a few artificial gains, by Newton from points of the grid that are not far off in phase and gain.
 
     They reach curves that run between the points of the grid, or along the edge of a region without solutions.
     """
-    starts = [kept_up[:: max(1, len(kept_up) // _MOST_SEEDS)]]
+    starts = [_some(points) for points in beside]
     for X, loop in sheets:
-        # Off by less than 80 degrees and a factor of twelve, Newton's method still comes home.
-        size = np.abs(np.log(np.abs(loop), where=loop != 0.0, out=np.full(loop.shape, np.inf)))
-        near = np.isfinite(loop) & (np.abs(np.angle(loop)) < _QUARTER) & (size < _GAIN_RANGE)
-        points = X[near]
-        starts.append(points[:: max(1, len(points) // _MOST_SEEDS)])
+        starts.append(_some(X[_near(loop)]))
     start = np.concatenate([np.zeros((0, 3 * balance.m + 1)), *starts])
     levels = np.repeat(_LEVELS, len(start))
     start = np.tile(start, (len(_LEVELS), 1))
@@ -193,6 +194,34 @@ def _seeds(balance: Balance, sheets: list[tuple[Array, ComplexArray]], kept_up: 
     X, ok = newton(balance, start, normal, 18, ON_THE_WAY)
     ok &= np.abs(X - start)[:, :2].max(-1, initial=0.0) < 4.0
     return np.concatenate([distinct(balance, X[ok & (levels == level)]) for level in _LEVELS])
+
+
+def _near(loop: ComplexArray) -> BoolArray:
+    """Points that are off by less than 80 degrees and a factor of twelve: Newton's method still comes home."""
+    size = np.abs(np.log(np.abs(loop), where=loop != 0.0, out=np.full(loop.shape, np.inf)))
+    near: BoolArray = np.isfinite(loop) & (np.abs(np.angle(loop)) < _QUARTER) & (size < _GAIN_RANGE)
+    return near
+
+
+def _some(points: Array, most: int = _MOST_SEEDS) -> Array:
+    return points[:: max(1, len(points) // most)]
+
+
+def _led_by_others(balance: Balance, omega: Array) -> list[Array]:
+    """Points near limit cycles on coarse grids that are led by each of the other elements, (n, 3 m + 1) each.
+
+    Any element may be the only one whose grid meets a curve: which leads must not decide what is found.
+    """
+    out, few = [], _some(omega, _COARSE)
+    for element in balance.others:
+        other = replace(balance, pivot=int(element))
+        amplitude, L = _some(_pivot_nodes(other), _COARSE), other.linear(few)
+        grid, Lg = _grid(amplitude, few, L)
+        X = np.concatenate([start_points(other, grid, Lg, *start) for start in _starts(other)])
+        X, loop, _ = inner_newton(other, X, np.tile(Lg, (len(X) // len(Lg), 1, 1)))
+        a, phase, b, w = other.unpack(X[_near(loop)])
+        out.append(balance.pack(a, phase - phase[:, [balance.pivot]], b, w, np.ones(len(w))))
+    return out
 
 
 def _apart(seeds: Array, curves: list[Array]) -> Array:
@@ -339,13 +368,18 @@ def _solve_grid(
     balance: Balance, amplitude: Array, omega: Array, L: ComplexArray, start: tuple[Array, float], rounds: int
 ) -> tuple[Array, ComplexArray, NDArray]:
     na, nw = len(amplitude), len(omega)
-    grid = np.stack(np.broadcast_arrays(np.log(amplitude)[:, None], np.log(omega)[None, :]), -1).reshape(-1, 2)
-    Lg = np.tile(L, (na, 1, 1))
+    grid, Lg = _grid(amplitude, omega, L)
     X, loop, ok = inner_newton(balance, start_points(balance, grid, Lg, *start), Lg)
     lent = np.full(len(X), -1)
     for _ in range(rounds):
         X, loop, ok, lent = _lend(balance, X, loop, ok, Lg, (na, nw), lent)
     return X.reshape(na, nw, -1), loop.reshape(na, nw), ok.reshape(na, nw)
+
+
+def _grid(amplitude: Array, omega: Array, L: ComplexArray) -> tuple[Array, ComplexArray]:
+    """Every amplitude with every frequency, as logarithms (n, 2), and the linear response L (nw, ...) at each."""
+    pairs = np.stack(np.broadcast_arrays(np.log(amplitude)[:, None], np.log(omega)[None, :]), -1).reshape(-1, 2)
+    return pairs, np.tile(L, (len(amplitude), 1, 1))
 
 
 def _new(balance: Balance, X: Array, sheets: list[tuple[Array, ComplexArray]], stride: int = 1) -> BoolArray:

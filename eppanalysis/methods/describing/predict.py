@@ -20,6 +20,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Balance
 from eppanalysis.methods.describing.data.cycles import above_the_data, cautions, of_data
 from eppanalysis.methods.describing.data.stability import stability_of_data
+from eppanalysis.methods.describing.equilibrium import levels_held
 from eppanalysis.methods.describing.error import Estimate
 from eppanalysis.methods.describing.multi import choose_pivot, search_several
 from eppanalysis.methods.describing.neglected_harmonics import blind_spots, jumps, made_by_harmonics
@@ -291,7 +292,24 @@ def search_balance(system: LureSystem, value: Array) -> tuple[Balance, Found, li
     found = search_one(balance) if single else search_several(balance)
     found, cycles = _slowest(system, found)
     points = sorted((point(balance, x) for x in cycles), key=lambda p: float(p.amplitude[0]))
-    return balance, found, [p for p in points if p.residual < _RESIDUAL and np.all(p.amplitude > 0)]
+    points = [p for p in points if p.residual < _RESIDUAL and np.all(p.amplitude > 0)]
+    return balance, found, [p for p in points if _can_be(balance, p)]
+
+
+def _can_be(balance: Balance, p: Point) -> bool:
+    """Whether each element that its input does not switch gives what one of its modes gives.
+
+    A relay with hysteresis whose input reaches neither threshold stays at one level; its describing function, which
+    does not know at which, has the mean of both.
+    """
+    for i, (a, b) in enumerate(zip(p.amplitude, p.bias, strict=True)):
+        own = np.flatnonzero(balance.owner == i)
+        if np.any(p.gain[own]) or (held := levels_held(balance, i)) is None:
+            continue
+        mean = p.mean[own[0]]
+        if not any(low <= b - a and b + a <= high and least <= mean <= most for (low, high), (least, most) in held):
+            return False
+    return True
 
 
 def _slowest(system: LureSystem, found: Found) -> tuple[Found, Array]:

@@ -363,15 +363,16 @@ class TestElbow:
     def test_no_other_cycle_from_many_random_starts(self):
         from eppanalysis.methods.describing.balance import Balance, newton
         from eppanalysis.methods.describing.curves import distinct
-        from eppanalysis.methods.describing.multi import choose_pivot, inner_newton, start_points
+        from eppanalysis.methods.describing.multi import choose_pivot, inner_newton, start_points, usual_amplitudes
 
         system = elbow(self.parameters())
         balance = Balance.of(system, choose_pivot(system), system.v0)
         draw = np.random.default_rng(1)
         places = np.stack([draw.uniform(-11, 0, 1500), draw.uniform(0, 7, 1500)], -1)
+        biases = usual_amplitudes(balance) * draw.normal(size=(1500, balance.m))
         L = system.frequency_response(np.exp(places[:, 1]))[:, balance.rows, :]
         with np.errstate(all="ignore"):
-            X, _, ok = inner_newton(balance, start_points(balance, places, L, balance.operating_bias, 1.0), L)
+            X, _, ok = inner_newton(balance, start_points(balance, places, L, biases, 1.0), L)
             X = X[ok]
             X[:, -1] = 0.0
             normal = np.zeros_like(X)

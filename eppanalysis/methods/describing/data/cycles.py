@@ -102,7 +102,7 @@ def _moved(system: DataSystem, balance: Balance, p: Point) -> Array:
     change itself at the root; what a path changes in L, its own states between them, is a difference.
     """
     m, Z = balance.m, p.amplitude * np.exp(1j * p.phase)
-    square = p.jacobian[:, :-1]
+    square = balance.residual(p.unknowns(balance)[None])[1][0][:, :-1]
     size = np.abs(square).max(0)
     scale = np.maximum(np.abs(square / size).max(1), 1e-300)
     inverse = np.linalg.inv(square / size / scale[:, None]) / size[:, None] / scale
