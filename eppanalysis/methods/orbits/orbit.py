@@ -18,8 +18,10 @@ from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.delayed.motion import DelayedMotion
 from eppanalysis.methods.orbits.guess import Guess, with_history
 from eppanalysis.methods.simulation.budget import remaining, spend
+from eppanalysis.methods.simulation.modes import way_back
 from eppanalysis.methods.simulation.stability import multipliers, return_map
 from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.starts import input_rows
 
 #: Residual, relative to the size of the motion, that counts as converged; Newton goes on to rounding.
 CONVERGED = 1e-9
@@ -271,16 +273,18 @@ def middle(orbit: Orbit, arc: int) -> Array:
 def _put_on_levels(orbit: Orbit, arc: int, y: Array) -> None:
     """Put the inputs of sticking elements exactly on their levels, as the engine does where they begin to stick."""
     # A motion that is begun off a level by rounding breaks away with a speed of the wrong sign, and sticks again.
-    model, H = orbit.hybrid.model, y[orbit.arcs.memory]
-    rows = model.mode_first[:-1] + orbit.arcs.event_sequence.modes[arc]
-    for e in np.flatnonzero(model.mode_stick[rows]):
-        z, w = model.first[e, :2]
-        x, c, b = y[: model.A.shape[0]], model.C[z], model.B[:, w]
-        rest, acts = model.Kz[z] @ H - model.mode_level[rows[e]], np.flatnonzero(c)
+    model, n, modes = orbit.hybrid.model, orbit.hybrid.model.A.shape[0], orbit.arcs.event_sequence.modes[arc]
+    rows = model.mode_first[:-1] + modes
+    sticks = np.flatnonzero(model.mode_stick[rows])
+    seen = input_rows(orbit.hybrid, modes) if sticks.size else y
+    for e in sticks:
+        row = seen[model.first[e, 0]]
+        x, c, way = y[:n], row[:n], way_back(orbit.hybrid, seen, int(e))
+        rest, acts = row[n:] @ y[orbit.arcs.memory] - model.mode_level[rows[e]], np.flatnonzero(c)
         if acts.size == 1:
             x[acts] = -rest / c[acts]
         else:
-            x -= b * (rest + c @ x) / (c @ b)
+            x -= way * (rest + c @ x) / (c @ way)
 
 
 def sample_arcs(orbit: Orbit, times: Array) -> Array:

@@ -11,6 +11,7 @@ from eppanalysis.engine.orbits import READY, SINGULAR, build_arcs
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.simulation.workspaces import of_thread
 from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.starts import input_rows
 
 
 class Laws(NamedTuple):
@@ -68,16 +69,24 @@ def on_levels(hybrid: HybridSystem, modes: IntArray) -> Array:
     n, size = model.A.shape[0], model.A.shape[0] + model.K.shape[1]
     put = np.eye(size)
     rows = model.mode_first[:-1] + modes
-    for e in np.flatnonzero(model.mode_stick[rows].all(axis=0) & (modes == modes[0]).all(axis=0)):
-        z = model.first[e, 0]
-        off, way = np.concatenate([model.C[z], model.Kz[z]]), way_back(hybrid, int(e))
+    sticks = np.flatnonzero(model.mode_stick[rows].all(axis=0) & (modes == modes[0]).all(axis=0))
+    seen = input_rows(hybrid, modes[0]) if sticks.size else put
+    for e in sticks:
+        off, way = seen[model.first[e, 0]].copy(), way_back(hybrid, seen, int(e))
+        pull = off[:n] @ way
         off[-1] -= model.mode_level[rows[0, e]]
-        put[:n] -= np.outer(way / (model.C[z] @ way), off @ put)
+        put[:n] -= np.outer(way / pull, off @ put)
     return put
 
 
-def way_back(hybrid: HybridSystem, element: int) -> Array:
-    """The direction of the state along which a sticking element is taken back to its level."""
+def way_back(hybrid: HybridSystem, seen: Array, element: int) -> Array:
+    """The direction of the state along which a sticking element is taken back to its level.
+
+    Parameters
+    ----------
+    seen : array
+        What :func:`~eppanalysis.models.systems.starts.input_rows` gives.
+    """
     z, w = hybrid.model.first[element, :2]
-    c = hybrid.model.C[z]
+    c = seen[z, : hybrid.model.A.shape[0]]
     return np.asarray(c != 0, float) if np.count_nonzero(c) == 1 else hybrid.model.B[:, w]

@@ -482,8 +482,9 @@ class _Packer:
         z, w, h = a.n_inputs, a.n_outputs, a.n_memory
         guards = a.guards_by_mode
         # A sticking mode is entered only where the loop pulls the input back against the jump.
-        target, modes, (z0, w0) = guards["target"], a.mode_columns, self.first[e, :2]
-        enters = ~modes["sticking"][target] | admitted(modes["jump"][target], int(z0), int(w0), B, C, D)
+        target, modes = guards["target"], a.mode_columns
+        holds = admitted(modes["jump"][target], e, self.first, self.automata, B, C, D)
+        enters = ~modes["sticking"][target] | holds
         g["guard_element"][rows] = e
         g["guard_target"][rows] = np.where(enters, target, guards["bypass"])
         g["guard_bypass"][rows] = guards["bypass"]

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 #: Distance from a value, relative to its terms, that is rounding.
 _ROUNDING = 1e-9
+#: Share of its terms below which a sum is zero but for rounding.
+_REMAINDER = 1e-12
 
 
 class Hybrid(Protocol):
@@ -93,7 +95,8 @@ def _beside_level(hybrid: Hybrid, e: int, mode: int, x: Array) -> int:
     start, row = automaton.modes[mode], model.first[e, 0]
     z = float(model.C[row] @ x + model.Kz[row, -1])
     size = float(np.abs(model.C[row]) @ np.abs(x) + abs(model.Kz[row, -1]))
-    holds = admitted(np.array(start.jump), row, model.first[e, 1], model.B, model.C, model.D)
+    holds = admitted(np.array(start.jump), e, model.first, hybrid.automata, model.B, model.C, model.D)
+    holds = holds & (not np.any(model.D[row]))
     if holds and abs(z - start.level) <= 1e-12 * size:
         return mode
     for guard in automaton.guards:
@@ -102,26 +105,38 @@ def _beside_level(hybrid: Hybrid, e: int, mode: int, x: Array) -> int:
     return mode
 
 
-def admitted(jump: Array, z: int, w: int, B: Array, C: Array, D: Array) -> BoolArray:
-    """Whether the loop pulls an element's input (row z) back against jumps of its output (w)."""
-    pull = float(C[z] @ B[:, w])
-    size = float(np.abs(C[z]) @ np.abs(B[:, w]))
-    # Held is what the output pulls back by way of the input's rate (docs/theory/engine.md, Modes); straight through D
-    # it would move the input itself.
-    return (pull * jump < 0) & bool(abs(pull) > 1e-12 * size and not np.any(D[z]))
+def admitted(
+    jump: Array, e: int, first: IntArray, automata: Sequence[Automaton], B: Array, C: Array, D: Array
+) -> BoolArray:
+    """Whether the loop pulls an element's input back against jumps of its output.
+
+    Held is what the output pulls back by way of the input's rate (docs/theory/engine.md, Modes). What acts straight on
+    the input through D must not feel that output, nor be held or curved itself.
+    """
+    z, w = (int(k) for k in first[e, :2])
+    pull, size = C @ B[:, w], np.abs(C) @ np.abs(B[:, w])
+    feels = (np.abs(pull) > _REMAINDER * size) | (D[:, w] != 0.0)
+    held = (pull[z] * jump < 0) & bool(feels[z] and not D[z, w])
+    rows, known = [z], {z}
+    while rows:
+        for other in {int(np.searchsorted(first[:, 1], j, side="right")) - 1 for j in np.flatnonzero(D[rows.pop()])}:
+            a, inputs = automata[other], range(*first[other : other + 2, 0])
+            held &= not (a.smooth or np.any(a.mode_columns["sticking"]) or np.any(feels[inputs]))
+            rows += [row for row in inputs if row not in known]
+            known.update(inputs)
+    return np.asarray(held)
 
 
 def not_held(hybrid: Hybrid) -> tuple[int, ...]:
-    """Numbers of the elements that the loop pulls back to a level, but on which another one acts straight.
+    """Numbers of the elements that the loop pulls back to a level, but on which what they do acts straight.
 
-    They chatter where they would slide: what acts through D moves the level's input itself (docs/theory/engine.md,
-    Modes).
+    They chatter where they would slide (docs/theory/engine.md, Modes).
     """
     model, found = hybrid.model, []
     for e, automaton in enumerate(hybrid.automata):
-        z, w = (int(k) for k in model.first[e, :2])
         jumps = np.array([mode.jump for mode in automaton.modes if mode.sticking])
-        if np.any(model.D[z]) and np.any(admitted(jumps, z, w, model.B, model.C, np.zeros_like(model.D))):
+        parts = e, model.first, hybrid.automata, model.B, model.C
+        if np.any(admitted(jumps, *parts, np.zeros_like(model.D)) & ~admitted(jumps, *parts, model.D)):
             found.append(e)
     return tuple(found)
 
@@ -176,6 +191,27 @@ def terms_of_memory(hybrid: Hybrid, x: Array, H: Array, modes: IntArray) -> Arra
         of_values = np.abs(model.reset_h[own, :n_h, :n_h]) @ size[hs] + np.abs(model.reset_0[own, :n_h])
         terms[hs] = (of_inputs + of_values).max(axis=0, initial=0.0)
     return terms
+
+
+def input_rows(hybrid: Hybrid, modes: IntArray) -> Array:
+    """Inputs of all elements on states and memory values, shape (inputs, n + memory), in modes without smooth channels.
+
+    But for what the outputs of elements that stick add.
+    """
+    model, n = hybrid.model, hybrid.model.A.shape[0]
+    on_y, E = np.hstack([model.C, model.Kz]), np.eye(model.B.shape[1])
+    if not np.any(model.D):
+        return on_y
+    given = np.zeros((len(E), on_y.shape[1]))
+    for row, (begin, end) in zip((model.mode_first[:-1] + modes).tolist(), pairwise(model.first.tolist()), strict=True):
+        zs, ws = (slice(begin[k], end[k]) for k in (0, 1))
+        n_z, n_w, n_h = map(sub, end, begin)
+        from_input = model.mode_wz[row, :n_w, :n_z]
+        given[ws] = from_input @ on_y[zs]
+        given[ws, n + begin[2] : n + end[2]] += model.mode_wh[row, :n_w, :n_h]
+        given[ws, -1] += model.mode_w0[row, :n_w]
+        E[ws] -= from_input @ model.D[zs]
+    return np.asarray(on_y + model.D @ np.linalg.solve(E, given))
 
 
 def _inputs_and_outputs(hybrid: Hybrid, x: Array, H: Array, modes: IntArray) -> tuple[Array, Array]:

@@ -58,7 +58,9 @@ i64 _alike(const Model& model, const Combinations& compiled, Indices modes) {
 }
 
 /// E w = F [x, H, sigma]: each output's mode equation, or for a sticking mode the vanishing rate of its input.
-void _output_equations(const Model& model, Indices modes, Matrix E, Matrix F) {
+///
+/// `inputs` has the rows of inputs on the state; without any, what sticks gives nothing.
+void _output_equations(const Model& model, Indices modes, Matrix E, Matrix F, const Matrix* inputs) {
     i64 m{}, z0{}, w0{}, h0{}, n_ze{}, n_we{}, n_he{}, row{};
     Vector c{};
     double scale{}, ci{}, gain{};
@@ -78,8 +80,10 @@ void _output_equations(const Model& model, Indices modes, Matrix E, Matrix F) {
         n_he = model.first(e + 1, 2) - h0;
         // What sticks has no law of its own: its output is what keeps its input still, c x' = 0, with the row scaled
         // to the size of the others (docs/theory/engine.md, Modes).
-        if (model.mode_stick(m)) {
-            c = model.C.row(z0);
+        if (model.mode_stick(m) && inputs == nullptr) {
+            E(w0, w0) = 1.0;
+        } else if (model.mode_stick(m)) {
+            c = inputs->row(z0);
             scale = 0.0;
             for (i64 i = 0; i < n; ++i) {
                 scale += c(i) * model.B(i, w0);
@@ -314,6 +318,29 @@ void _write_mode(const Combinations& compiled, i64 q, Matrix rate, Matrix F, Mat
     _take(compiled.Ys.row(q), signals, n + n_H);
 }
 
+/// Whether an element that sticks reads an output of another one straight.
+bool _sticks_behind_another(const Model& model, Indices modes) {
+    for (i64 e = 0; e < modes.size(); ++e) {
+        if (!model.mode_stick(model.mode_first(e) + modes(e))) {
+            continue;
+        }
+        for (i64 j = 0, j_end = model.D.shape(1); j < j_end; ++j) {
+            if (model.D(model.first(e, 0), j) != 0.0) {
+                return true;
+            }
+        }
+    }
+    return false;
+}
+
+/// Inputs of the elements on state, memory values and smooth channels, for outputs F.
+void _put_inputs(const Model& model, Matrix inputs, Matrix F) {
+    inputs.fill(0.0);
+    _put(inputs, 0, model.C);
+    _put(inputs, model.C.shape(1), model.Kz);
+    _add_product(inputs, model.D, F);
+}
+
 /// Affine system of the combination `modes` into place q.
 bool compile_modes(const Model& model, const Combinations& compiled, const Work& work, i64 q, Indices modes) {
     i64 m{};
@@ -324,7 +351,17 @@ bool compile_modes(const Model& model, const Combinations& compiled, const Work&
     Matrix rate = work.rate;
     Matrix inputs = work.inputs;
     Matrix signals = work.signals;
-    _output_equations(model, modes, E, F);
+    F.fill(0.0);
+    // What acts straight on the input of an element that sticks does not feel its output (`admitted`): with none of it
+    // the inputs are what they are.
+    if (_sticks_behind_another(model, modes)) {
+        _output_equations(model, modes, E, F, nullptr);
+        if (!_solve(E, F)) {
+            return false;
+        }
+    }
+    _put_inputs(model, inputs, F);
+    _output_equations(model, modes, E, F, &inputs);
     if (!_solve(E, F)) {
         return false;
     }
@@ -339,14 +376,11 @@ bool compile_modes(const Model& model, const Combinations& compiled, const Work&
     for (i64 e = 0; e < modes.size(); ++e) {
         m = model.mode_first(e) + modes(e);
         if (model.mode_stick(m)) {
-            _hold_input(rate, model.C.row(model.first(e, 0)), model.B, model.first(e, 1));
+            _hold_input(rate, inputs.row(model.first(e, 0)).slice(0, n), model.B, model.first(e, 1));
         }
     }
     compiled.linear(q) = _is_linear(model, rate, F);
-    inputs.fill(0.0);
-    _put(inputs, 0, model.C);
-    _put(inputs, n, model.Kz);
-    _add_product(inputs, model.D, F);
+    _put_inputs(model, inputs, F);
     signals.fill(0.0);
     _put(signals, 0, model.Yx);
     _put(signals, n, model.YH);

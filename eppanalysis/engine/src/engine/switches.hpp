@@ -17,7 +17,8 @@ double impulse(const Model& model, const Combinations& compiled, i64 q, i64 k, V
     double u);
 inline void reset(const Model& model, const Combinations& compiled, i64 q, i64 k, Vector x, Vector H, Matrix Sg,
     i64 last, double u, Indices modes, Vector new_);
-inline void settle_on_level(const Model& model, i64 e, Indices modes, Vector x, Vector H);
+inline void settle_on_level(const Model& model, const Combinations& compiled, i64 q, i64 e, Indices modes, Vector x,
+    Vector H);
 inline i64 switch_(const Model& model, const Combinations& compiled, const Work& work, i64 q, i64 which, Vector x,
     Vector recent, Vector H, Matrix Sg, i64 last, double u, Indices modes, Vector memory, double base_step);
 inline void record(const EventBuffer& buffer, i64 r, Vector x, Vector rate, Vector H, Indices modes);
@@ -45,7 +46,7 @@ inline bool beyond_level(const Model& model, const Combinations& compiled, i64 q
     i64 z0 = model.first(e, 0);
     double size = std::fabs(model.mode_level(m));
     for (i64 i = 0, i_end = model.C.shape(1); i < i_end; ++i) {
-        size += std::fabs(model.C(z0, i)) * greatest_of(std::fabs(x(i)), recent(i));
+        size += std::fabs(compiled.Zx(q, z0, i)) * greatest_of(std::fabs(x(i)), recent(i));
     }
     return std::fabs(input_at(compiled, q, z0, x, H, Sg, last, u) - model.mode_level(m)) > (1e-09 * size);
 }
@@ -79,7 +80,8 @@ inline void reset(const Model& model, const Combinations& compiled, i64 q, i64 k
 }
 
 /// Put the input of a sticking element exactly on its level, which the event located to rounding.
-inline void settle_on_level(const Model& model, i64 e, Indices modes, Vector x, Vector H) {
+inline void settle_on_level(const Model& model, const Combinations& compiled, i64 q, i64 e, Indices modes, Vector x,
+    Vector H) {
     i64 z0{}, w0{}, alone{}, count{};
     double rest{}, scale{}, left{}, c{};
     i64 m = model.mode_first(e) + modes(e);
@@ -91,11 +93,11 @@ inline void settle_on_level(const Model& model, i64 e, Indices modes, Vector x, 
         count = 0;
         scale = 0.0;
         for (i64 j = 0; j < H.size(); ++j) {
-            rest += model.Kz(z0, j) * H(j);
+            rest += compiled.ZH(q, z0, j) * H(j);
         }
         left = rest;
         for (i64 i = 0, i_end = model.C.shape(1); i < i_end; ++i) {
-            c = model.C(z0, i);
+            c = compiled.Zx(q, z0, i);
             if (c != 0.0) {
                 left += c * x(i);
                 scale += c * model.B(i, w0);
@@ -106,7 +108,7 @@ inline void settle_on_level(const Model& model, i64 e, Indices modes, Vector x, 
         // A state that is the input alone is put there exactly; of several each moves as the output of the element moves
         // it.
         if (count == 1) {
-            x(alone) = -rest / model.C(z0, alone);
+            x(alone) = -rest / compiled.Zx(q, z0, alone);
         } else {
             for (i64 i = 0, i_end = model.C.shape(1); i < i_end; ++i) {
                 x(i) -= model.B(i, w0) * left / scale;
@@ -154,7 +156,7 @@ inline i64 switch_(const Model& model, const Combinations& compiled, const Work&
             x(i) += model.B(i, w0) * strength;
         }
     }
-    settle_on_level(model, model.guard_element(k), modes, x, H);
+    settle_on_level(model, compiled, new_, model.guard_element(k), modes, x, H);
     return new_;
 }
 

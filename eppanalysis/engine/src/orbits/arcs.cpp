@@ -143,10 +143,11 @@ i64 event_map(const Model& model, const Combinations& compiled, i64 q, i64 guard
             }
         }
     }
-    // As the engine settles it behind the event, so that both have the same map.
+    // As the engine settles it behind the event, so that both have the same map. The input is before the event what it is
+    // behind it: the element itself does not act straight on it.
     i64 m = model.mode_first(e) + after(e);
     if (model.mode_stick(m)) {
-        level_map(J, model.C.row(z0), model.Kz.row(z0), model.mode_level(m), model.B.cut(ALL, w0));
+        level_map(J, compiled.Zx.row(q, z0), compiled.ZH.row(q, z0), model.mode_level(m), model.B.cut(ALL, w0));
     }
     return READY;
 }

@@ -157,6 +157,8 @@ class ExactModes:
             (z0, w0, h0), (z1, w1, h1) = (tuple(int(v) for v in model.first[k]) for k in (e, e + 1))
             # What sticks holds its input still: c (A x + B w) = 0 stands in place of the mode's own equation.
             if model.mode_stick[m]:
+                if np.any(model.D[z0]):
+                    raise NotCovered("An element sticks whose input another one acts straight on.")
                 c = as_row(on_input.tolist()[z0][: self.n])
                 left[w0], right[w0] = (c * B).tolist()[0], (-(c * on_state)).tolist()[0]
                 continue
