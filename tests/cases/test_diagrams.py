@@ -224,7 +224,7 @@ SERVO_MISTAKES = [
     ('inertia = "2e-5 kg*m^2"', 'inertia = "2e-5 kg"', "blocks.motor.inertia", "a moment of inertia such as"),
     ('J_load = "0.05 kg*m^2"', 'J_load = "-0.05 kg*m^2"', "blocks.load.inertia", "J_load is -0.05 kg*m^2"),
     ("ratio = 50", "ratio = 0", "blocks.motor.ratio", "a number other than zero"),
-    ("ratio = 50", 'ratio = "50:1"', "blocks.motor.ratio", "a quantity such as '5 mm', or an expression"),
+    ("ratio = 50", 'ratio = "50:0"', "blocks.motor.ratio", "a divisor that is not zero"),
     ('ti = "Ti"', 'ti = "Ti", ki = "3 V/rad/s"', "blocks.controller.ki", "either it or ti, not both"),
     ('ti = "Ti"', 'ti = "Kp"', "blocks.controller.ti", "a time such as '1 ms': Kp is in V/rad"),
     ('kind = "pi"', 'kind = "pid", td = "1 ms"', "blocks.controller.tf", "a derivative without filter has no end"),
