@@ -19,6 +19,7 @@ from eppanalysis.cases.values.automata import AUTOMATON, read_automaton, read_me
 from eppanalysis.cases.values.parameters import read_scalar
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.values.tables import read_columns
+from eppanalysis.cases.words import FILE, KIND, OF_ALL
 from eppanalysis.errors import CaseError, EppError, ModelError, did_you_mean
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
 from eppanalysis.models.diagrams import BLOCKS, Block as LinearBlock
@@ -30,10 +31,6 @@ from eppanalysis.models.elements.own import ModeMemory
 LARGEST_COUNT = 100_000
 #: What stands in for a missing number when the rest of a part is looked at: of both signs, nothing, large and small.
 _TRIALS = (1.0, -1.0, 0.0, 1e-3, 1e3)
-#: Field of an element that names a CSV file, which holds its columns.
-FILE = "file"
-#: Fields that every element has.
-OF_ALL = ("element", "name", "memory")
 
 
 @dataclass(frozen=True)
@@ -128,17 +125,17 @@ def read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
     CaseError
         As :func:`read_blocks`.
     """
-    if "element" not in table:
+    if KIND not in table:
         if set(table) != {"num", "den"}:
             wrong = next((k for k in table if k not in ("num", "den")), None)
             name = wrong or ("num" if "num" not in table else "den")
             place, expected = f"{field}.{name}", "an element, or num and den of a linear block"
             raise CaseError(raw.origin(place), place, table.get(name, Missing()), expected)
         return Block("", "", {}, {k: _coefficients(table[k], f"{field}.{k}", raw) for k in ("num", "den")})
-    kind = table["element"]
+    kind = table[KIND]
     if not isinstance(kind, str) or kind not in known_elements():
         expected = f"a known element: {did_you_mean(str(kind)[:60], known_elements())}"
-        raise raw.refused(f"{field}.element", expected)
+        raise raw.refused(f"{field}.{KIND}", expected)
     name = table.get("name", kind)
     if not isinstance(name, str) or not re.fullmatch(LABEL, name) or len(name) > 100:
         raise raw.refused(f"{field}.name", LABEL_IS)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from eppanalysis.cases.blocks import (
-    FILE,
     Block as ElementTable,
     Held,
     field_types,
@@ -27,13 +26,14 @@ from eppanalysis.cases.values.expressions import is_expression
 from eppanalysis.cases.values.parameters import Named, read, resolve
 from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity, plain_value
 from eppanalysis.cases.values.wires import units_along_wires
+from eppanalysis.cases.words import ELEMENT, FILE, KIND, KINDS_OF_BLOCKS, KINDS_OF_ELEMENTS
 from eppanalysis.errors import CaseError, IdleInput, ModelError, did_you_mean
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
 from eppanalysis.models.diagrams import BLOCKS, Block, Diagram
 from eppanalysis.models.elements import Nonlinearity
 
 #: Fields of a table that say what it is, not how large something is.
-_WORDS = ("kind", "element", "name")
+_WORDS = (KIND, "name")
 
 
 class DiagramKind(Kind):
@@ -170,11 +170,12 @@ class _Reader:
     def block(self, name: str, table: Mapping[str, Any]) -> Block:
         """A linear block."""
         place = f"blocks.{name}"
-        kind = table.get("kind")
+        kind = table.get(KIND)
         if not isinstance(kind, str) or kind not in BLOCKS:
             expected = f"a known kind of block: {did_you_mean(str(kind)[:60], BLOCKS)}"
-            if table.get("element") in known_elements():
-                expected = f"a kind of block; {table['element']} is an element, which belongs in [elements]"
+            for word in (kind, table.get(ELEMENT)):
+                if isinstance(word, str) and (word in known_elements() or word in KINDS_OF_ELEMENTS):
+                    expected = f"a kind of block; {word} is an element, which belongs in [elements]"
             raise CaseError(self.raw.origin(place), f"{place}.kind", kind or Missing(), expected)
         made = BLOCKS[kind]
         fields = declared_fields(made)
@@ -200,14 +201,12 @@ class _Reader:
         elements, memory = {}, {}
         for name, table in tables.items():
             place = f"elements.{name}"
-            if "element" not in table:
-                kind = table.get("kind")
-                expected = f"a known element: one of {', '.join(known_elements())}"
-                if kind in known_elements():
-                    expected = f"element = {kind!r} in place of kind"
-                elif kind in BLOCKS:
+            kind = table.get(KIND)
+            if not isinstance(kind, str) or kind not in known_elements():
+                expected = f"a known element: {did_you_mean(str(kind)[:60], known_elements())}"
+                if isinstance(kind, str) and (kind in BLOCKS or kind in KINDS_OF_BLOCKS):
                     expected = f"an element; {kind} is a kind of block, which belongs in [blocks]"
-                raise self.raw.refused(f"{place}.element", expected)
+                raise self.raw.refused(f"{place}.{KIND}", expected)
             block = read_block({**self._evaluated(name, table), "name": name}, place, self.raw)
             check_each(block, place, self.raw)
             try:
@@ -236,7 +235,7 @@ class _Reader:
 
     def _evaluated(self, name: str, table: Mapping[str, Any]) -> dict[str, Any]:
         """The table of an element with its expressions replaced by what they come to."""
-        kind = table.get("element")
+        kind = table.get(KIND)
         known = known_elements()
         types = field_types(known[kind]) if isinstance(kind, str) and kind in known else {}
         own = WORDS if kind == AUTOMATON else ()

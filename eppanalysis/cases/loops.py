@@ -83,10 +83,10 @@ def _places(data: Mapping[str, Any]) -> dict[str, tuple[str, int]]:
     """Where each named element stands in the file."""
     loop = data.get("loop", {})
     return {
-        table.get("name", table["element"]): (place, i)
+        table.get("name", table["kind"]): (place, i)
         for place in ("elements", "blocks")
         for i, table in enumerate(loop.get(place) or [])
-        if "element" in table
+        if "kind" in table
     }
 
 

@@ -105,7 +105,7 @@ class _Reading:
         """Note what is wrong and take it out; whether there was anything to be taken out."""
         together = (error, *error.also, *self._also_unknown(error))
         for one in together:
-            said = self._as_written(one)
+            said = self.whole.as_called(self._as_written(one))
             if not self._follows(one) and str(said) not in map(str, self.found):
                 self.found.append(said)
             if isinstance(one.value, Missing):
@@ -228,7 +228,7 @@ class _Reading:
         table, called = holder[own], f"{' '.join(places)} {name}" if isinstance(holder, list) else name
         if not (isinstance(holder, list) or NAME.fullmatch(name)):
             return False  # no other part could have that name either
-        kind = str(table.get("kind", table.get("element"))) if isinstance(table, dict) else ""
+        kind = str(table.get("kind")) if isinstance(table, dict) else ""
         found = None if called in self.stood_in else example(kind)
         if found is None:
             return False
@@ -236,7 +236,7 @@ class _Reading:
         self.stood_in[called] = None
         fields, part = found
         if isinstance(holder, list):
-            holder[own] = {"element": kind, **fields}
+            holder[own] = {"kind": kind, **fields}
             return True
         before, behind = port_names(part)
         del holder[own]

@@ -168,7 +168,7 @@ class Case(ShownCase):
         CaseError
             If anything in it is not valid, as for :func:`eppanalysis.read_case`.
         """
-        return load(RawCase(name, name, Path(), plain_value(tables)))
+        return opened(RawCase(name, name, Path(), plain_value(tables)))
 
     def to_system(self) -> LureSystem:
         """The system that the case describes."""
@@ -524,6 +524,7 @@ def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> C
     CaseError
         If anything in it is not valid.
     """
+    raw = raw.in_our_words()
     file = _model_of(raw, before)
     with np.errstate(all="ignore"):  # what overflows is refused as not finite
         parts = KINDS[file.kind].parts(file, raw)
@@ -536,6 +537,20 @@ def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> C
     system = replace(parts.system, signals=signals)
     told = raw.name, file.title, file.kind, raw.source, parts.parameters, parts.input, float(file.run.t_end.value)
     return Case(*told, expected, raw, system, parts.elbow, parts.computed)
+
+
+def opened(raw: RawCase) -> Case:
+    """The case of a file, whose fields are refused by the words that the file has for them.
+
+    Raises
+    ------
+    CaseError
+        As :func:`load`.
+    """
+    try:
+        return load(raw)
+    except CaseError as error:
+        raise raw.as_called(error) from None
 
 
 def json_schema(kind: str) -> dict[str, Any]:
