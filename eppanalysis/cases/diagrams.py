@@ -21,6 +21,7 @@ from eppanalysis.cases.inputs import input_signals_of
 from eppanalysis.cases.kind import Kind, Parts
 from eppanalysis.cases.schema import DiagramFile
 from eppanalysis.cases.values.automata import AUTOMATON, WORDS
+from eppanalysis.cases.values.bodies import plays_between_bodies
 from eppanalysis.cases.values.dimensions import check_each, check_fields
 from eppanalysis.cases.values.expressions import is_expression
 from eppanalysis.cases.values.parameters import Named, read, resolve
@@ -63,7 +64,7 @@ class DiagramKind(Kind):
         parameters = {**{name: named.parameter for name, named in reader.named.items()}, **reader.given}
         units = {name: level.unit for name, level in levels.items()}
         inputs = input_signals_of(file.run, system.input_names, units, raw)
-        return Parts(parameters, inputs, system, computed=reader.computed)
+        return Parts(parameters, inputs, system, computed=reader.computed, remarks=plays_between_bodies(diagram))
 
     def fields(self, parameters: Iterable[str]) -> list[str]:
         """The given ones."""

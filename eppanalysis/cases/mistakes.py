@@ -38,7 +38,7 @@ _MOST = 200
 #: Sections of things with names, and what stands in for what a file cannot be without.
 _NAMED = ("parameters", "blocks", "elements", "inputs", "signals")
 _OF_PARTS = ("blocks", "elements")
-_STAND_INS: Mapping[str, Any] = {"title": "-", "run": {"t_end": "1 s"}, "run.t_end": "1 s"}
+_STAND_INS: Mapping[str, Any] = {"title": "-"}
 
 
 class Mistakes(NamedTuple):
@@ -184,10 +184,9 @@ class _Reading:
             data["kind"] = "diagram" if "connect" in data else "loop"
             return "connect" in data or "loop" in data
         path = at.split(".")
-        if at in _STAND_INS and (len(path) == 1 or isinstance(data.get(path[0]), dict)):
-            holder = data if len(path) == 1 else data[path[0]]
-            changed = holder.get(path[-1]) != _STAND_INS[at]
-            holder[path[-1]] = _STAND_INS[at]
+        if at in _STAND_INS:
+            changed = data.get(at) != _STAND_INS[at]
+            data[at] = _STAND_INS[at]
             return changed
         if isinstance(error.value, Missing):
             path = _part(at).split(".")

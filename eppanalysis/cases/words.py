@@ -121,6 +121,18 @@ def other_words(kind: str) -> dict[str, str]:
     return found
 
 
+def our_word(part: Any, name: str) -> str:
+    """Our word for a field of a part that stands in a file, in our words, as this table.
+
+    Examples
+    --------
+    >>> our_word({"kind": "play", "gap": "1 deg"}, "backlash")
+    'gap'
+    """
+    kind = part.get(KIND) if isinstance(part, Mapping) else None
+    return other_words(kind).get(name, name) if isinstance(kind, str) else name
+
+
 def other_kinds(kind: str, words: Mapping[str, tuple[str, ...]]) -> list[str]:
     """A kind and all other words that may stand for it."""
     return [kind, *(word for word, meant in words.items() if kind in meant)]
@@ -156,7 +168,9 @@ def in_our_words(data: dict[str, Any], known: Mapping[str, Any], source: str) ->
     changed: dict[str, dict[str | int, Any]] = {}
     for path, table in _parts(data):
         kind = _kind_of(_at(known, path))
-        ours = _of_part(table, kind, path[-2] == "blocks" and path[0] != "loop", ".".join(map(str, path)), source, called)
+        ours = _of_part(
+            table, kind, path[-2] == "blocks" and path[0] != "loop", ".".join(map(str, path)), source, called
+        )
         if ours is not table:
             changed.setdefault(".".join(map(str, path[:-1])), {})[path[-1]] = ours
     out = dict(data) if changed else data

@@ -260,10 +260,12 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
 
 def _begin_run(case: Case) -> None:
     """Refuse a case whose run cannot begin, as the command simulate would."""
+    from eppanalysis.cases import Missing
     from eppanalysis.methods.simulation.simulate import simulate as run_simulation
 
+    end = 1.0 if isinstance(case.held("run.t_end"), Missing) else None  # it begins whatever its length
     with progress(f"simulate {case.name}"):
-        run_simulation(case, max_steps=1)
+        run_simulation(case, t_end=end, max_steps=1)
 
 
 def _own_elements(case: Case) -> list[ElementCheck]:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
+from typer.testing import CliRunner
 
 import eppanalysis as epp
+from eppanalysis.cli.commands import app
 
 SERVO = epp.case("azimuth_servo").to_toml()
 
@@ -32,3 +35,173 @@ def test_numbers_of_a_data_sheet() -> None:
     assert found.parameters["encoder.step"].value == pytest.approx(math.radians(0.18), rel=1e-15)
     assert found.parameters["Ti"].value == 0.4
     assert epp.case_from_text(found.to_toml()).parameters == found.parameters
+
+
+def test_kind_and_element_are_one_word() -> None:
+    """Either may say what an element is, in a diagram and in a loop; both at once is a mistake."""
+    assert servo(('kind = "lock_pin"', 'element = "lock_pin"')).parameters == servo().parameters
+    loop = (
+        'kind = "loop"\ntitle = "t"\n[loop]\nnum = [5.0]\nden = [1, 1, 0]\n[[loop.elements]]\n{} = "play"\ngap = 2.0\n'
+    )
+    each = [epp.case_from_text(loop.format(word) + '[run]\nt_end = "9 s"') for word in ("kind", "element")]
+    assert [found.value("play.gap") for found in each] == [2.0, 2.0]
+    assert "element =" not in each[1].to_toml()
+    with pytest.raises(
+        epp.CaseError, match=r"elements.gear.kind is 'lock_pin'; expected either element or kind, which"
+    ):
+        servo(('kind = "lock_pin"', 'element = "lock_pin"\nkind = "lock_pin"'))
+
+
+def test_a_file_that_inherits_may_use_the_other_word(tmp_path) -> None:
+    """A kind in place of an element, and the other name of a field, replace what the base says."""
+    (tmp_path / "mine.toml").write_text(
+        'base = "azimuth_servo"\ntitle = "mine"\n[elements]\ngear.backlash = "0.2 deg"\nencoder.element = "quantizer"\n'
+        'encoder.resolution = "0.1 deg"\n',
+        encoding="utf-8",
+    )
+    found = epp.read_case(tmp_path / "mine.toml")
+    assert found.parameters["gear.gap"].value == pytest.approx(math.radians(0.2))
+    assert found.parameters["encoder.step"].value == pytest.approx(math.radians(0.1))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('kind = "motor"', 'kind = "dc_motor"'),
+        ('resistance = "2 ohm"\ntorque_constant', 'R = "2 ohm"\nKt'),
+        ('kind = "lock_pin"\ngap', 'kind = "backlash"\nbacklash'),
+        ('kind = "quantiser"', 'kind = "quantizer"'),
+        ('sample_time = "1 ms"', 'Ts = "1 ms"'),
+        ('static = "0.7 N*m"', 'stiction = "0.7 N*m"'),
+    ],
+)
+def test_words_of_others_mean_the_same(old: str, new: str) -> None:
+    """The case is the same, and prints our words."""
+    found = servo((old, new))
+    assert found.to_toml() == SERVO and found.parameters == servo().parameters
+
+
+def test_backlash_is_what_its_fields_make_of_it() -> None:
+    """A gap alone is a play, as in Simulink; with a stiffness it is the gap between two inertias."""
+    drawn = """kind = "diagram"
+title = "t"
+connect = ["-gear -> plant", "plant -> gear"]
+[blocks]
+plant = { kind = "tf", numerator = [5.0], den = [1, 1, 0] }
+[elements]
+gear = { kind = "backlash", width = 2.0 }
+[run]
+t_end = "50 s"
+"""
+    assert isinstance(epp.case_from_text(drawn).to_system().elements[0], epp.Play)
+    pin = servo(('kind = "lock_pin"', 'kind = "backlash"'))
+    assert isinstance(pin.to_system().elements[0], epp.LockPin)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('gap = "gap"', 'backlash = "2 N"', r"elements.gear.backlash is '2 N'; expected an angle"),
+        (
+            'gap = "gap"',
+            'gap = "gap"\nwidth = "1 deg"',
+            r"elements.gear.width is '1 deg'; expected either gap or width",
+        ),
+        (
+            'kind = "quantiser"',
+            'kind = "quantize"',
+            r"elements.encoder.kind is 'quantize'; expected a known element: did",
+        ),
+        ('kind = "motor"', 'kind = "backlash"', r"blocks.motor.kind is 'backlash'.*which belongs in \[elements\]"),
+        (
+            'kind = "quantiser"',
+            'kind = "dc_motor"',
+            r"elements.encoder.kind is 'dc_motor'.*which belongs in \[blocks\]",
+        ),
+    ],
+)
+def test_a_mistake_is_named_by_the_word_of_the_file(old: str, new: str, said: str, tmp_path) -> None:
+    """Also among all the mistakes of a file."""
+    with pytest.raises(epp.CaseError, match=said):
+        servo((old, new))
+    (tmp_path / "servo.toml").write_text(SERVO.replace(old, new, 1), encoding="utf-8")
+    answered = CliRunner().invoke(app, ["check", str(tmp_path / "servo.toml")])
+    assert answered.exit_code == 2 and re.search(said, answered.stderr)
+
+
+def test_settings_may_use_the_word_of_the_file() -> None:
+    changed = servo().with_values({"gear.backlash": "0.2 deg", "motor.Kt": "0.06 N*m/A"})
+    assert changed.value("motor.torque_constant") == 0.06
+    assert changed.value("gear.gap") == pytest.approx(math.radians(0.2))
+    with pytest.raises(
+        epp.CaseError, match=r"motor.R is 'not known'; expected a known field: did you mean 'motor.resist"
+    ):
+        servo().value("motor.R")
+
+
+def test_a_play_between_two_inertias_is_remarked() -> None:
+    """Its output is held by friction, so it cannot let a load fly through the gap; one before a sensor can."""
+    drive = """kind = "diagram"
+title = "t"
+connect = ["motor.angle - load.angle -> gear", "gear -> shaft.twist", "motor.speed - load.speed -> shaft.rate",
+  "shaft -> load", "-shaft -> motor", "load.angle -> sensor", "sensor -> 0"]
+[blocks]
+shaft = { kind = "shaft", stiffness = "100 N*m/rad" }
+motor = { kind = "inertia", J = "1 kg*m^2" }
+load = { kind = "inertia", J = "2 kg*m^2" }
+[elements]
+gear = { kind = "backlash", gap = "1 deg" }
+sensor = { kind = "backlash", gap = "1 deg" }
+"""
+    drive = drive.replace(', "sensor -> 0"', "")
+    (said,) = epp.case_from_text(drive).remarks
+    assert said.startswith("gear is a play between motor and load") and 'kind = "lock_pin"' in said
+    assert epp.case("steering_compensated").remarks == ()
+
+
+VALVE = """kind = "diagram"
+title = "Valve with a limit"
+connect = ["setpoint - plant -> controller", "controller -> valve", "valve -> plant"]
+inputs = ["setpoint"]
+[blocks]
+controller = { kind = "pi", kp = 20.0, ti = "5 s" }
+plant = { kind = "transfer_function", num = [1], den = [1, 3, 2, 0] }
+[elements]
+valve = { kind = "saturation", lower = -1, upper = 1 }
+"""
+
+
+@pytest.mark.parametrize(
+    ("input", "at"),
+    [
+        ("", "setpoint = 0"),
+        ('{ kind = "step", size = 0.5, time = "3 s" }', "setpoint = 0.5"),
+        ('{ kind = "ramp", rate = 0.5, stop = "2 s" }', "setpoint = 1"),
+        ('{ kind = "steps", times = ["1 s", "2 s"], values = [3, 4] }', "setpoint = 4"),
+        ('{ kind = "ramp", rate = 0.5 }', "input 'setpoint' is a ramp that does not end"),
+        ('{ kind = "sine", amplitude = 0.5, frequency = "1 Hz" }', "input 'setpoint' is a sine"),
+    ],
+)
+def test_without_a_length_of_the_run_inputs_are_where_they_come_to(input: str, at: str) -> None:
+    case = epp.case_from_text(VALVE + f"[run]\ninput = {input}" * bool(input))
+    assert str(case.operating_point) == at
+    assert epp.margins(case).at == "controller.out"
+
+
+def test_a_file_needs_a_run_only_for_runs(tmp_path) -> None:
+    """What does not run answers as with a run; what does names the line that is missing."""
+    path = tmp_path / "valve.toml"
+    path.write_text(VALVE, encoding="utf-8")
+    for command in ("check", "margins", "predict"):
+        assert CliRunner().invoke(app, [command, str(path)]).exit_code == 0
+    texts = VALVE, f"{VALVE}[run]\nt_end = '50 s'"
+    found, with_run = (epp.predict_limit_cycles(epp.case_from_text(text)) for text in texts)
+    assert [c.omega for c in found] == [c.omega for c in with_run] and len(found)
+    for command in ("simulate", "validate"):
+        answered = CliRunner().invoke(app, [command, str(path)])
+        assert answered.exit_code == 2 and "run.t_end is missing; expected the length of a run: run.t_end = '10 s'" in (
+            answered.stderr
+        )
+    assert CliRunner().invoke(app, ["simulate", str(path), "--set", "run.t_end=10 s"]).exit_code == 0
+    path.write_text(f"run.t_end = '10 s'\n{VALVE}", encoding="utf-8")
+    assert epp.read_case(path).t_end == 10.0
