@@ -1,7 +1,7 @@
 """Words of case files: what parts and their fields are also called, in other programs and on data sheets.
 
-A file that is read is put into our words once, so that all that follows knows one word for one thing. What a part is, is
-its `kind`; an element may call it `element`.
+A file that is read is put into our words once, so that all that follows knows one word for one thing. What a part is
+stands in its `kind`, which an element may also call `element`.
 """
 
 from __future__ import annotations
@@ -59,9 +59,12 @@ KINDS_OF_ELEMENTS: dict[str, tuple[str, ...]] = {
 }
 
 _STEP = ("interval", "quantization_interval", "resolution", "quantum", "lsb")
-_LIMITS = {"lower": ("lower_limit", "min", "minimum"), "upper": ("upper_limit", "max", "maximum")}
-_STATIC = {"static": ("stiction", "breakaway", "Fs"), "coulomb": ("Fc",)}
-_CONTROLLER = {name.lower(): (name,) for name in ("Kp", "Ti", "Ki", "Td", "Kd", "Tf")}
+_LIMITS: dict[str, tuple[str, ...]] = {
+    "lower": ("lower_limit", "min", "minimum"),
+    "upper": ("upper_limit", "max", "maximum"),
+}
+_STATIC: dict[str, tuple[str, ...]] = {"static": ("stiction", "breakaway", "Fs"), "coulomb": ("Fc",)}
+_CONTROLLER: dict[str, tuple[str, ...]] = {name.lower(): (name,) for name in ("Kp", "Ti", "Ki", "Td", "Kd", "Tf")}
 #: Fields of kinds by other words of the same meaning, number for number.
 _FIELDS: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
     ("play", "lock_pin", "nordin_shaft", "backlash_compensator"): {

@@ -1,4 +1,4 @@
-"""What is hardly meant by an element between bodies: a play, whose output friction holds, between two that turn freely."""
+"""What is hardly meant between bodies: a play, whose output friction holds, between two that turn freely."""
 
 from __future__ import annotations
 
