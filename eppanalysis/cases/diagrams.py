@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -26,15 +27,19 @@ from eppanalysis.cases.values.dimensions import check_each, check_fields
 from eppanalysis.cases.values.expressions import is_expression
 from eppanalysis.cases.values.parameters import Named, read, resolve
 from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity, plain_value
+from eppanalysis.cases.values.toml import toml_line
 from eppanalysis.cases.values.wires import units_along_wires
 from eppanalysis.cases.words import ELEMENT, FILE, KIND, KINDS_OF_BLOCKS, KINDS_OF_ELEMENTS
-from eppanalysis.errors import CaseError, IdleInput, ModelError, did_you_mean
+from eppanalysis.errors import CaseError, IdleInput, ModelError, UnknownName, did_you_mean
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
 from eppanalysis.models.diagrams import BLOCKS, Block, Diagram
+from eppanalysis.models.diagrams.wiring import NAME
 from eppanalysis.models.elements import Nonlinearity
 
 #: Fields of a table that say what it is, not how large something is.
 _WORDS = (KIND, "name")
+#: A name in a sum that is not followed by that of a port.
+_ALONE = re.compile(rf"(?<![\w.]){NAME.pattern}(?![\w.])")
 
 
 class DiagramKind(Kind):
@@ -125,6 +130,27 @@ def _refused(error: ModelError, raw: RawCase) -> CaseError:
     else:
         expected = error.wanted() if error.has_value else f"{error.wanted()} ({found})"
     return CaseError(raw.origin(field), field, value, expected, error.fault)
+
+
+def with_declaration(error: CaseError, raw: RawCase) -> CaseError:
+    """A refusal of a name that may be an external input, with the line that declares it."""
+    if not isinstance(error.fault, UnknownName) or error.fault.name not in (names := _undeclared(raw.data)):
+        return error
+    declared = raw.data.get("inputs") or []
+    every = {**declared, **dict.fromkeys(names, 0.0)} if isinstance(declared, dict) else [*declared, *names]
+    line = f"{toml_line('inputs', every)} above the first section"
+    expected = f"{error.expected}; an external input needs the line {line}"
+    return CaseError(error.source, error.field, error.value, expected, error.fault, error.also)
+
+
+def _undeclared(data: Mapping[str, Any]) -> list[str]:
+    """Names that drive something and are driven by nothing, of no part and like no name that there is."""
+    known = [name for section in ("blocks", "elements", "inputs") for name in data.get(section) or ()]
+    ends = [text.partition("->") for text in data.get("connect") or () if isinstance(text, str)]
+    driven = {name for _, _, right in ends for name in NAME.findall(right)}
+    names = dict.fromkeys(name for left, _, _ in ends for name in _ALONE.findall(left))
+    slips = {name for name in names if did_you_mean(name, known).startswith("did you mean")}
+    return [name for name in names if name not in {*known, *driven, *slips}]
 
 
 def _require_driving(diagram: Diagram, raw: RawCase) -> None:

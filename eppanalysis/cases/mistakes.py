@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from eppanalysis.cases.blocks import example
+from eppanalysis.cases.diagrams import with_declaration
 from eppanalysis.cases.files import Connections, Missing, RawCase, read_raw
 from eppanalysis.cases.model import load
 from eppanalysis.cases.values.expressions import is_expression, parse, unknown_name
@@ -105,7 +106,7 @@ class _Reading:
         """Note what is wrong and take it out; whether there was anything to be taken out."""
         together = (error, *error.also, *self._also_unknown(error))
         for one in together:
-            said = self.whole.as_called(self._as_written(one))
+            said = with_declaration(self.whole.as_called(self._as_written(one)), self.whole)
             if not self._follows(one) and str(said) not in map(str, self.found):
                 self.found.append(said)
             if isinstance(one.value, Missing):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.arguments import checked
-from eppanalysis.cases.diagrams import DiagramKind
+from eppanalysis.cases.diagrams import DiagramKind, with_declaration
 from eppanalysis.cases.elbow_case import ElbowKind
 from eppanalysis.cases.expected import Expected, make_expected
 from eppanalysis.cases.files import Missing, RawCase, drop_alternatives, put, without_answers
@@ -575,7 +575,7 @@ def opened(raw: RawCase) -> Case:
     try:
         return load(raw)
     except CaseError as error:
-        raise raw.as_called(error) from None
+        raise with_declaration(raw.as_called(error), raw) from None
 
 
 def json_schema(kind: str) -> dict[str, Any]:

@@ -59,14 +59,16 @@ KINDS_OF_ELEMENTS: dict[str, tuple[str, ...]] = {
 }
 
 _STEP = ("interval", "quantization_interval", "resolution", "quantum", "lsb")
-_LIMITS: dict[str, tuple[str, ...]] = {
+#: Other words by our word for a field.
+_Words = dict[str, tuple[str, ...]]
+_LIMITS: _Words = {
     "lower": ("lower_limit", "min", "minimum"),
     "upper": ("upper_limit", "max", "maximum"),
 }
-_STATIC: dict[str, tuple[str, ...]] = {"static": ("stiction", "breakaway", "Fs"), "coulomb": ("Fc",)}
-_CONTROLLER: dict[str, tuple[str, ...]] = {name.lower(): (name,) for name in ("Kp", "Ti", "Ki", "Td", "Kd", "Tf")}
+_STATIC: _Words = {"static": ("stiction", "breakaway", "Fs"), "coulomb": ("Fc",)}
+_CONTROLLER: _Words = {name.lower(): (name,) for name in ("Kp", "Ti", "Ki", "Td", "Kd", "Tf")}
 #: Fields of kinds by other words of the same meaning, number for number.
-_FIELDS: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
+_FIELDS: dict[tuple[str, ...], _Words] = {
     ("play", "lock_pin", "nordin_shaft", "backlash_compensator"): {
         "gap": ("backlash", "freeplay", "width", "deadband", "deadband_width")
     },
@@ -171,9 +173,7 @@ def in_our_words(data: dict[str, Any], known: Mapping[str, Any], source: str) ->
     changed: dict[str, dict[str | int, Any]] = {}
     for path, table in _parts(data):
         kind = _kind_of(_at(known, path))
-        ours = _of_part(
-            table, kind, path[-2] == "blocks" and path[0] != "loop", ".".join(map(str, path)), source, called
-        )
+        ours = _of_part(table, kind, path[0] == "blocks", ".".join(map(str, path)), source, called)
         if ours is not table:
             changed.setdefault(".".join(map(str, path[:-1])), {})[path[-1]] = ours
     out = dict(data) if changed else data

@@ -205,3 +205,33 @@ def test_a_file_needs_a_run_only_for_runs(tmp_path) -> None:
     assert CliRunner().invoke(app, ["simulate", str(path), "--set", "run.t_end=10 s"]).exit_code == 0
     path.write_text(f"run.t_end = '10 s'\n{VALVE}", encoding="utf-8")
     assert epp.read_case(path).t_end == 10.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ('inputs = ["setpoint"]\n', "", 'inputs = ["setpoint"]'),
+        ("setpoint - plant", "setpoint - plant + wind", 'inputs = ["setpoint", "wind"]'),
+        ('inputs = ["setpoint"]', 'inputs = { level = "1 m" }', 'inputs = { level = "1 m", setpoint = 0.0 }'),
+    ],
+)
+def test_an_input_that_is_not_declared_is_answered_with_its_line(old: str, new: str, line: str, tmp_path) -> None:
+    """The line makes the file valid, and is said once however often the input is used."""
+    path = tmp_path / "valve.toml"
+    broken = VALVE.replace(old, new, 1)
+    path.write_text(broken, encoding="utf-8")
+    answered = CliRunner().invoke(app, ["check", str(path)])
+    assert f"an external input needs the line {line} above the first section." in answered.stderr
+    mended = re.sub("^inputs.*\n", "", broken, flags=re.MULTILINE)
+    if "level" in line:
+        mended = mended.replace("setpoint - plant", "setpoint + level - plant")
+    path.write_text(f"{line}\n{mended}", encoding="utf-8")
+    assert "setpoint" in epp.read_case(path).to_system().input_names
+
+
+@pytest.mark.parametrize(("old", "new"), [("setpoint -", "setpoit -"), ('controller = { kind = "pi"', "# ")])
+def test_a_slip_and_a_part_that_is_missing_are_no_inputs(old: str, new: str, tmp_path) -> None:
+    path = tmp_path / "valve.toml"
+    path.write_text(VALVE.replace(old, new, 1), encoding="utf-8")
+    answered = CliRunner().invoke(app, ["check", str(path)])
+    assert answered.exit_code == 2 and "external input needs" not in answered.stderr
