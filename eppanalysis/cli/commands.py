@@ -43,6 +43,7 @@ from eppanalysis.cli.explore import explore
 from eppanalysis.cli.guide import guide
 from eppanalysis.cli.identify import diagnose, identify
 from eppanalysis.cli.margins import margins
+from eppanalysis.cli.new import new
 from eppanalysis.cli.report import report
 from eppanalysis.cli.response import response
 from eppanalysis.cli.sweep import sweep
@@ -370,6 +371,7 @@ def schema(
     write_text(f"{text}\n", output)
 
 
+app.command("new", cls=_Command)(new)
 app.command("cycles", cls=_Command)(cycles)
 app.command("branch", cls=_Command)(branch)
 app.command("response", cls=_Command)(response)
