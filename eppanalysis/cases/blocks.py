@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import re
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
@@ -24,9 +24,10 @@ from eppanalysis.errors import CaseError, EppError, ModelError, did_you_mean
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
 from eppanalysis.models.diagrams import BLOCKS, Block as LinearBlock
 from eppanalysis.models.elements import ELEMENTS, AutomatonElement, Nonlinearity
-from eppanalysis.models.elements.base import Role
+from eppanalysis.models.elements.base import Estimate, Role
 from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.elements.own import ModeMemory
+from eppanalysis.units import KINDS
 
 LARGEST_COUNT = 100_000
 #: What stands in for a missing number when the rest of a part is looked at: of both signs, nothing, large and small.
@@ -168,8 +169,9 @@ def _read_fields(
     lists: dict[str, list[Parameter]] = {}
     types = field_types(element_class(kind))
     table = _with_columns(element_class(kind).columns, table, field, raw)
+    parameters |= _from_sizes(element_class(kind).estimate, table, field, raw)
     for key, value in table.items():
-        if key in OF_ALL:
+        if key in OF_ALL or key in parameters:
             continue
         place = f"{field}.{key}"
         if key not in types:
@@ -193,6 +195,36 @@ def _with_columns(columns: tuple[str, ...], table: dict[str, Any], field: str, r
             raise raw.refused(f"{field}.{column}", f"either {FILE}, or {' and '.join(columns)}")
     rest = {key: value for key, value in table.items() if key != FILE}
     return rest | read_columns(table[FILE], columns, f"{field}.{FILE}", raw)
+
+
+def _from_sizes(estimate: Estimate | None, table: dict[str, Any], field: str, raw: RawCase) -> dict[str, Parameter]:
+    """The sizes that the table of an element gives, and what is estimated from them where the table does not say it."""
+    if estimate is None or not any(name in table for name in estimate.sizes):
+        return {}
+    found = {}
+    for name, unit in estimate.sizes.items():
+        place = f"{field}.{name}"
+        if name not in table:
+            raise raw.refused(place, f"a value: {estimate.field} is estimated from {' and '.join(estimate.sizes)}")
+        found[name] = read_scalar(table[name], place, raw)
+        if found[name].unit not in ("", unit) or not found[name].value > 0:
+            raise raw.refused(place, f"{KINDS[unit][0]} that is positive, such as {KINDS[unit][1]!r}")
+    if estimate.field not in table:
+        value = estimate.of(**{name: float(p.value) for name, p in found.items()})
+        found[estimate.field] = Parameter(value, estimate.unit, estimate.unit, "derived", f"estimated: {estimate.by}")
+    return found
+
+
+def estimates(blocks: Iterable[Block]) -> tuple[str, ...]:
+    """A sentence for each field that is estimated."""
+    said = []
+    for block in blocks:
+        estimate = known_elements()[block.kind].estimate if block.kind else None
+        found = block.parameters.get(estimate.field) if estimate is not None else None
+        if estimate is not None and found is not None and found.note == f"estimated: {estimate.by}":
+            at = f"{block.name}.{estimate.field}"
+            said.append(f"{at} is estimated to be {found}: {estimate.by}; give {estimate.field} to replace it.")
+    return tuple(said)
 
 
 def _list(value: Any, field: str, raw: RawCase) -> list[Parameter]:
@@ -262,7 +294,9 @@ def without(
     field, kind : str
         Where the part stands in the file, and what it is.
     """
-    first, *others = (raw.refused(f"{field}.{key}", f"a value: {kind} needs it") for key in lacking)
+    first, *others = (
+        raw.refused(f"{field}.{key}", f"a value: {kind} needs it{_or_sizes(kind, key)}") for key in lacking
+    )
     found: list[ModelError] = []
     for number in _TRIALS:
         try:
@@ -278,6 +312,13 @@ def without(
     if len({str(error) for error in found}) == 1:
         others.append(raw.refused_by_model(found[0], field))
     return CaseError(first.source, first.field, first.value, first.expected, first.fault, tuple(others))
+
+
+def _or_sizes(kind: str, key: str) -> str:
+    """What a file may give in place of a field."""
+    made = ELEMENTS.get(kind)
+    estimate = None if made is None else made.estimate
+    return f", or {' and '.join(estimate.sizes)}" if estimate is not None and estimate.field == key else ""
 
 
 def needed(

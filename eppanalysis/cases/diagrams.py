@@ -10,6 +10,7 @@ from typing import Any
 from eppanalysis.cases.blocks import (
     Block as ElementTable,
     Held,
+    estimates,
     field_types,
     known_elements,
     make_element,
@@ -69,7 +70,8 @@ class DiagramKind(Kind):
         parameters = {**{name: named.parameter for name, named in reader.named.items()}, **reader.given}
         units = {name: level.unit for name, level in levels.items()}
         inputs = input_signals_of(file.run, system.input_names, units, raw)
-        return Parts(parameters, inputs, system, computed=reader.computed, remarks=plays_between_bodies(diagram))
+        said = (*estimates(reader.tables.values()), *plays_between_bodies(diagram))
+        return Parts(parameters, inputs, system, computed=reader.computed, remarks=said)
 
     def fields(self, parameters: Iterable[str]) -> list[str]:
         """The given ones."""

@@ -149,7 +149,8 @@ def fields_of(kind: str) -> Container[str]:
     if kind in BLOCKS:
         return {KIND, *declared_fields(BLOCKS[kind])}
     made = ELEMENTS.get(kind)
-    return {*(inspect.signature(made).parameters if made else ()), FILE, *OF_ALL}
+    sizes = made.estimate.sizes if made and made.estimate else ()
+    return {*(inspect.signature(made).parameters if made else ()), *sizes, FILE, *OF_ALL}
 
 
 def in_our_words(data: dict[str, Any], known: Mapping[str, Any], source: str) -> InOurWords:

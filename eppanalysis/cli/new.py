@@ -69,7 +69,7 @@ def new(
 def _ask_kind() -> str:
     """The first question."""
     known = list(Machine)
-    typer.echo("Six questions; Enter takes what stands in brackets.")
+    typer.echo("Six questions; Enter takes the answer in brackets.")
     while True:
         answer = _answer(f"What is it: {', '.join(known)}", known[0]).lower().replace("_", "-")
         if answer in known:

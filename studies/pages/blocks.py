@@ -27,7 +27,7 @@ _INTRODUCTION = """\
 The values of `kind =` in `[blocks]` of a diagram ({doc}`diagrams`), with ports and fields. A field without a default is
 required. A value is a quantity (`"2 ohm"`, or a number in SI units) or an expression ({ref}`expressions`). In Python
 the class of the same fields, by name: `epp.blocks.Motor(resistance=2.0, torque_constant=0.05, inertia=2e-5)`. Ports are
-written as inputs → outputs.
+written as inputs → outputs. Words behind "Also" are read as the kind, or the field before them.
 
 """
 

@@ -29,8 +29,8 @@ quantity (`"12 mm"`), in a diagram an expression, or a table of `value`, `mark`,
 In brackets, [u] is the unit of the element's input in the loop, [y] that of its output.
 
 Every element also takes `name` (default: its kind; `--set`, sweeps and signals use it: `play.gap`) and `memory` (what
-an element with memory holds at the start). Words behind "Also" are read as the kind or the field; results print the
-heading. `element` is read as `kind`. An element of your own is `automaton`: {doc}`../howto/own_element`.
+an element with memory holds at the start). Words behind "Also" are read as the kind, or the field before them; results
+print ours. `element` is read as `kind`. An element of your own is `automaton`: {doc}`../howto/own_element`.
 """
 
 #: Units of a loop as docstrings spell them and as the page abbreviates them, longest first.
@@ -78,6 +78,9 @@ def _section(kind: str) -> str:
         named = " and ".join(f"`{column}`" for column in made.columns)
         path = "CSV file in the case's folder"
         rows.append(f"- `file`: {path}, in place of {named}: its first columns, with units in a header.")
+    if (estimate := made.estimate) is not None:
+        named = ", ".join(f"`{name}`" for name in estimate.sizes)
+        rows.append(f"- {named}: Sizes [m], in place of `{estimate.field}`, to estimate it from: {estimate.by}.")
     also = other_words_line(kind, KINDS_OF_ELEMENTS)
     return f"## {kind}\n\n{_markdown(says)}\n\n{also}" + "\n".join(rows) + "\n"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 
@@ -235,3 +236,46 @@ def test_a_slip_and_a_part_that_is_missing_are_no_inputs(old: str, new: str, tmp
     path.write_text(VALVE.replace(old, new, 1), encoding="utf-8")
     answered = CliRunner().invoke(app, ["check", str(path)])
     assert answered.exit_code == 2 and "external input needs" not in answered.stderr
+
+
+def test_contact_stiffness_is_estimated_from_the_size_of_the_gear(tmp_path) -> None:
+    """c b r^2 of ISO 6336-1, with r of the base circle; it is said, marked, and gives way to a number."""
+    size = 'pitch_diameter = "60 mm"\nface_width = "10 mm"'
+    found = servo(('stiffness = "800 N*m/rad"', size))
+    expected = 20e9 * 0.01 * (0.03 * math.cos(math.radians(20.0))) ** 2
+    stiffness = found.parameters["gear.stiffness"]
+    assert stiffness.value == pytest.approx(expected) == found.to_system().elements[0].stiffness
+    assert stiffness.mark == "derived" and "ISO 6336-1" in stiffness.note
+    (said,) = found.remarks
+    assert said.startswith("gear.stiffness is estimated to be 158944 N*m/rad")
+    assert found.with_values({"gear.face_width": "5 mm"}).value("gear.stiffness") == pytest.approx(expected / 2)
+    given = found.with_values({"gear.stiffness": "800 N*m/rad"})
+    assert given.remarks == () and given.to_system().elements[0].stiffness == 800.0
+    path = tmp_path / "servo.toml"
+    path.write_text(SERVO.replace('stiffness = "800 N*m/rad"', size), encoding="utf-8")
+    answered = CliRunner().invoke(app, ["predict", str(path), "--json"])
+    assert said in answered.stderr
+    assert json.loads(answered.stdout)["cases"][0]["remarks"] == [said]
+
+
+@pytest.mark.parametrize(
+    ("new", "said"),
+    [
+        (
+            "",
+            "elements.gear.stiffness is missing; expected a value: lock_pin needs it, or pitch_diameter and face_width",
+        ),
+        ('pitch_diameter = "60 mm"', "elements.gear.face_width is missing; expected a value: stiffness is estimated"),
+        (
+            'pitch_diameter = "60 N"\nface_width = "1 mm"',
+            "pitch_diameter is '60 N'; expected a length that is positive",
+        ),
+        (
+            'pitch_diameter = "60 mm"\nface_width = 0',
+            "elements.gear.face_width is 0; expected a length that is positive",
+        ),
+    ],
+)
+def test_sizes_that_make_no_gear_are_refused(new: str, said: str) -> None:
+    with pytest.raises(epp.CaseError, match=re.escape(said)):
+        servo(('stiffness = "800 N*m/rad"', new))
