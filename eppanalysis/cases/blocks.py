@@ -30,6 +30,8 @@ from eppanalysis.models.elements.own import ModeMemory
 from eppanalysis.units import KINDS
 
 LARGEST_COUNT = 100_000
+#: Fields that hold the two sides of one thing, and what a parameter without a default has.
+_SIDES, _NONE = (("lower", "upper"), ("low", "high")), inspect.Parameter.empty
 #: What stands in for a missing number when the rest of a part is looked at: of both signs, nothing, large and small.
 _TRIALS = (1.0, -1.0, 0.0, 1e-3, 1e3)
 
@@ -215,16 +217,32 @@ def _from_sizes(estimate: Estimate | None, table: dict[str, Any], field: str, ra
     return found
 
 
-def estimates(blocks: Iterable[Block]) -> tuple[str, ...]:
-    """A sentence for each field that is estimated."""
+def unsaid(blocks: Iterable[Block]) -> tuple[str, ...]:
+    """A sentence for each number of an element that the file leaves open, and that is hardly seen from it.
+
+    Such are an estimate, and the default of one side where the file gives the other.
+    """
     said = []
     for block in blocks:
+        said += _half_given(block) if block.kind else []
         estimate = known_elements()[block.kind].estimate if block.kind else None
         found = block.parameters.get(estimate.field) if estimate is not None else None
         if estimate is not None and found is not None and found.note == f"estimated: {estimate.by}":
             at = f"{block.name}.{estimate.field}"
             said.append(f"{at} is estimated to be {found}: {estimate.by}; give {estimate.field} to replace it.")
     return tuple(said)
+
+
+def _half_given(block: Block) -> list[str]:
+    fields = inspect.signature(element_class(block.kind)).parameters
+    pairs = [pair for pair in _SIDES if all(name in fields and fields[name].default is not _NONE for name in pair)]
+    one_sided = [sorted(pair, key=block.parameters.__contains__) for pair in pairs]
+    return [
+        f"{block.name}.{left} is not given, beside {block.name}.{given} of {block.parameters[given]}, "
+        f"and is {fields[left].default:g} by default."
+        for left, given in one_sided
+        if given in block.parameters and left not in block.parameters
+    ]
 
 
 def _list(value: Any, field: str, raw: RawCase) -> list[Parameter]:

@@ -10,12 +10,12 @@ from typing import Any
 from eppanalysis.cases.blocks import (
     Block as ElementTable,
     Held,
-    estimates,
     field_types,
     known_elements,
     make_element,
     needed,
     read_block,
+    unsaid,
     without,
 )
 from eppanalysis.cases.files import Connections, Missing, RawCase
@@ -70,7 +70,7 @@ class DiagramKind(Kind):
         parameters = {**{name: named.parameter for name, named in reader.named.items()}, **reader.given}
         units = {name: level.unit for name, level in levels.items()}
         inputs = input_signals_of(file.run, system.input_names, units, raw)
-        said = (*estimates(reader.tables.values()), *plays_between_bodies(diagram))
+        said = (*unsaid(reader.tables.values()), *plays_between_bodies(diagram))
         return Parts(parameters, inputs, system, computed=reader.computed, remarks=said)
 
     def fields(self, parameters: Iterable[str]) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from eppanalysis.cases.blocks import Block, estimates, make_element, read_blocks
+from eppanalysis.cases.blocks import Block, make_element, read_blocks, unsaid
 from eppanalysis.cases.files import Missing, RawCase
 from eppanalysis.cases.inputs import input_signals_of
 from eppanalysis.cases.kind import Kind, Parts
@@ -59,7 +59,7 @@ class LoopKind(Kind):
             if found is not None:
                 fields[f"loop.{name}"] = found
         inputs = input_signals_of(file.run, system.input_names, self.input_unit, raw)
-        return Parts(fields, inputs, system, remarks=estimates(blocks))
+        return Parts(fields, inputs, system, remarks=unsaid(blocks))
 
     def fields(self, parameters: Iterable[str]) -> list[str]:
         """The given ones, and those of the loop as a whole."""

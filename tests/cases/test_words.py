@@ -279,3 +279,22 @@ def test_contact_stiffness_is_estimated_from_the_size_of_the_gear(tmp_path) -> N
 def test_sizes_that_make_no_gear_are_refused(new: str, said: str) -> None:
     with pytest.raises(epp.CaseError, match=re.escape(said)):
         servo(('stiffness = "800 N*m/rad"', new))
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ('{ kind = "saturation", upper = "24 V" }', "valve.lower is not given, beside valve.upper of 24 V, and is -1"),
+        (
+            '{ kind = "saturation", min = -5 }',
+            "valve.upper is not given, beside valve.lower of -5",
+        ),
+        ('{ kind = "relay", high = 2 }', "valve.low is not given, beside valve.high of 2, and is -1 by default."),
+        ('{ kind = "saturation" }', ""),
+        ('{ kind = "relay", low = 0, high = 1 }', ""),
+    ],
+)
+def test_one_side_that_is_left_at_its_default_is_remarked(typed: str, said: str) -> None:
+    """A limit of 24 V on one side alone is seldom meant; both sides left out are the unit element."""
+    remarks = epp.case_from_text(re.sub("valve = {.*", f"valve = {typed}", VALVE)).remarks
+    assert remarks == () if not said else remarks[0].startswith(said)
