@@ -1,7 +1,7 @@
 """Words of case files: what parts and their fields are also called, in other programs and on data sheets.
 
-A file that is read is put into our words once, so that all that follows knows one word for one thing. What a part is
-stands in its `kind`, which an element may also call `element`.
+A file that is read is put into our words once, so that all that follows knows one word for one thing. The
+`kind` of a part says what it is; an element may call it `element`.
 """
 
 from __future__ import annotations

@@ -53,21 +53,21 @@ def new(
         raise EppError(f"--kind: is missing; expected one of {', '.join(Machine)}.")
     values = by_name("--set", (split_pair(text, "--set", "NAME=VALUE") for text in settings))
     if kind is None:
-        draft = Draft(_ask_kind())
-        values = _ask_numbers(draft)
+        draft = Draft(_kind())
+        values = _numbers(draft)
     else:
         draft = Draft(kind)
     write_text(draft.with_numbers(values), file)
     typer.echo(f"{file}: {draft.about}")
-    if left := [asked.name for asked in draft.asked if asked.name not in values]:
+    if left := [question.name for question in draft.questions if question.name not in values]:
         typer.echo(f"Plausible, not yours: {', '.join(left)}, and what the comments name.")
     typer.echo("Next:")
     for step in ("check", "predict", "simulate"):
         typer.echo(f"  {command(step, str(file))}")
 
 
-def _ask_kind() -> str:
-    """The first question."""
+def _kind() -> str:
+    """The answer to the first question."""
     known = list(Machine)
     typer.echo("Six questions; Enter takes the answer in brackets.")
     while True:
@@ -77,14 +77,14 @@ def _ask_kind() -> str:
         typer.echo(f"{answer}: is not known; expected one of {', '.join(known)}.")
 
 
-def _ask_numbers(draft: Draft) -> dict[str, str]:
-    """The other questions; what a user leaves at its default is not his."""
+def _numbers(draft: Draft) -> dict[str, str]:
+    """The answers to the other questions; what a user leaves at its default is not among them."""
     values: dict[str, str] = {}
-    for asked in draft.asked:
-        while (answer := _answer(asked.about, asked.value)) != asked.value:
+    for question in draft.questions:
+        while (answer := _answer(question.about, question.value)) != question.value:
             try:
-                draft.check(asked.name, answer)
-                values[asked.name] = answer
+                draft.check(question.name, answer)
+                values[question.name] = answer
                 break
             except EppError as error:
                 typer.echo(str(error).removeprefix("--set: "))

@@ -39,11 +39,11 @@ def test_what_is_written_is_checked_predicted_and_simulated(kind: str, tmp_path:
 def test_six_questions_of_each_kind_and_their_numbers_are_fields(kind: str) -> None:
     """What a thing is, and five numbers, each of which the file takes by its name and prints."""
     draft = Draft(kind)
-    assert len(draft.asked) == 5 and all(len(asked.about) < 80 for asked in draft.asked)
+    assert len(draft.questions) == 5 and all(len(question.about) < 80 for question in draft.questions)
     case = epp.case_from_text(draft.text)
-    for asked in draft.asked:
-        assert case.si(asked.name, asked.value) == case.value(asked.name)
-        assert draft.with_numbers({asked.name: asked.value}).count(asked.about) == 1
+    for question in draft.questions:
+        assert case.si(question.name, question.value) == case.value(question.name)
+        assert draft.with_numbers({question.name: question.value}).count(question.about) == 1
 
 
 def test_the_kinds_are_those_of_the_drafts() -> None:

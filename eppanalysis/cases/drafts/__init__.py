@@ -1,6 +1,6 @@
-"""Drafts of case files, one a kind of machine: valid files with comments, whose first numbers a user is asked for.
+"""Drafts of case files, one a kind of machine: valid files with comments, and questions about their first numbers.
 
-A number that is asked for is a line of its own, with two spaces before the comment that asks.
+A question is a line of the file: the name of a field, a plausible value, and two spaces before the comment.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from eppanalysis.units import QuantityError, dimensions, typed_unit
 
 #: In the order in which they are offered; files beside this one have these names.
 DRAFTS = ("servo", "thermostat", "valve", "two-mass", "elbow")
-_ASKED = re.compile(r'^([\w.]+) = "([^"]*)"  # (.+)$', re.MULTILINE)
+_QUESTION = re.compile(r'^([\w.]+) = "([^"]*)"  # (.+)$', re.MULTILINE)
 
 
 @dataclass(frozen=True)
-class Asked:
-    """A number of a draft that a user is asked for."""
+class Question:
+    """A question about a number of a draft."""
 
     name: str  # of the field, as ``--set`` takes it
     value: str  # plausible, with its unit
@@ -40,7 +40,7 @@ class Draft:
     >>> draft = Draft("servo")
     >>> print(draft.about)
     Position servo: motor, gear with backlash, friction, load, encoder and PI controller.
-    >>> [asked.name for asked in draft.asked][:3]
+    >>> [question.name for question in draft.questions][:3]
     ['resistance', 'torque_constant', 'ratio']
     >>> 'ratio = "36:1"  # Gear' in draft.with_numbers({"ratio": "36:1"})
     True
@@ -59,9 +59,9 @@ class Draft:
         return self.text.partition("\n")[0].removeprefix("# ")
 
     @property
-    def asked(self) -> tuple[Asked, ...]:
-        """The numbers that a user is asked for, in the order of the file."""
-        return tuple(Asked(*found.groups()) for found in _ASKED.finditer(self.text))
+    def questions(self) -> tuple[Question, ...]:
+        """The questions in the order of the file."""
+        return tuple(Question(*found.groups()) for found in _QUESTION.finditer(self.text))
 
     @cached_property
     def _case(self) -> Case:
@@ -73,9 +73,9 @@ class Draft:
         Raises
         ------
         CaseError
-            If the draft does not ask for it, or it has another unit, or is out of range.
+            If there is no question about it, or it has another unit, or is out of range.
         """
-        names = {asked.name: asked for asked in self.asked}
+        names = {question.name: question for question in self.questions}
         if name not in names:
             raise CaseError("--set", name, value, f"a number of a {self.kind}: {did_you_mean(name, names)}")
         try:
@@ -104,11 +104,11 @@ class Draft:
             name, _, about = found.groups()
             return f"{_as_written(name, values[name])}  # {about}" if name in values else found[0]
 
-        return _ASKED.sub(line, self.text)
+        return _QUESTION.sub(line, self.text)
 
 
 def _as_written(name: str, value: str) -> str:
-    """The line of a number; one without a unit stands without quotation marks."""
+    """The line of a number; one without a unit has no quotation marks."""
     try:
         plain = tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
