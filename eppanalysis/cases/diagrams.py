@@ -138,8 +138,8 @@ def with_declaration(error: CaseError, raw: RawCase) -> CaseError:
     """A refusal of a name that may be an external input, with the line that declares it."""
     if not isinstance(error.fault, UnknownName) or error.fault.name not in (names := _undeclared(raw.data)):
         return error
-    declared = raw.data.get("inputs") or []
-    every = {**declared, **dict.fromkeys(names, 0.0)} if isinstance(declared, dict) else [*declared, *names]
+    declared = raw.data.get("inputs", [])
+    every = {**declared, **dict.fromkeys(names, 0.0)} if isinstance(declared, dict) else [*_texts(declared), *names]
     line = f"{toml_line('inputs', every)} above the first section"
     expected = f"{error.expected}; an external input needs the line {line}"
     return CaseError(error.source, error.field, error.value, expected, error.fault, error.also)
@@ -147,12 +147,17 @@ def with_declaration(error: CaseError, raw: RawCase) -> CaseError:
 
 def _undeclared(data: Mapping[str, Any]) -> list[str]:
     """Names that drive something and are driven by nothing, of no part and like no name that there is."""
-    known = [name for section in ("blocks", "elements", "inputs") for name in data.get(section) or ()]
-    ends = [text.partition("->") for text in data.get("connect") or () if isinstance(text, str)]
+    known = [name for section in ("blocks", "elements", "inputs") for name in _texts(data.get(section))]
+    ends = [text.partition("->") for text in _texts(data.get("connect"))]
     driven = {name for _, _, right in ends for name in NAME.findall(right)}
     names = dict.fromkeys(name for left, _, _ in ends for name in _ALONE.findall(left))
     slips = {name for name in names if did_you_mean(name, known).startswith("did you mean")}
     return [name for name in names if name not in {*known, *driven, *slips}]
+
+
+def _texts(given: Any) -> list[str]:
+    """The texts in a list, or the names in a table, whatever else a file has there."""
+    return [text for text in given if isinstance(text, str)] if isinstance(given, list | dict) else []
 
 
 def _require_driving(diagram: Diagram, raw: RawCase) -> None:

@@ -298,3 +298,14 @@ def test_one_side_that_is_left_at_its_default_is_remarked(typed: str, said: str)
     """A limit of 24 V on one side alone is seldom meant; both sides left out are the unit element."""
     remarks = epp.case_from_text(re.sub("valve = {.*", f"valve = {typed}", VALVE)).remarks
     assert remarks == () if not said else remarks[0].startswith(said)
+
+
+@pytest.mark.parametrize("blocks", ['[["a"], 1]', "3", '{ controller = "pi" }', "{ controller = { kind = [1] } }"])
+@pytest.mark.parametrize("inputs", ['["setpoint"]', "3", '[["a"], 1]', ""])
+def test_what_is_no_table_of_parts_is_a_sentence(blocks: str, inputs: str, tmp_path) -> None:
+    """Words and undeclared inputs are looked for in files that hold anything."""
+    path = tmp_path / "valve.toml"
+    text = f'kind = "diagram"\ntitle = "t"\nconnect = ["setpoint - a -> controller"]\nblocks = {blocks}\n'
+    path.write_text(text + f"inputs = {inputs}" * bool(inputs), encoding="utf-8")
+    answered = CliRunner().invoke(app, ["check", str(path)])
+    assert answered.exit_code == 2 and "expected" in answered.stderr
