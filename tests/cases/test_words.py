@@ -198,6 +198,8 @@ def test_a_file_needs_a_run_only_for_runs(tmp_path) -> None:
     texts = VALVE, f"{VALVE}[run]\nt_end = '50 s'"
     found, with_run = (epp.predict_limit_cycles(epp.case_from_text(text)) for text in texts)
     assert [c.omega for c in found] == [c.omega for c in with_run] and len(found)
+    grid = epp.sweep(epp.case_from_text(VALVE), {"controller.kp": [20.0, 25.0]}, run="predict", progress=False)
+    assert "t_end" not in json.loads(grid.attrs["provenance"])["settings"]
     for command in ("simulate", "validate"):
         answered = CliRunner().invoke(app, [command, str(path)])
         assert answered.exit_code == 2 and "run.t_end is missing; expected the length of a run: run.t_end = '10 s'" in (
