@@ -1,4 +1,4 @@
-"""Quantities as people write them ("2.5 deg", "1.25 lbf") to SI numbers and back; the only user of pint.
+"""Quantities as people write them ("2.5 deg", "360/2000 deg", "36:1") to SI numbers and back; the only user of pint.
 
 Angles count as a dimension of their own: "10 Hz" is no angular velocity, "5 %" no angle, "1 lb" no force.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from fractions import Fraction
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING
 
@@ -87,14 +88,16 @@ _LONGEST = 80
 #: What pint raises for text that is no unit; its own errors derive from these.
 _PINT_FAILURES = (AttributeError, ValueError, TypeError, KeyError, OverflowError, AssertionError)
 
-_NUMBER = r"[+-]?(?:\d+(?:_?\d+)*\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?"
+_PLAIN = r"(?:\d+(?:_?\d+)*\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?"
+#: A number, or a quotient of two as data sheets have them: "360/2000 deg", and of a gear "36:1".
+_NUMBER = rf"([+-]?{_PLAIN})(?:\s*([/:])\s*({_PLAIN}))?"
 _NAME = r"(?:[A-Za-zµμΩ][A-Za-z_]*|%)"
 _FACTOR = rf"{_NAME}(?:(?:\^|\*\*)-?\d)?"
 #: What stands below the line, as in "m^3/(s*V)".
 _BELOW = rf"\(\s*{_FACTOR}(?:\s*(?:\*(?!\*)|\s)\s*{_FACTOR})*\s*\)"
 #: The 1 of "1/s" stands apart from the number before it: "11/s" is no "1 1/s".
 _UNIT = rf"(?:(?<![\d.])1/{_BELOW}|(?:(?<![\d.])1/)?{_FACTOR})(?:\s*(?:\*(?!\*)|/|\s)\s*{_FACTOR}|\s*/\s*{_BELOW})*"
-_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*({_UNIT})?\s*")
+_QUANTITY = re.compile(rf"\s*{_NUMBER}\s*({_UNIT})?\s*")
 #: Units as data sheets run them together, a force or a mass and a length: "mNm", "Nms", "gcm2".
 _TOGETHER = re.compile(r"(?<![A-Za-z_])([mkM]?N|k?g|lbf|ozf)(cm|mm|m|in|ft)(s)?(?:\^?(\d))?(?![A-Za-z_\d])")
 _COMMA = re.compile(r"^(\s*[+-]?\d+),(\d+)")
@@ -111,6 +114,10 @@ class QuantityError(ValueError):
 
 class UnknownUnit(QuantityError):
     """A quantity in a unit that there is none of."""
+
+
+class NoQuotient(QuantityError):
+    """A quotient of two numbers that has no value, or no unit."""
 
 
 @cache
@@ -210,10 +217,19 @@ def _split(text: str, unit: str | None) -> tuple[float, str]:
     match = _QUANTITY.fullmatch(text.translate(SPELLINGS))
     if match is None:
         raise QuantityError(f"{wanted}: did you mean {likely!r}?" if (likely := meant(text)) else wanted)
-    number = float(match[1])
+    above, sign, below, given = match.groups(default="")
+    if sign == ":" and given:
+        raise NoQuotient(f"{wanted}; a ratio such as '36:1' has no unit")
+    try:
+        # The float that is nearest to the quotient of the decimal fractions.
+        number = float(Fraction(above) / Fraction(below)) if below else float(above)
+    except ZeroDivisionError:
+        raise NoQuotient(f"a divisor that is not zero: {wanted}") from None
+    except OverflowError:
+        number = math.inf
     if not math.isfinite(number):
         raise QuantityError(f"a finite number: {wanted}")
-    return number, (match[2] or "").strip()
+    return number, given.strip()
 
 
 def _number(value: object, unit: str | None) -> float:
@@ -250,8 +266,8 @@ def parse_quantity(value: object, unit: str) -> float:
 
     Examples
     --------
-    >>> round(parse_quantity("1.25 lbf", "N"), 6)
-    5.560277
+    >>> round(parse_quantity("1.25 lbf", "N"), 6), parse_quantity("36:1", "")
+    (5.560277, 36.0)
     """
     if not isinstance(value, str):
         return _number(value, unit)

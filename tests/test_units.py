@@ -53,11 +53,22 @@ def test_quantities_as_people_write_them() -> None:
         ("5 %", "", 0.05),
         ("1 kgf", "N", 9.80665),
         ("2 Hz", "Hz", 2.0),
+        ("360/2000 deg", "rad", math.radians(0.18)),
+        ("1/0.9 rad/s", "rad/s", 1 / 0.9),
+        ("-5 / 2 mm", "m", -0.0025),
+        ("36:1", "", 36.0),
+        ("1:2.5", "", 0.4),
         ("3.5", "N", 3.5),
         (3, "N", 3.0),
         (0.25, "rad", 0.25),
     ]:
         assert parse_quantity(text, unit) == pytest.approx(value, rel=4e-16 * 4)
+
+
+def test_a_quotient_is_the_float_nearest_to_the_one_of_its_decimal_fractions() -> None:
+    """0.3/0.1 of floats is 2.9999999999999996; 1e400 is no float, and yet half of 2e400."""
+    assert parse_quantity("0.3/0.1", "") == parse_quantity("0.3:0.1", "") == 3.0
+    assert parse_any("1e400/2e400 mm") == (0.0005, "m")
 
 
 def test_refusals() -> None:
@@ -76,6 +87,9 @@ def test_refusals() -> None:
         ("70 degF", "K", "it is in K"),
         ("1 dB", "", "without offset or logarithm"),
         ("2.5 deg deg", "rad", "an angle"),
+        ("360/0 deg", "rad", "a divisor that is not zero: an angle"),
+        ("36:1 deg", "rad", "a ratio such as '36:1' has no unit"),
+        ("1/1e-400 s", "s", "a finite number"),
         ("deg", "rad", "an angle"),
         ("", "rad", "an angle"),
         ("nan", "rad", "an angle"),

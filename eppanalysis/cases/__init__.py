@@ -18,7 +18,7 @@ from eppanalysis.cases.files import (
     shipped_cases,
     shipped_cases_folder,
 )
-from eppanalysis.cases.model import Case, json_schema, load
+from eppanalysis.cases.model import Case, json_schema, opened
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.variation import Variation
 from eppanalysis.errors import CaseError
@@ -67,7 +67,7 @@ def read_case(path: str | Path) -> Case:
     >>> found.name, str(found.parameters["lock_pin.backlash"])
     ('fig8a_original', '2.5 deg')
     """
-    return load(read_raw(Path(path), str(path)))
+    return opened(read_raw(Path(path), str(path)))
 
 
 def as_case(given: Case | LureSystem | Diagram) -> Case:
@@ -115,7 +115,7 @@ def case_from_text(text: str, name: str = "case", folder: str | Path | None = No
     """
     if not PLAIN_NAME.fullmatch(str(name)):
         raise CaseError("case_from_text", "name", name, "a plain name such as 'my_elbow'")
-    return load(parse_raw(str(text), str(name), shipped_cases_folder() if folder is None else Path(folder)))
+    return opened(parse_raw(str(text), str(name), shipped_cases_folder() if folder is None else Path(folder)))
 
 
 def case(name: str) -> Case:
@@ -152,7 +152,7 @@ def case(name: str) -> Case:
         if str(name).endswith(".toml"):
             expected = "the name of a case that ships; read_case reads a file"
         raise CaseError(str(name)[:100], "", Missing(), expected)
-    return load(read_raw(shipped_cases_folder() / f"{name}.toml", f"{name}.toml"))
+    return opened(read_raw(shipped_cases_folder() / f"{name}.toml", f"{name}.toml"))
 
 
 def variation_of(case: Case) -> Variation:

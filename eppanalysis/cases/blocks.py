@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import re
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
@@ -19,21 +19,21 @@ from eppanalysis.cases.values.automata import AUTOMATON, read_automaton, read_me
 from eppanalysis.cases.values.parameters import read_scalar
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.values.tables import read_columns
+from eppanalysis.cases.words import FILE, KIND, OF_ALL
 from eppanalysis.errors import CaseError, EppError, ModelError, did_you_mean
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
 from eppanalysis.models.diagrams import BLOCKS, Block as LinearBlock
 from eppanalysis.models.elements import ELEMENTS, AutomatonElement, Nonlinearity
-from eppanalysis.models.elements.base import Role
+from eppanalysis.models.elements.base import Estimate, Role
 from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.elements.own import ModeMemory
+from eppanalysis.units import KINDS
 
 LARGEST_COUNT = 100_000
+#: Fields that hold the two sides of one thing, and what a parameter without a default has.
+_SIDES, _NONE = (("lower", "upper"), ("low", "high")), inspect.Parameter.empty
 #: What stands in for a missing number when the rest of a part is looked at: of both signs, nothing, large and small.
 _TRIALS = (1.0, -1.0, 0.0, 1e-3, 1e3)
-#: Field of an element that names a CSV file, which holds its columns.
-FILE = "file"
-#: Fields that every element has.
-OF_ALL = ("element", "name", "memory")
 
 
 @dataclass(frozen=True)
@@ -128,17 +128,17 @@ def read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
     CaseError
         As :func:`read_blocks`.
     """
-    if "element" not in table:
+    if KIND not in table:
         if set(table) != {"num", "den"}:
             wrong = next((k for k in table if k not in ("num", "den")), None)
             name = wrong or ("num" if "num" not in table else "den")
             place, expected = f"{field}.{name}", "an element, or num and den of a linear block"
             raise CaseError(raw.origin(place), place, table.get(name, Missing()), expected)
         return Block("", "", {}, {k: _coefficients(table[k], f"{field}.{k}", raw) for k in ("num", "den")})
-    kind = table["element"]
+    kind = table[KIND]
     if not isinstance(kind, str) or kind not in known_elements():
         expected = f"a known element: {did_you_mean(str(kind)[:60], known_elements())}"
-        raise raw.refused(f"{field}.element", expected)
+        raise raw.refused(f"{field}.{KIND}", expected)
     name = table.get("name", kind)
     if not isinstance(name, str) or not re.fullmatch(LABEL, name) or len(name) > 100:
         raise raw.refused(f"{field}.name", LABEL_IS)
@@ -171,8 +171,9 @@ def _read_fields(
     lists: dict[str, list[Parameter]] = {}
     types = field_types(element_class(kind))
     table = _with_columns(element_class(kind).columns, table, field, raw)
+    parameters |= _from_sizes(element_class(kind).estimate, table, field, raw)
     for key, value in table.items():
-        if key in OF_ALL:
+        if key in OF_ALL or key in parameters:
             continue
         place = f"{field}.{key}"
         if key not in types:
@@ -196,6 +197,52 @@ def _with_columns(columns: tuple[str, ...], table: dict[str, Any], field: str, r
             raise raw.refused(f"{field}.{column}", f"either {FILE}, or {' and '.join(columns)}")
     rest = {key: value for key, value in table.items() if key != FILE}
     return rest | read_columns(table[FILE], columns, f"{field}.{FILE}", raw)
+
+
+def _from_sizes(estimate: Estimate | None, table: dict[str, Any], field: str, raw: RawCase) -> dict[str, Parameter]:
+    """The sizes that the table of an element gives, and what is estimated from them where the table does not say it."""
+    if estimate is None or not any(name in table for name in estimate.sizes):
+        return {}
+    found = {}
+    for name, unit in estimate.sizes.items():
+        place = f"{field}.{name}"
+        if name not in table:
+            raise raw.refused(place, f"a value: {estimate.field} is estimated from {' and '.join(estimate.sizes)}")
+        found[name] = read_scalar(table[name], place, raw)
+        if found[name].unit not in ("", unit) or not found[name].value > 0:
+            raise raw.refused(place, f"{KINDS[unit][0]} that is positive, such as {KINDS[unit][1]!r}")
+    if estimate.field not in table:
+        value = estimate.of(**{name: float(p.value) for name, p in found.items()})
+        found[estimate.field] = Parameter(value, estimate.unit, estimate.unit, "derived", f"estimated: {estimate.by}")
+    return found
+
+
+def unsaid(blocks: Iterable[Block]) -> tuple[str, ...]:
+    """A sentence for each number of an element that the file leaves open, and that is hardly seen from it.
+
+    Such are an estimate, and the default of one side where the file gives the other.
+    """
+    said = []
+    for block in blocks:
+        said += _half_given(block) if block.kind else []
+        estimate = known_elements()[block.kind].estimate if block.kind else None
+        found = block.parameters.get(estimate.field) if estimate is not None else None
+        if estimate is not None and found is not None and found.note == f"estimated: {estimate.by}":
+            at = f"{block.name}.{estimate.field}"
+            said.append(f"{at} is estimated to be {found}: {estimate.by}; give {estimate.field} to replace it.")
+    return tuple(said)
+
+
+def _half_given(block: Block) -> list[str]:
+    fields = inspect.signature(element_class(block.kind)).parameters
+    pairs = [pair for pair in _SIDES if all(name in fields and fields[name].default is not _NONE for name in pair)]
+    one_sided = [sorted(pair, key=block.parameters.__contains__) for pair in pairs]
+    return [
+        f"{block.name}.{left} is not given, beside {block.name}.{given} of {block.parameters[given]}, "
+        f"and is {fields[left].default:g} by default."
+        for left, given in one_sided
+        if given in block.parameters and left not in block.parameters
+    ]
 
 
 def _list(value: Any, field: str, raw: RawCase) -> list[Parameter]:
@@ -265,7 +312,9 @@ def without(
     field, kind : str
         Where the part stands in the file, and what it is.
     """
-    first, *others = (raw.refused(f"{field}.{key}", f"a value: {kind} needs it") for key in lacking)
+    first, *others = (
+        raw.refused(f"{field}.{key}", f"a value: {kind} needs it{_or_sizes(kind, key)}") for key in lacking
+    )
     found: list[ModelError] = []
     for number in _TRIALS:
         try:
@@ -281,6 +330,13 @@ def without(
     if len({str(error) for error in found}) == 1:
         others.append(raw.refused_by_model(found[0], field))
     return CaseError(first.source, first.field, first.value, first.expected, first.fault, tuple(others))
+
+
+def _or_sizes(kind: str, key: str) -> str:
+    """What a file may give in place of a field."""
+    made = ELEMENTS.get(kind)
+    estimate = None if made is None else made.estimate
+    return f", or {' and '.join(estimate.sizes)}" if estimate is not None and estimate.field == key else ""
 
 
 def needed(

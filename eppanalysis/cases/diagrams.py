@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from eppanalysis.cases.blocks import (
-    FILE,
     Block as ElementTable,
     Held,
     field_types,
@@ -15,6 +15,7 @@ from eppanalysis.cases.blocks import (
     make_element,
     needed,
     read_block,
+    unsaid,
     without,
 )
 from eppanalysis.cases.files import Connections, Missing, RawCase
@@ -22,18 +23,24 @@ from eppanalysis.cases.inputs import input_signals_of
 from eppanalysis.cases.kind import Kind, Parts
 from eppanalysis.cases.schema import DiagramFile
 from eppanalysis.cases.values.automata import AUTOMATON, WORDS
+from eppanalysis.cases.values.bodies import plays_between_bodies
 from eppanalysis.cases.values.dimensions import check_each, check_fields
 from eppanalysis.cases.values.expressions import is_expression
 from eppanalysis.cases.values.parameters import Named, read, resolve
 from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity, plain_value
+from eppanalysis.cases.values.toml import toml_line
 from eppanalysis.cases.values.wires import units_along_wires
-from eppanalysis.errors import CaseError, IdleInput, ModelError, did_you_mean
+from eppanalysis.cases.words import ELEMENT, FILE, KIND, KINDS_OF_BLOCKS, KINDS_OF_ELEMENTS
+from eppanalysis.errors import CaseError, IdleInput, ModelError, UnknownName, did_you_mean
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
 from eppanalysis.models.diagrams import BLOCKS, Block, Diagram
+from eppanalysis.models.diagrams.wiring import NAME
 from eppanalysis.models.elements import Nonlinearity
 
 #: Fields of a table that say what it is, not how large something is.
-_WORDS = ("kind", "element", "name")
+_WORDS = (KIND, "name")
+#: A name in a sum that is not followed by that of a port.
+_ALONE = re.compile(rf"(?<![\w.]){NAME.pattern}(?![\w.])")
 
 
 class DiagramKind(Kind):
@@ -63,7 +70,8 @@ class DiagramKind(Kind):
         parameters = {**{name: named.parameter for name, named in reader.named.items()}, **reader.given}
         units = {name: level.unit for name, level in levels.items()}
         inputs = input_signals_of(file.run, system.input_names, units, raw)
-        return Parts(parameters, inputs, system, computed=reader.computed)
+        said = (*unsaid(reader.tables.values()), *plays_between_bodies(diagram))
+        return Parts(parameters, inputs, system, computed=reader.computed, remarks=said)
 
     def fields(self, parameters: Iterable[str]) -> list[str]:
         """The given ones."""
@@ -126,6 +134,32 @@ def _refused(error: ModelError, raw: RawCase) -> CaseError:
     return CaseError(raw.origin(field), field, value, expected, error.fault)
 
 
+def with_declaration(error: CaseError, raw: RawCase) -> CaseError:
+    """A refusal of a name that may be an external input, with the line that declares it."""
+    if not isinstance(error.fault, UnknownName) or error.fault.name not in (names := _undeclared(raw.data)):
+        return error
+    declared = raw.data.get("inputs", [])
+    every = {**declared, **dict.fromkeys(names, 0.0)} if isinstance(declared, dict) else [*_texts(declared), *names]
+    line = f"{toml_line('inputs', every)} above the first section"
+    expected = f"{error.expected}; an external input needs the line {line}"
+    return CaseError(error.source, error.field, error.value, expected, error.fault, error.also)
+
+
+def _undeclared(data: Mapping[str, Any]) -> list[str]:
+    """Names that drive something and are driven by nothing, of no part and like no name that there is."""
+    known = [name for section in ("blocks", "elements", "inputs") for name in _texts(data.get(section))]
+    ends = [text.partition("->") for text in _texts(data.get("connect"))]
+    driven = {name for _, _, right in ends for name in NAME.findall(right)}
+    names = dict.fromkeys(name for left, _, _ in ends for name in _ALONE.findall(left))
+    slips = {name for name in names if did_you_mean(name, known).startswith("did you mean")}
+    return [name for name in names if name not in {*known, *driven, *slips}]
+
+
+def _texts(given: Any) -> list[str]:
+    """The texts in a list, or the names in a table, whatever else a file has there."""
+    return [text for text in given if isinstance(text, str)] if isinstance(given, list | dict) else []
+
+
 def _require_driving(diagram: Diagram, raw: RawCase) -> None:
     """An external input of a file that nothing is connected to is one that was forgotten."""
     for name in diagram.idle_inputs:
@@ -170,11 +204,12 @@ class _Reader:
     def block(self, name: str, table: Mapping[str, Any]) -> Block:
         """A linear block."""
         place = f"blocks.{name}"
-        kind = table.get("kind")
+        kind = table.get(KIND)
         if not isinstance(kind, str) or kind not in BLOCKS:
             expected = f"a known kind of block: {did_you_mean(str(kind)[:60], BLOCKS)}"
-            if table.get("element") in known_elements():
-                expected = f"a kind of block; {table['element']} is an element, which belongs in [elements]"
+            for word in (kind, table.get(ELEMENT)):
+                if isinstance(word, str) and (word in known_elements() or word in KINDS_OF_ELEMENTS):
+                    expected = f"a kind of block; {word} is an element, which belongs in [elements]"
             raise CaseError(self.raw.origin(place), f"{place}.kind", kind or Missing(), expected)
         made = BLOCKS[kind]
         fields = declared_fields(made)
@@ -200,14 +235,12 @@ class _Reader:
         elements, memory = {}, {}
         for name, table in tables.items():
             place = f"elements.{name}"
-            if "element" not in table:
-                kind = table.get("kind")
-                expected = f"a known element: one of {', '.join(known_elements())}"
-                if kind in known_elements():
-                    expected = f"element = {kind!r} in place of kind"
-                elif kind in BLOCKS:
+            kind = table.get(KIND)
+            if not isinstance(kind, str) or kind not in known_elements():
+                expected = f"a known element: {did_you_mean(str(kind)[:60], known_elements())}"
+                if isinstance(kind, str) and (kind in BLOCKS or kind in KINDS_OF_BLOCKS):
                     expected = f"an element; {kind} is a kind of block, which belongs in [blocks]"
-                raise self.raw.refused(f"{place}.element", expected)
+                raise self.raw.refused(f"{place}.{KIND}", expected)
             block = read_block({**self._evaluated(name, table), "name": name}, place, self.raw)
             check_each(block, place, self.raw)
             try:
@@ -236,7 +269,7 @@ class _Reader:
 
     def _evaluated(self, name: str, table: Mapping[str, Any]) -> dict[str, Any]:
         """The table of an element with its expressions replaced by what they come to."""
-        kind = table.get("element")
+        kind = table.get(KIND)
         known = known_elements()
         types = field_types(known[kind]) if isinstance(kind, str) and kind in known else {}
         own = WORDS if kind == AUTOMATON else ()

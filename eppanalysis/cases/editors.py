@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
-from eppanalysis.cases.blocks import FILE, OF_ALL, field_types, known_elements
+from eppanalysis.cases.blocks import field_types, known_elements
 from eppanalysis.cases.model import KINDS, json_schema
 from eppanalysis.cases.values.automata import AUTOMATON
+from eppanalysis.cases.words import (
+    ELEMENT,
+    FILE,
+    KIND,
+    KINDS_OF_BLOCKS,
+    KINDS_OF_ELEMENTS,
+    OF_ALL,
+    other_kinds,
+    other_words,
+)
 from eppanalysis.models.devices.declared import Declared, declared_fields
 from eppanalysis.models.diagrams import BLOCKS
 
@@ -70,18 +80,29 @@ def _parts(*, partly: bool) -> dict[str, Any]:
     for kind, made in BLOCKS.items():
         given = {field.name for field in dataclasses.fields(made) if field.default is dataclasses.MISSING}
         fields = {name: _declared(about) for name, about in declared_fields(made).items()}
-        blocks[kind] = {"properties": fields, "required": sorted(given & set(fields))}
-    elements: dict[str, Any] = {}
+        blocks[kind] = _OfKind(fields, given & set(fields))
+    elements: dict[str, _OfKind | None] = {}
     for kind, element in known_elements().items():
         # Modes, guards and resets of an element of one's own are for `eppanalysis check`.
         if kind == AUTOMATON:
-            elements[kind] = {}
+            elements[kind] = None
             continue
-        names = [*field_types(element), *[FILE] * bool(element.columns), *OF_ALL]
+        names = [*field_types(element), *[FILE] * bool(element.columns), *OF_ALL[1:]]
         given = {p.name for p in inspect.signature(element).parameters.values() if p.default is p.empty}
-        # Columns may stand in a file.
-        elements[kind] = {"properties": dict.fromkeys(names, True), "required": sorted(given - {*element.columns})}
-    return {"block": _one_of("kind", blocks, partly=partly), "element": _one_of("element", elements, partly=partly)}
+        # Columns may stand in a file, and what is estimated be left out.
+        by_sizes = [*element.estimate.sizes, element.estimate.field] if element.estimate else []
+        elements[kind] = _OfKind(dict.fromkeys([*names, *by_sizes], True), given - {*element.columns, *by_sizes})
+    return {
+        "block": _one_of((KIND,), blocks, KINDS_OF_BLOCKS, partly=partly),
+        "element": _one_of((KIND, ELEMENT), elements, KINDS_OF_ELEMENTS, partly=partly),
+    }
+
+
+class _OfKind(NamedTuple):
+    """Schemas of the fields of a kind, and which of them it cannot be without."""
+
+    fields: dict[str, Any]
+    required: set[str]
 
 
 def _declared(about: Declared) -> dict[str, Any]:
@@ -89,16 +110,31 @@ def _declared(about: Declared) -> dict[str, Any]:
     return {"description": said, **({"enum": list(about.choices)} if about.choices else {})}
 
 
-def _one_of(tag: str, kinds: Mapping[str, Mapping[str, Any]], *, partly: bool) -> dict[str, Any]:
-    """A table whose field `tag` says which others there are; `partly` requires nothing."""
+def _one_of(
+    tags: Sequence[str],
+    kinds: Mapping[str, _OfKind | None],
+    words: Mapping[str, tuple[str, ...]],
+    *,
+    partly: bool,
+) -> dict[str, Any]:
+    """A table one of whose fields `tags` says which others there are; `partly` requires nothing."""
     choices = []
-    for kind, fields in kinds.items():
-        closed = {"additionalProperties": False, "properties": {tag: True, **fields["properties"]}} if fields else {}
-        required = {"required": fields["required"]} if fields and not partly else {}
-        which = {"properties": {tag: {"const": kind}}, "required": [tag]}
-        choices.append({"if": which, "then": {**closed, **required}})
-    whole = {"type": "object", "properties": {tag: {"enum": list(kinds)}}, "allOf": choices}
-    return whole if partly else {**whole, "required": [tag]}
+    for kind, found in kinds.items():
+        # A word that several kinds may be meant by is for `eppanalysis check`.
+        called = [word for word in other_kinds(kind, words) if len(words.get(word, ())) < 2]
+        which = {"anyOf": [{"properties": {tag: {"enum": called}}, "required": [tag]} for tag in tags]}
+        then: dict[str, Any] = {}
+        if found is not None:
+            others = other_words(kind)
+            fields = {**found.fields, **{other: found.fields[ours] for other, ours in others.items()}}
+            then = {"additionalProperties": False, "properties": {**dict.fromkeys(tags, True), **fields}}
+            if found.required and not partly:
+                names = {ours: [ours, *(o for o in others if others[o] == ours)] for ours in sorted(found.required)}
+                then["allOf"] = [{"anyOf": [{"required": [name]} for name in also]} for also in names.values()]
+        choices.append({"if": which, "then": then})
+    named: dict[str, Any] = {"enum": [*kinds, *words]}
+    whole = {"type": "object", "properties": dict.fromkeys(tags, named), "allOf": choices}
+    return whole if partly else {**whole, "oneOf": [{"required": [tag]} for tag in tags]}
 
 
 def _place(kind: str, part: str) -> str:

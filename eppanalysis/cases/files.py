@@ -7,12 +7,13 @@ import re
 import tomllib
 from collections.abc import Iterator
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from eppanalysis.cases.values.expressions import is_expression
+from eppanalysis.cases.words import in_our_words
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.devices.elbow.parameters import Bands
 
@@ -85,6 +86,25 @@ class RawCase:
     data: dict[str, Any]  # plain TOML values
     #: File (or other source) that each dotted field was last set by.
     origins: dict[str, str] = field(default_factory=dict)
+    #: What the file calls the fields that it calls otherwise than we do, by their dotted names.
+    called: dict[str, str] = field(default_factory=dict)
+
+    def in_our_words(self) -> RawCase:
+        """The same with one word for one thing (:mod:`eppanalysis.cases.words`).
+
+        Raises
+        ------
+        CaseError
+            If one thing is said in two words.
+        """
+        data, called = in_our_words(self.data, {}, self.source)
+        return self if data is self.data else replace(self, data=data, called={**self.called, **called})
+
+    def as_called(self, error: CaseError) -> CaseError:
+        """A refusal with its field as the file calls it."""
+        also = tuple(self.as_called(other) for other in error.also)
+        field = self.called.get(error.field, error.field)
+        return CaseError(error.source, field, error.value, error.expected, error.fault, also)
 
     def origin(self, dotted: str) -> str:
         """Source of a field, or of the nearest part of it that is known."""
@@ -214,14 +234,17 @@ def _follow(data: dict[str, Any], path: Path, source: str) -> RawCase:
         data = _read_toml(here, label)
     merged: dict[str, Any] = {}
     origins: dict[str, str] = {}
-    for label, data in reversed(chain):
+    called: dict[str, str] = {}
+    for label, given in reversed(chain):
+        data, others = in_our_words(given, merged, label)
+        called |= others
         merged = merge(without_answers(merged), data)
         # A list takes the place of the inherited one as a whole: where parts of that came from is no longer true.
         fields = list(_dotted(data))
         replaced = tuple(f"{name}." for name, value in fields if isinstance(value, list))
         origins = {name: place for name, place in origins.items() if not name.startswith(replaced)}
         origins.update(dict.fromkeys((name for name, _ in fields), label))
-    return RawCase(name, source, path.parent, merged, origins)
+    return RawCase(name, source, path.parent, merged, origins, called)
 
 
 def _read_toml(path: Path, source: str) -> dict[str, Any]:

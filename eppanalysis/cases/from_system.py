@@ -152,14 +152,14 @@ def _says_something(given: Array) -> bool:
 def _element(who: str, element: Nonlinearity, name: str, memory: Any) -> dict[str, Any]:
     table: dict[str, Any]
     if type(element) is AutomatonElement:
-        table = {"element": AUTOMATON, "name": name, **automaton_table(element, f"{who}: {name}")}
+        table = {"kind": AUTOMATON, "name": name, **automaton_table(element, f"{who}: {name}")}
         return table if memory is None else table | {"memory": memory_table(memory, element.rules)}
     kind = next((kind for kind in ELEMENTS if element_class(kind) is type(element)), None)
     if kind is None:
         known = ", ".join(known_elements())
         unknown = f"{who}: {name} is a {type(element).__name__}, which no case file knows"
         raise ModelError(unknown, expected=f"one of: {known}")
-    table = {"element": kind, "name": name}
+    table = {"kind": kind, "name": name}
     for field in inspect.signature(type(element)).parameters:
         value = getattr(element, field)
         if value is not None:

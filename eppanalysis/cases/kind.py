@@ -28,6 +28,7 @@ class Parts:
     elbow: ElbowParameters | None = None  # of a case of the elbow
     #: Numbers that expressions come to, by the dotted names of the fields in which these stand.
     computed: dict[str, Named] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()  # sentences on what is possible but hardly meant
 
 
 class Kind(ABC):

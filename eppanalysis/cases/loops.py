@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from eppanalysis.cases.blocks import Block, make_element, read_blocks
+from eppanalysis.cases.blocks import Block, make_element, read_blocks, unsaid
 from eppanalysis.cases.files import Missing, RawCase
 from eppanalysis.cases.inputs import input_signals_of
 from eppanalysis.cases.kind import Kind, Parts
@@ -58,7 +58,8 @@ class LoopKind(Kind):
             found = getattr(loop, name)
             if found is not None:
                 fields[f"loop.{name}"] = found
-        return Parts(fields, input_signals_of(file.run, system.input_names, self.input_unit, raw), system)
+        inputs = input_signals_of(file.run, system.input_names, self.input_unit, raw)
+        return Parts(fields, inputs, system, remarks=unsaid(blocks))
 
     def fields(self, parameters: Iterable[str]) -> list[str]:
         """The given ones, and those of the loop as a whole."""
@@ -83,10 +84,10 @@ def _places(data: Mapping[str, Any]) -> dict[str, tuple[str, int]]:
     """Where each named element stands in the file."""
     loop = data.get("loop", {})
     return {
-        table.get("name", table["element"]): (place, i)
+        table.get("name", table["kind"]): (place, i)
         for place in ("elements", "blocks")
         for i, table in enumerate(loop.get(place) or [])
-        if "element" in table
+        if "kind" in table
     }
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from eppanalysis.cases.blocks import example
+from eppanalysis.cases.diagrams import with_declaration
 from eppanalysis.cases.files import Connections, Missing, RawCase, read_raw
 from eppanalysis.cases.model import load
 from eppanalysis.cases.values.expressions import is_expression, parse, unknown_name
@@ -38,7 +39,7 @@ _MOST = 200
 #: Sections of things with names, and what stands in for what a file cannot be without.
 _NAMED = ("parameters", "blocks", "elements", "inputs", "signals")
 _OF_PARTS = ("blocks", "elements")
-_STAND_INS: Mapping[str, Any] = {"title": "-", "run": {"t_end": "1 s"}, "run.t_end": "1 s"}
+_STAND_INS: Mapping[str, Any] = {"title": "-"}
 
 
 class Mistakes(NamedTuple):
@@ -105,7 +106,7 @@ class _Reading:
         """Note what is wrong and take it out; whether there was anything to be taken out."""
         together = (error, *error.also, *self._also_unknown(error))
         for one in together:
-            said = self._as_written(one)
+            said = with_declaration(self.whole.as_called(self._as_written(one)), self.whole)
             if not self._follows(one) and str(said) not in map(str, self.found):
                 self.found.append(said)
             if isinstance(one.value, Missing):
@@ -184,10 +185,9 @@ class _Reading:
             data["kind"] = "diagram" if "connect" in data else "loop"
             return "connect" in data or "loop" in data
         path = at.split(".")
-        if at in _STAND_INS and (len(path) == 1 or isinstance(data.get(path[0]), dict)):
-            holder = data if len(path) == 1 else data[path[0]]
-            changed = holder.get(path[-1]) != _STAND_INS[at]
-            holder[path[-1]] = _STAND_INS[at]
+        if at in _STAND_INS:
+            changed = data.get(at) != _STAND_INS[at]
+            data[at] = _STAND_INS[at]
             return changed
         if isinstance(error.value, Missing):
             path = _part(at).split(".")
@@ -228,7 +228,7 @@ class _Reading:
         table, called = holder[own], f"{' '.join(places)} {name}" if isinstance(holder, list) else name
         if not (isinstance(holder, list) or NAME.fullmatch(name)):
             return False  # no other part could have that name either
-        kind = str(table.get("kind", table.get("element"))) if isinstance(table, dict) else ""
+        kind = str(table.get("kind")) if isinstance(table, dict) else ""
         found = None if called in self.stood_in else example(kind)
         if found is None:
             return False
@@ -236,7 +236,7 @@ class _Reading:
         self.stood_in[called] = None
         fields, part = found
         if isinstance(holder, list):
-            holder[own] = {"element": kind, **fields}
+            holder[own] = {"kind": kind, **fields}
             return True
         before, behind = port_names(part)
         del holder[own]

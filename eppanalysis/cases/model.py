@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.arguments import checked
-from eppanalysis.cases.diagrams import DiagramKind
+from eppanalysis.cases.diagrams import DiagramKind, with_declaration
 from eppanalysis.cases.elbow_case import ElbowKind
 from eppanalysis.cases.expected import Expected, make_expected
 from eppanalysis.cases.files import Missing, RawCase, drop_alternatives, put, without_answers
@@ -30,6 +31,7 @@ from eppanalysis.cases.values.shown import ShownCase
 from eppanalysis.cases.values.toml import plain_value, write_toml
 from eppanalysis.cases.values.typed import in_typed_units
 from eppanalysis.cases.variation import Variation
+from eppanalysis.cases.words import our_word
 from eppanalysis.errors import CaseError
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
 from eppanalysis.models.diagrams import Diagram
@@ -68,8 +70,6 @@ class Case(ShownCase):
     input : InputSignal, mapping of str to InputSignal, or None
         What the external input does from t = 0 on, or any of them by name; None when the system has no input or it
         stays where it is.
-    t_end : float
-        How long to simulate [s].
     expected : Expected
         What should come out.
     """
@@ -80,13 +80,15 @@ class Case(ShownCase):
     source: str
     parameters: dict[str, Parameter]
     input: InputSignal | Mapping[str, InputSignal] | None
-    t_end: float
     expected: Expected
     _raw: RawCase
     _system: LureSystem
     _elbow: ElbowParameters | None = None
     #: What expressions in fields of parts come to.
     _computed: Mapping[str, Named] = field(default_factory=dict)
+    #: On how its parts are connected.
+    _remarks: tuple[str, ...] = ()
+    _end: float | None = None  # length of its run [s], where the file says it
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name not in ("_validated", "_variation")}
@@ -168,15 +170,31 @@ class Case(ShownCase):
         CaseError
             If anything in it is not valid, as for :func:`eppanalysis.read_case`.
         """
-        return load(RawCase(name, name, Path(), plain_value(tables)))
+        return opened(RawCase(name, name, Path(), plain_value(tables)))
 
     def to_system(self) -> LureSystem:
         """The system that the case describes."""
         return self._system
 
     @property
+    def t_end(self) -> float:
+        """How long to simulate [s].
+
+        Raises
+        ------
+        CaseError
+            If the file does not say it.
+        """
+        if self._end is None:
+            expected = "the length of a run: run.t_end = '10 s' above the first section"
+            raise CaseError(self.source, "run.t_end", Missing(), expected)
+        return self._end
+
+    @property
     def operating_point(self) -> OperatingPoint:
         """Values of the external inputs at the end of the run [SI], or why they are not constant.
+
+        Without a length of the run they are those that they come to in the end.
 
         Examples
         --------
@@ -184,7 +202,7 @@ class Case(ShownCase):
         >>> str(case("fig8a_original").operating_point)
         'harness_position = 0.0216585'
         """
-        return OperatingPoint.of(self._system, self.input, self.t_end)
+        return OperatingPoint.of(self._system, self.input, math.inf if self._end is None else self._end)
 
     @property
     def named_signals(self) -> tuple[str, ...]:
@@ -201,7 +219,7 @@ class Case(ShownCase):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences on values that are possible but hardly meant: an angle without a unit, a length of parsecs.
+        """Sentences on what is possible but hardly meant: an angle without a unit, a play between two inertias.
 
         Examples
         --------
@@ -210,7 +228,8 @@ class Case(ShownCase):
         lock_pin.backlash is 2.5 without a unit: 2.5 rad, which are 143.239 deg; for
         degrees write "2.5 deg".
         """
-        return remarks(self.parameters, [name for name in self.parameters if self._is_plain(name)])
+        plain = [name for name in self.parameters if self._is_plain(name)]
+        return (*remarks(self.parameters, plain), *self._remarks)
 
     def _is_plain(self, name: str) -> bool:
         """Whether the file has a parameter as a plain number."""
@@ -457,7 +476,8 @@ class Case(ShownCase):
             )
             raise CaseError(source, name, held, expected)
         alike = [k for k in known if k.casefold() == name.casefold() or k.endswith(f".{name}")]
-        close = difflib.get_close_matches(name, known, n=1) or alike
+        alike += [k for k in known if k == f"{name.rpartition('.')[0]}.{self._path(name)[-1]}"]
+        close = alike or difflib.get_close_matches(name, known, n=1)
         hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(known)}"
         raise CaseError(source, name, "not known" if shown is None else shown, f"a known field: {hint}")
 
@@ -509,7 +529,11 @@ class Case(ShownCase):
         return CaseError(error.source, error.field, typed, error.expected, error.fault, error.also)
 
     def _path(self, name: str) -> list[str | int]:
-        return KINDS[self.kind].path(name, self._raw.data)
+        """Where a field stands in the file, whatever word for it is used."""
+        path = KINDS[self.kind].path(name, self._raw.data)
+        if len(path) > 2:
+            path[-1] = our_word(self._raw.typed(".".join(map(str, path[:-1]))), str(path[-1]))
+        return path
 
 
 def _model_of(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> Any:
@@ -524,6 +548,7 @@ def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> C
     CaseError
         If anything in it is not valid.
     """
+    raw = raw.in_our_words()
     file = _model_of(raw, before)
     with np.errstate(all="ignore"):  # what overflows is refused as not finite
         parts = KINDS[file.kind].parts(file, raw)
@@ -534,8 +559,23 @@ def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> C
     if expected.signal is not None and expected.signal != signals.names[0]:
         signals = signals.led_by(expected.signal)
     system = replace(parts.system, signals=signals)
-    told = raw.name, file.title, file.kind, raw.source, parts.parameters, parts.input, float(file.run.t_end.value)
-    return Case(*told, expected, raw, system, parts.elbow, parts.computed)
+    told = raw.name, file.title, file.kind, raw.source, parts.parameters, parts.input
+    end = None if file.run.t_end is None else float(file.run.t_end.value)
+    return Case(*told, expected, raw, system, parts.elbow, parts.computed, parts.remarks, end)
+
+
+def opened(raw: RawCase) -> Case:
+    """The case of a file, whose fields are refused by the words that the file has for them.
+
+    Raises
+    ------
+    CaseError
+        As :func:`load`.
+    """
+    try:
+        return load(raw)
+    except CaseError as error:
+        raise with_declaration(raw.as_called(error), raw) from None
 
 
 def json_schema(kind: str) -> dict[str, Any]:

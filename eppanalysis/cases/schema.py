@@ -107,7 +107,7 @@ AnyInput = Annotated[
 class RunSection(_Model):
     """How the case is simulated: `input` moves the only external input, `inputs` any of them by name."""
 
-    t_end: Annotated[Parameter, Quantity("s", above=0)]
+    t_end: Annotated[Parameter, Quantity("s", above=0)] | None = None
     input: AnyInput | None = None
     inputs: dict[Label, AnyInput] | None = None
 
@@ -168,7 +168,7 @@ _ELBOW: dict[str, Any] = {
     "kind": (Literal["elbow"], "elbow"),
     "title": (Text, ...),
     **SECTIONS,
-    "run": (RunSection, ...),
+    "run": (RunSection, RunSection()),
     "expected": (ExpectedSection, ExpectedSection()),
 }
 ElbowFile: Any = create_model(
@@ -233,7 +233,7 @@ class LoopFile(CaseFile):
     kind: Literal["loop"]
     title: Text
     loop: LoopSection
-    run: RunSection
+    run: RunSection = RunSection()
     expected: ExpectedSection = ExpectedSection()
 
 
@@ -286,7 +286,7 @@ class DiagramFile(CaseFile):
     blocks: Annotated[dict[Name, Table], Field(max_length=200)] = {}
     elements: Annotated[dict[Name, Table], Field(max_length=100)] = {}
     signals: dict[Label, Annotated[SignalSum, BeforeValidator(_sum, Text | SignalSum)]] = {}
-    run: RunSection
+    run: RunSection = RunSection()
     expected: ExpectedSection = ExpectedSection()
 
 

@@ -43,6 +43,7 @@ from eppanalysis.cli.explore import explore
 from eppanalysis.cli.guide import guide
 from eppanalysis.cli.identify import diagnose, identify
 from eppanalysis.cli.margins import margins
+from eppanalysis.cli.new import new
 from eppanalysis.cli.report import report
 from eppanalysis.cli.response import response
 from eppanalysis.cli.sweep import sweep
@@ -260,10 +261,12 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
 
 def _begin_run(case: Case) -> None:
     """Refuse a case whose run cannot begin, as the command simulate would."""
+    from eppanalysis.cases import Missing
     from eppanalysis.methods.simulation.simulate import simulate as run_simulation
 
+    end = 1.0 if isinstance(case.held("run.t_end"), Missing) else None  # it begins whatever its length
     with progress(f"simulate {case.name}"):
-        run_simulation(case, max_steps=1)
+        run_simulation(case, t_end=end, max_steps=1)
 
 
 def _own_elements(case: Case) -> list[ElementCheck]:
@@ -368,6 +371,7 @@ def schema(
     write_text(f"{text}\n", output)
 
 
+app.command("new", cls=_Command)(new)
 app.command("cycles", cls=_Command)(cycles)
 app.command("branch", cls=_Command)(branch)
 app.command("response", cls=_Command)(response)

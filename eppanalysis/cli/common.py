@@ -356,7 +356,12 @@ def print_json(command: str, results: Sequence[tuple[Case, Any]], settings: Sequ
         "command": command,
         "set": given_values(settings),
         "cases": [
-            {"name": case.name, "title": case.title, "kind": case.kind, "result": result} for case, result in results
+            {
+                **{"name": case.name, "title": case.title, "kind": case.kind},
+                **({"remarks": list(case.remarks)} if case.remarks else {}),
+                "result": result,
+            }
+            for case, result in results
         ],
     }
     as_it_is = has_all_signs(sys.stdout)

@@ -347,8 +347,8 @@ SECTIONS: tuple[Section, ...] = (
     ),
     Section(
         "Case",
-        "Values and their sources: taken from a paper, derived from other numbers, measured, assumed, or tunable, "
-        "which is free to choose. Coefficients of transfer functions and formulas are in the case's file.",
+        "Values and their sources: taken from a paper or a data sheet, derived from other numbers, measured, assumed, "
+        "or tunable, which is free to choose. Coefficients of transfer functions and formulas are in the case's file.",
         _always(_START),
     ),
     Section("Provenance", "What made these numbers.", _always(_PROVENANCE)),

@@ -315,7 +315,7 @@ def _attributes(task: Task, design: Design) -> dict[str, Any]:
     settings = {
         "run": list(task.analyses),
         "signals": list(task.signals),
-        "t_end": case.t_end,
+        **({"t_end": case.t_end} if "simulate" in task.analyses else {}),
         "axes": repr(task.axes)[:500],
         **({} if task.allowed is None else {"allowed": task.allowed.to_dict()}),
     }

@@ -10,10 +10,12 @@ import inspect
 import re
 from collections.abc import Iterable
 
+from eppanalysis.cases.words import KINDS_OF_BLOCKS
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
 from eppanalysis.models.diagrams import BLOCKS, Block
 from eppanalysis.readable import in_print
 from studies import DOCS
+from studies.pages.words import other_words_line
 
 PAGE = DOCS / "reference" / "blocks.md"
 
@@ -25,7 +27,7 @@ _INTRODUCTION = """\
 The values of `kind =` in `[blocks]` of a diagram ({doc}`diagrams`), with ports and fields. A field without a default is
 required. A value is a quantity (`"2 ohm"`, or a number in SI units) or an expression ({ref}`expressions`). In Python
 the class of the same fields, by name: `epp.blocks.Motor(resistance=2.0, torque_constant=0.05, inertia=2e-5)`. Ports are
-written as inputs → outputs.
+written as inputs → outputs. Words behind "Also" are read as the kind, or the field before them.
 
 """
 
@@ -43,7 +45,8 @@ _PORTS_OF_MATRICES = "`{0}`; `{0}1`, `{0}2`, ...; or `{0}put_names`"
 def page() -> str:
     """The page as Markdown."""
     common = _fields(declared_fields(Block).items(), Block)
-    return f"{_INTRODUCTION}{_COMMON}{common}" + "".join(map(_section, BLOCKS))
+    also = other_words_line("gain", {}).rstrip("\n")  # of a block that has no words of its own
+    return f"{_INTRODUCTION}{_COMMON}{common}\n{also}\n" + "".join(map(_section, BLOCKS))
 
 
 def _section(kind: str) -> str:
@@ -52,7 +55,9 @@ def _section(kind: str) -> str:
     says = _markdown(inspect.cleandoc(made.__doc__ or "").split("\n\nAttributes\n")[0].replace("\n\n", "\n"))
     own = [(name, about) for name, about in declared_fields(made).items() if name not in declared_fields(Block)]
     ports = f"`epp.blocks.{made.__name__}`: {_inputs(made)} → {_outputs(made)}."
-    return f"\n## {kind}\n\n{says}\n\n{ports}\n" + (f"\n{_fields(own, made)}" if own else "")
+    also = other_words_line(kind, KINDS_OF_BLOCKS, declared_fields(Block)).rstrip("\n")
+    listed = _fields(own, made)
+    return "\n" + "\n\n".join(filter(None, (f"## {kind}", says, ports, also, listed.rstrip("\n")))) + "\n"
 
 
 def _fields(fields: Iterable[tuple[str, Declared]], made: type[Block]) -> str:

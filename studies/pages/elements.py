@@ -11,8 +11,10 @@ from collections.abc import Iterable
 from itertools import groupby
 
 from eppanalysis.cases.blocks import element_class
+from eppanalysis.cases.words import KINDS_OF_ELEMENTS
 from eppanalysis.models.elements import ELEMENTS
 from studies import DOCS
+from studies.pages.words import other_words_line
 
 PAGE = DOCS / "reference" / "elements.md"
 
@@ -21,13 +23,14 @@ _INTRODUCTION = """\
 
 <!-- Made by "python -m studies.pages.elements" from the code; changes belong there. -->
 
-The values of `element =` in `[elements]` of a diagram ({doc}`diagrams`), or in `[[loop.blocks]]` or `[[loop.elements]]`
+The values of `kind =` in `[elements]` of a diagram ({doc}`diagrams`), or in `[[loop.blocks]]` or `[[loop.elements]]`
 of a loop ({doc}`loops`), with their fields. A field without a default is required. A value is a number in SI units, a
 quantity (`"12 mm"`), in a diagram an expression, or a table of `value`, `mark`, `note`, `tolerance` ({doc}`../cases`).
 In brackets, [u] is the unit of the element's input in the loop, [y] that of its output.
 
 Every element also takes `name` (default: its kind; `--set`, sweeps and signals use it: `play.gap`) and `memory` (what
-an element with memory holds at the start). An element of your own is `automaton`: {doc}`../howto/own_element`.
+an element with memory holds at the start). Words behind "Also" are read as the kind, or the field before them; results
+print ours. `element` is read as `kind`. An element of your own is `automaton`: {doc}`../howto/own_element`.
 """
 
 #: Units of a loop as docstrings spell them and as the page abbreviates them, longest first.
@@ -75,7 +78,11 @@ def _section(kind: str) -> str:
         named = " and ".join(f"`{column}`" for column in made.columns)
         path = "CSV file in the case's folder"
         rows.append(f"- `file`: {path}, in place of {named}: its first columns, with units in a header.")
-    return "\n".join([f"## {kind}", "", _markdown(says), "", *rows]) + "\n"
+    if (estimate := made.estimate) is not None:
+        named = ", ".join(f"`{name}`" for name in estimate.sizes)
+        rows.append(f"- {named}: Sizes [m], in place of `{estimate.field}`, to estimate it from: {estimate.by}.")
+    also = other_words_line(kind, KINDS_OF_ELEMENTS)
+    return f"## {kind}\n\n{_markdown(says)}\n\n{also}" + "\n".join(rows) + "\n"
 
 
 def _defaults(alike: Iterable[inspect.Parameter]) -> str:

@@ -69,20 +69,36 @@ def test_a_mistake_is_found(validator, name, change):
 
 def test_fields_of_blocks_and_elements_are_those_that_a_reader_of_files_takes(validator):
     """Every field that a kind declares is taken, and a file that inherits may give any of them alone."""
-    drawn = {"kind": "diagram", "title": "t", "connect": [], "run": {"t_end": 1}}
+    drawn = {"kind": "diagram", "title": "t", "connect": []}
     for kind, made in BLOCKS.items():
         fields = {name: (about.choices or (1,))[0] for name, about in declared_fields(made).items()}
         validator.validate({**drawn, "blocks": {"part": {"kind": kind, **fields}}})
     for kind, element in ELEMENTS.items():
         fields = dict.fromkeys(inspect.signature(element).parameters, 1)
-        validator.validate({**drawn, "elements": {"part": {"element": kind, **fields}}})
+        for word in ("kind", "element"):
+            validator.validate({**drawn, "elements": {"part": {word: kind, **fields}}})
     ring = {"blocks": [{"num": [1], "den": [1, 1]}, {"element": "play", "gap": 1}]}
     validator.validate({**read("relay_deadzone"), "loop": ring})
     validator.validate({**read("relay_deadzone"), "loop": {"num": [1], "den": [1, 1], "elements": ring["blocks"][1:]}})
     validator.validate({"base": "azimuth_servo", "blocks": {"motor": {"ratio": 60}}, "elements": {"gear": {"gap": 1}}})
 
 
-@pytest.mark.parametrize("missing", ["kind", "title", "loop", "run"])
+def test_other_words_for_parts_and_fields_are_those_that_a_reader_takes(validator):
+    """A field that is needed may stand under its other name; two words for one kind are a mistake."""
+    servo = read("azimuth_servo")
+    motor = {"kind": "dc_motor", "R": 2, "Kt": 0.05, "J": 2e-5}
+    gear = {"kind": "backlash", "backlash": 0.1}
+    words = {
+        "blocks": {"motor": motor},
+        "elements": {"gear": gear, "encoder": {"element": "quantizer", "lsb": 1, "levels": 9}},
+    }
+    validator.validate({**servo, **words})
+    for wrong in ({"kind": "dc_motor", "R": 2}, {"kind": "dc_moter"}, {**motor, "Kb": 1}):
+        assert not validator.is_valid({**servo, "blocks": {"motor": wrong}})
+    assert not validator.is_valid({**servo, "elements": {"gear": {"kind": "play", "element": "play", "gap": 1}}})
+
+
+@pytest.mark.parametrize("missing", ["kind", "title", "loop"])
 def test_what_is_missing_is_found_unless_it_may_be_inherited(validator, missing):
     file = {name: part for name, part in read("relay_deadzone").items() if name != missing}
     assert not validator.is_valid(file)

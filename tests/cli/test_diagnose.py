@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +33,7 @@ def record(tmp_path_factory) -> Path:
 
 
 def test_what_explains_a_record_is_said_and_drawn(record, tmp_path, monkeypatch):
-    module, held = sys.modules["eppanalysis.diagnose"], []
+    module, held = import_module("eppanalysis.diagnose"), []
 
     def sought_once(*given):
         held[:] = held or [module_seeks(*given)]

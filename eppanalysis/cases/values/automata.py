@@ -53,7 +53,7 @@ def read_automaton(table: Mapping[str, Any], place: str, raw: RawCase) -> OwnEle
     Parameters
     ----------
     table : mapping of str to object
-        Without what all elements have (`element`, `name`, `memory`).
+        Without what all elements have (`kind`, `name`, `memory`).
     place : str
         Dotted name of the table.
 

@@ -19,7 +19,7 @@ from fractions import Fraction
 from functools import lru_cache
 
 from eppanalysis.errors import UnknownName
-from eppanalysis.units import SPELLINGS, QuantityError, UnknownUnit, dimensions, meant, parse_any, unit_of
+from eppanalysis.units import SPELLINGS, NoQuotient, QuantityError, UnknownUnit, dimensions, meant, parse_any, unit_of
 
 LONGEST = 200
 DEEPEST = 100
@@ -291,6 +291,8 @@ def is_expression(given: object) -> bool:
 def _is_no_quantity(text: str) -> bool:
     try:
         parse_any(text)
+    except NoQuotient:
+        return False
     except QuantityError:
         return True
     return False

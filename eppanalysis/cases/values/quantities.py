@@ -14,7 +14,7 @@ from eppanalysis.models.devices.declared import Declared, Form, unmet
 from eppanalysis.readable import written
 from eppanalysis.units import QuantityError, format_si, parse_any, parse_quantity, typed_unit
 
-Mark = Literal["paper", "derived", "assumed", "measured", "tunable"]
+Mark = Literal["paper", "derived", "assumed", "measured", "data sheet", "tunable"]
 MARKS: tuple[str, ...] = get_args(Mark)
 LONGEST_TEXT = 2000
 _KEYS = ("value", "mark", "note", "tolerance")
@@ -28,8 +28,8 @@ class Parameter:
     #: unit, friendly: SI unit, and the unit that people use.
     unit: str = ""
     friendly: str = ""
-    #: {"paper", "derived", "assumed", "measured", "tunable"}: where the value comes from, or that it is free to choose;
-    #: what a user gives without a mark is assumed.
+    #: {"paper", "derived", "assumed", "measured", "data sheet", "tunable"}: where the value comes from, or that it is
+    #: free to choose; what a user gives without a mark is assumed.
     mark: Mark = "assumed"
     note: str = ""
     tolerance: float | None = None  # half width of the interval that the value lies in, in `unit`

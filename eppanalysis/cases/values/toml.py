@@ -27,6 +27,17 @@ def write_toml(data: dict[str, Any]) -> str:
     return "\n".join(_section("", data)).strip("\n") + "\n"
 
 
+def toml_line(key: str, value: Any) -> str:
+    """One line of TOML, tables in line.
+
+    Examples
+    --------
+    >>> print(toml_line("inputs", {"setpoint": "0 rad", "wind": 0.0}))
+    inputs = { setpoint = "0 rad", wind = 0.0 }
+    """
+    return f"{_key(key)} = {_value(value)}"
+
+
 def _section(prefix: str, data: dict[str, Any]) -> list[str]:
     plain = {k: v for k, v in data.items() if not _is_section(v)}
     lines = [f"{_key(k)} = {_value(v)}" for k, v in plain.items()]

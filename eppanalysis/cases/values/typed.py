@@ -13,7 +13,7 @@ from eppanalysis.units import QuantityError, dimensions, parse_any, parse_quanti
 #: Where units stand that count for other signals too, the nearest to what moves first.
 _SECTIONS = ("signals", "elements", "loop", "parameters", "blocks", "inputs", "run")
 #: Fields that hold no quantity, or one that says nothing of how signals are read.
-_OTHERS = ("of", "note", "mark", "kind", "element", "tolerance", "name")
+_OTHERS = ("of", "note", "mark", "kind", "tolerance", "name")
 #: Rates are read per second of what they are rates of, where the file types none of them.
 _RATES = {"rad/s": "rad", "m/s": "m"}
 

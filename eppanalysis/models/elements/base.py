@@ -136,6 +136,16 @@ class RateLimit(NamedTuple):
     bandwidth: float
 
 
+class Estimate(NamedTuple):
+    """A field of an element that may follow from sizes of the part: its unit, the sizes with theirs, how, by what."""
+
+    field: str
+    unit: str
+    sizes: Mapping[str, str]
+    of: Callable[..., float]
+    by: str
+
+
 class ClosedForm(NamedTuple):
     """What the engine computes mean and gain of an element from: its map in pieces, or the numbers of a lock pin.
 
@@ -191,6 +201,8 @@ class Nonlinearity(ABC):
         "way" (a displacement) and "force", where a unit that does not exist is a mistake; empty where anything may be.
     columns : tuple of str
         Fields that a case file may take from the columns of a CSV file.
+    estimate : Estimate or None
+        How a case file may have a field follow from the sizes of the part.
     input_unit : str
         Unit of the first input where it is always the same [SI]; empty where it is the loop's.
     breakpoints : array, shape (k,)
@@ -226,6 +238,7 @@ class Nonlinearity(ABC):
     input_is: ClassVar[str] = ""
     output_is: ClassVar[str] = ""
     columns: ClassVar[tuple[str, ...]] = ()
+    estimate: ClassVar[Estimate | None] = None
     input_unit: ClassVar[str] = ""
     linear_gain_is: ClassVar[str] = "its steepest slope"
 

@@ -14,7 +14,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.engine.describing import describe_lock_pin, describe_nordin_shaft
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
-from eppanalysis.models.elements.base import DAMPING, IN, SLOPE, Answer, ClosedForm, Nonlinearity
+from eppanalysis.models.elements.base import DAMPING, IN, SLOPE, Answer, ClosedForm, Estimate, Nonlinearity
 from eppanalysis.models.elements.phases import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -25,7 +25,22 @@ from eppanalysis.models.elements.phases import (
     require_numbers,
 )
 
+#: Mean stiffness of steel teeth in mesh over their face width [N/m per m]: 20 N/(mm um), ISO 6336-1; a lightly loaded
+#: mesh (less than 100 N/mm) is softer. Its line of action touches the base circle, at a pressure angle of 20 deg.
+_MESH, _PRESSURE_ANGLE = 20e9, np.radians(20.0)
+
 _CONTACT = MappingProxyType({"gap": IN, "stiffness": SLOPE, "damping": DAMPING})
+
+
+def mesh_stiffness(pitch_diameter: float, face_width: float) -> float:
+    """Stiffness of the teeth of a gear about its axis [N*m/rad], from pitch diameter and face width [m].
+
+    Examples
+    --------
+    >>> round(mesh_stiffness(pitch_diameter=0.06, face_width=0.01))
+    158944
+    """
+    return float(_MESH * face_width * (0.5 * pitch_diameter * np.cos(_PRESSURE_ANGLE)) ** 2)
 
 
 @dataclass(frozen=True)
@@ -67,6 +82,13 @@ class LockPin(Nonlinearity, kind="lock_pin"):
     input_ports = ("twist", "rate")
     units = _CONTACT
     input_is = "way"
+    estimate = Estimate(
+        "stiffness",
+        "N*m/rad",
+        MappingProxyType({"pitch_diameter": "m", "face_width": "m"}),
+        mesh_stiffness,
+        "teeth of steel in mesh (ISO 6336-1); shafts and light loads make it softer",
+    )
 
     gap: float
     stiffness: float

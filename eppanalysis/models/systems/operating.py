@@ -70,7 +70,7 @@ class OperatingPoint:
         input : InputSignal or mapping of str to InputSignal, optional
             What is added to the inputs from t = 0 on; by default they stay at the loop's `v0`.
         time : float
-            When [s]: the end of the run.
+            When [s]: the end of the run; infinite for where they come to.
 
         Raises
         ------
@@ -137,7 +137,10 @@ class OperatingPoint:
 
 def _offset(input_signal: InputSignal, time: float) -> float:
     """What a signal adds to its input at a time; the middle of a sine."""
-    return 0.0 if isinstance(input_signal, Sine) else float(input_signal.value(time))
+    if isinstance(input_signal, Sine):
+        return 0.0
+    # Behind its last breakpoint it stays where it is there, or never comes to stand.
+    return float(input_signal.value(time if isfinite(time) else float(input_signal.breakpoints()[0][-1])))
 
 
 def _moves(input_signal: InputSignal, time: float) -> str:
@@ -146,4 +149,5 @@ def _moves(input_signal: InputSignal, time: float) -> str:
         return _SINE if input_signal.amplitude else ""
     times, _, slopes = input_signal.breakpoints()
     slope = slopes[max(int(np.searchsorted(times, time, side="right")) - 1, 0)] if time >= times[0] else 0.0
-    return f"is a {type(input_signal).__name__.lower()} that has not ended at {time:.6g} s" if slope else ""
+    until = f"has not ended at {time:.6g} s" if isfinite(time) else "does not end"
+    return f"is a {type(input_signal).__name__.lower()} that {until}" if slope else ""
