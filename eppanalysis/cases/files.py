@@ -303,18 +303,19 @@ def _check_depth(data: dict[str, Any], source: str) -> None:
 
 
 def _find_base(base: Any, child: Path, source: str) -> Path:
-    """File of a base: in the child's own folder, or a case that ships."""
+    """File of a base: another one in the child's own folder, or a case that ships."""
     if not isinstance(base, str) or not PLAIN_NAME.fullmatch(base):
         raise CaseError(source, "base", base, "the name of a case in the same folder, or of one that ships")
     file_name = base if base.endswith(".toml") else f"{base}.toml"
-    for folder in (child.parent, shipped_cases_folder()):
-        found = folder / file_name
-        if found.is_file():
-            # A case from elsewhere must not lead out of its folder by a link.
-            if found.resolve().parent != folder.resolve():
-                raise CaseError(source, "base", base, "a case that lies in the same folder, not a link out of it")
-            return found
-    raise CaseError(source, "base", base, "the name of a case in the same folder, or of one that ships")
+    there = [f for folder in (child.parent, shipped_cases_folder()) if (f := folder / file_name).is_file()]
+    if not there:
+        raise CaseError(source, "base", base, "the name of a case in the same folder, or of one that ships")
+    # A file that bears the name of a case that ships means that one.
+    found = next((f for f in there if f.resolve() != child.resolve()), child)
+    # A case from elsewhere must not lead out of its folder by a link.
+    if found.resolve().parent != found.parent.resolve():
+        raise CaseError(source, "base", base, "a case that lies in the same folder, not a link out of it")
+    return found
 
 
 def _is_parameter(value: Any) -> bool:

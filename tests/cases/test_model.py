@@ -189,6 +189,12 @@ def test_base_by_a_link_out_of_the_folder(tmp_path: Path) -> None:
     assert "same folder" in refusal(write(folder, 'base = "linked"\ntitle = "bad"')).expected
 
 
+def test_a_file_with_the_name_of_a_shipped_case_may_inherit_from_that(tmp_path):
+    (tmp_path / "elbow.toml").write_text('base = "elbow"\ntitle = "mine"\n')
+    case = read_case(tmp_path / "elbow.toml")
+    assert case.title == "mine" and case.value("lock_pin.backlash") == epp.case("elbow").value("lock_pin.backlash")
+
+
 def test_bases_in_a_circle(tmp_path: Path) -> None:
     path = write(tmp_path, 'base = "bad"\ntitle = "bad"')
     assert "inherit from itself" in refusal(path).expected
