@@ -446,7 +446,7 @@ def limited(before: epp.Nonlinearity, *between: tuple[list[float], list[float]])
     return epp.LureSystem.from_blocks([([1.0], [1.0, 1.0, 0.0]), before, *between, epp.RateLimiter(1.0)])
 
 
-@pytest.mark.parametrize("before", [epp.Play(0.5), epp.Relay(-1.0, 1.0)], ids=["play", "relay"])
+@pytest.mark.parametrize("before", [epp.Tanh(1.0, 1.0), epp.Relay(-1.0, 1.0)], ids=["curved", "relay"])
 def test_a_run_of_a_limiter_straight_behind_another_element_is_said_to_chatter(before):
     run = epp.simulate(limited(before), t_end=30.0)
     assert run.status is epp.Status.EVENT_LIMIT and CHATTERS in run.note
@@ -455,9 +455,9 @@ def test_a_run_of_a_limiter_straight_behind_another_element_is_said_to_chatter(b
 
 @pytest.mark.slow
 def test_a_search_of_a_limiter_straight_behind_another_element_is_said_to_chatter():
-    found = epp.find_limit_cycles(limited(epp.Play(0.5)))
+    found = epp.find_limit_cycles(limited(epp.Tanh(4.0, 0.25)))
     assert not found.status.ok and CHATTERS in found.message
-    assert CHATTERS not in epp.find_limit_cycles(limited(epp.Play(0.5), ([5.0], [1.0, 5.0]))).message
+    assert CHATTERS not in epp.find_limit_cycles(limited(epp.Tanh(4.0, 0.25), ([5.0], [1.0, 5.0]))).message
 
 
 @pytest.mark.slow
