@@ -113,6 +113,20 @@ def test_signs_that_an_encoding_lacks_are_written_otherwise(
         assert "3 N" in written
 
 
+@pytest.mark.parametrize(
+    ("name", "value"), [("MPLBACKEND", "nonsense"), ("SOURCE_DATE_EPOCH", "abc"), ("TERMINAL_WIDTH", "wide")]
+)
+def test_what_libraries_cannot_read_of_the_environment_ends_no_command(tmp_path: Path, name: str, value: str) -> None:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    command = [sys.executable, "-m", "eppanalysis", "predict", "relay_deadzone", "-o", "curves.pdf"]
+    files = []
+    for more, options in (({}, command), ({name: value}, command), ({name: value}, [*command, "--help"])):
+        ended = subprocess.run(options, env={**environment, **more}, cwd=tmp_path, capture_output=True, timeout=60)
+        assert (ended.returncode, ended.stderr) == (0, b"")
+        files.append((tmp_path / "curves.pdf").read_bytes())
+    assert files[1] == files[0]
+
+
 TUNED = ("design", "backlash_servo", "--tune", "loop.gain 1..2")
 GOAL = (*TUNED, "--maximise", "loop.gain")
 BOUNDED = ("bounds", "backlash_servo", "--over", "loop.gain", "--limit", "play.gap")
