@@ -245,12 +245,24 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
             del valid[-1]
             typer.echo(f"{text}: {error}", err=True)
     if as_json:
-        each = ((case, [found.to_dict() for found in _own_elements(case)]) for case in valid)
-        rows = [(case, {"valid": True, **case.provenance(), "own_elements": own}) for case, own in each]
+        rows = [
+            (
+                case,
+                {
+                    "valid": True,
+                    **case.provenance(),
+                    "own_elements": [found.to_dict() for found in _own_elements(case)],
+                    "not_predicted": _why_not_predicted(case),
+                },
+            )
+            for case in valid
+        ]
         print_json("check", rows, settings)
     else:
         for case in valid:
             heading(f"{case.name}: valid ({case.kind}): {case.title}", settings, case)
+            if why_not := _why_not_predicted(case):
+                typer.echo(f"The command predict refuses it: {why_not}")
             if len(texts) == 1:
                 print_table(parameters_table(case))
                 for found in _own_elements(case):
@@ -267,6 +279,13 @@ def _begin_run(case: Case) -> None:
     end = 1.0 if isinstance(case.held("run.t_end"), Missing) else None  # it begins whatever its length
     with progress(f"simulate {case.name}"):
         run_simulation(case, t_end=end, max_steps=1)
+
+
+def _why_not_predicted(case: Case) -> str:
+    """What the command predict would say of a case that it refuses; empty where it takes it."""
+    from eppanalysis.methods.describing.predict import why_not_predicted
+
+    return why_not_predicted(case.to_system())
 
 
 def _own_elements(case: Case) -> list[ElementCheck]:

@@ -92,8 +92,7 @@ def predict_limit_cycles(
     """
     own, at = standing(system, operating_point, "predict_limit_cycles")
     if not isinstance(own, DataSystem):
-        # Elements meet what B and C make together: units of the states alone may be of any size.
-        within_range(own.name, own.A, own.D, np.abs(own.C).max(initial=0.0) * own.B)
+        _require_range(own)
     apart = None if isinstance(own, DataSystem) else elements_apart(own)
     seen = own if apart is None else apart.system
     parts = _parts(seen, at)
@@ -163,6 +162,20 @@ def _of_small_signals(own: LureSystem, at: OperatingPoint) -> dict[str, Any]:
         return margins(loop).summary()
     except ModelError as refused:
         return Margins(places_of(loop)[0], Status.INCOMPLETE, (), str(refused)).summary()
+
+
+def why_not_predicted(loop: LureSystem) -> str:
+    """Why :func:`predict_limit_cycles` does not take a loop, whatever its numbers lead to; empty where it does."""
+    try:
+        _require_range(loop)
+        seen = without_held_states(loop)
+        _require_rates(loop if seen is None else seen.system)
+        with np.errstate(all="ignore"):
+            for element in loop.elements:
+                element.describing_function(1.0)
+    except ModelError as refused:
+        return str(refused)
+    return ""
 
 
 def predicted_cycles(system: LureSystem | CaseLike, operating_point: PointLike | None = None) -> tuple[LimitCycle, ...]:
@@ -255,6 +268,12 @@ def _balanced(
         elif loop.time_step and any(map(jumps, loop.elements)):
             cycles = tuple(locking(c, loop.time_step) for c in cycles)
     return balance, found, points, estimates, cycles
+
+
+def _require_range(system: LureSystem) -> None:
+    """Refuse numbers beyond all range."""
+    # Elements meet what B and C make together: units of the states alone may be of any size.
+    within_range(system.name, system.A, system.D, np.abs(system.C).max(initial=0.0) * system.B)
 
 
 def _require_rates(system: LureSystem) -> None:
