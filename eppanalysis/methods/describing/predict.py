@@ -33,6 +33,7 @@ from eppanalysis.methods.margins.linearised import within_range
 from eppanalysis.methods.margins.margins import margins, places_of
 from eppanalysis.methods.margins.result import Margins
 from eppanalysis.methods.simulation.states import Subsystem, elements_apart, parts_apart, without_held_states
+from eppanalysis.models.elements.piecewise import UNITY
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state, static_balance
 from eppanalysis.models.systems.measured.loop import DataSystem, MeasuredLoop
@@ -106,17 +107,19 @@ def _of_parts(own: LureSystem, at: OperatingPoint, parts: Sequence[tuple[Subsyst
     """The predictions of groups of elements that swing without the others, as one."""
     each = [_of_one(loop, at) for _, loop, _ in parts]
     cycles = [p.to_user(c, own, state) for (p, _, state), found in zip(parts, each, strict=True) for c in found]
-    names = [listed(loop.element_names) for _, loop, _ in parts]
+    # What only hands a late input on is no element to the user.
+    groups = [_nonlinear(loop) for _, loop, _ in parts]
+    names = [f"Of {listed(group)}: " if group != _nonlinear(own) else "" for group in groups]
     apart = (
-        f"Not all elements act on one another: each cycle is of one group that swings alone ({'; '.join(names)}), with "
-        "the others at rest or their means."
+        "Not all elements act on one another: each cycle is of one group that swings alone "
+        f"({'; '.join(map(listed, groups))}), with the others at rest or their means."
     )
     return Prediction(
         cycles=tuple(cycles),
         status=next((found.status for found in each if not found.status.ok), Status.CONVERGED),
-        search=" ".join(f"Of {name}: {found.search}" for name, found in zip(names, each, strict=True)),
+        search=" ".join(f"{name}{found.search}" for name, found in zip(names, each, strict=True)),
         on_grid=any(found.on_grid for found in each),
-        unseen=partial(_unseen_of_parts, apart, each),
+        unseen=partial(_unseen_of_parts, apart if any(names) else "", each),
         curves=max(each, key=len).curves,
         margins=Deferred(partial(_of_small_signals, own, at)),
         provenance=_made_by(own, at),
@@ -125,7 +128,11 @@ def _of_parts(own: LureSystem, at: OperatingPoint, parts: Sequence[tuple[Subsyst
 
 
 def _unseen_of_parts(apart: str, each: Sequence[Prediction]) -> tuple[str, ...]:
-    return (apart, *(sentence for found in each for sentence in found.warnings))
+    return (*[apart] * bool(apart), *(sentence for found in each for sentence in found.warnings))
+
+
+def _nonlinear(loop: LureSystem) -> list[str]:
+    return [name for name, element in zip(loop.element_names, loop.elements, strict=True) if element != UNITY]
 
 
 def _of_one(own: LureSystem, at: OperatingPoint) -> Prediction:
