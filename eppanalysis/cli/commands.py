@@ -228,36 +228,12 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
 @app.command(cls=_Command)
 def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> None:
     """Check case files: fields, units, ranges, own elements, whether a run can begin; all mistakes are named."""
-    from eppanalysis.cases.mistakes import sentences_of
     from eppanalysis.tables.console import parameters_table
 
-    valid, texts = [], expanded(cases)
-    for text in texts:
-        try:
-            valid.append(load_case(text, settings))
-        except EppError as error:
-            for sentence in sentences_of(text, error):
-                typer.echo(sentence, err=True)
-            continue
-        try:
-            _begin_run(valid[-1])
-        except EppError as error:
-            del valid[-1]
-            typer.echo(f"{text}: {error}", err=True)
+    texts = expanded(cases)
+    valid = [case for text in texts if (case := _valid(text, settings)) is not None]
     if as_json:
-        rows = [
-            (
-                case,
-                {
-                    "valid": True,
-                    **case.provenance(),
-                    "own_elements": [found.to_dict() for found in _own_elements(case)],
-                    "not_predicted": _why_not_predicted(case),
-                },
-            )
-            for case in valid
-        ]
-        print_json("check", rows, settings)
+        print_json("check", [(case, _checked(case)) for case in valid], settings)
     else:
         for case in valid:
             heading(f"{case.name}: valid ({case.kind}): {case.title}", settings, case)
@@ -269,6 +245,30 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
                     typer.echo(str(found))
     if len(valid) < len(texts):
         raise typer.Exit(2)
+
+
+def _valid(text: str, settings: Sequence[str]) -> Case | None:
+    """The case of a file whose run can begin; None where its mistakes have been named."""
+    from eppanalysis.cases.mistakes import sentences_of
+
+    try:
+        case = load_case(text, settings)
+    except EppError as error:
+        for sentence in sentences_of(text, error):
+            typer.echo(sentence, err=True)
+        return None
+    try:
+        _begin_run(case)
+    except EppError as error:
+        typer.echo(f"{text}: {error}", err=True)
+        return None
+    return case
+
+
+def _checked(case: Case) -> dict[str, Any]:
+    """What is known of a valid case."""
+    own = [found.to_dict() for found in _own_elements(case)]
+    return {"valid": True, **case.provenance(), "own_elements": own, "not_predicted": _why_not_predicted(case)}
 
 
 def _begin_run(case: Case) -> None:

@@ -141,7 +141,7 @@ def test_a_proof_that_is_refused_says_why():
 
 
 def conveyor(tmp_path):
-    """A drive with two masses that rests unless it is struck; its branch from smaller gains turns back below its own."""
+    """A drive with two masses that rests unless it is struck; a branch of smaller gains turns back below its own."""
     path = tmp_path / "conveyor.toml"
     path.write_text(
         """
