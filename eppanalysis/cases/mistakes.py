@@ -140,7 +140,7 @@ class _Reading:
                 # What is left of a drawing need not make a loop.
                 return True
         part = _part(error.field)
-        if part.startswith("loop.") and f"{part}.element" in self.gone:
+        if part.startswith("loop.") and f"{part}.kind" in self.gone:
             self.missed[part.replace(".", " ")] = None  # of no known kind: none of its other fields is wrong
             return True
         if isinstance(error.value, Missing) and error.field not in self.absent and _part(error.field) in self.gone:
