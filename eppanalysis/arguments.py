@@ -202,7 +202,7 @@ def floats(value: Any, name: str, **options: Any) -> NDArray[Any]:
     Raises
     ------
     ModelError
-        If numpy makes no numbers of it.
+        If numpy makes no numbers of it, or they are complex.
 
     Examples
     --------
@@ -211,6 +211,10 @@ def floats(value: Any, name: str, **options: Any) -> NDArray[Any]:
     """
     if getattr(getattr(value, "dtype", None), "kind", "") in _TIMES:  # numpy makes numbers of them in any unit
         raise ModelError(f"{name}: holds dates or durations", expected="numbers")
+    if getattr(value, "dtype", None) is not None and np.iscomplexobj(value):  # numpy drops their imaginary parts
+        if np.any(np.imag(value)):
+            raise ModelError(f"{name}: holds complex numbers", expected="real ones")
+        value = np.real(value)
     try:
         return np.array(value, float, copy=options.pop("copy", None), **options)
     except (TypeError, ValueError, OverflowError):
@@ -254,7 +258,7 @@ def _refusal(function: Callable[..., Any], name: str, value: object, words: str)
     """The sentence; of the first argument, for which a neighbour of what is wanted is a likely slip, with a hint."""
     called = _name_of(function)
     if name != next(iter(inspect.signature(function).parameters)) or _is_plain(value):
-        return f"{called}: {name} is {shown(value)}; expected {words}."
+        return f"{called}: {name} is {shown(value)}; expected {words}{'' if words.endswith('?') else '.'}"
     methods = inspect.getmembers(type(value), inspect.isfunction)
     makers = [
         n for n, m in methods if n.startswith("to_") and m.__annotations__.get("return") == words.rpartition(" ")[2]
@@ -265,6 +269,8 @@ def _refusal(function: Callable[..., Any], name: str, value: object, words: str)
 
 def _in_place_of_another(function: Callable[..., Any], name: str, value: object, given: Mapping[str, Any]) -> str:
     """The parameter behind its own place that a value fits, as what was probably meant; empty where it fits none."""
+    if value is None:  # which fits all that may be left out
+        return ""
     names = list(inspect.signature(function).parameters)
     for other in names[names.index(name) + 1 :]:
         fits = None if other in given or not _is_plain(value) else _of_parameter(function, other)

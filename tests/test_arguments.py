@@ -117,6 +117,9 @@ def test_counts_and_arrays() -> None:
         check_counts("f", {"workers": (5000, 1)})
     with pytest.raises(ModelError, match="gap is 'wide'; expected numbers"):
         floats("wide", "gap")
+    with pytest.raises(ModelError, match="x: holds complex numbers; expected real ones"):
+        floats(np.array([1.0, 2.0 + 1e-3j]), "x")
+    assert floats(np.array([1.0 + 0.0j]), "x").tolist() == [1.0]
     with pytest.raises(ModelError, match="Quantiser: levels is 1000000000000; expected a positive whole number of"):
         epp.Quantiser(0.1, 10**12)
     with pytest.raises(EppError, match=r"simulate: max_events is 1000000000000\.0; expected a whole number"):
@@ -143,6 +146,8 @@ def test_one_side_alone_is_not_taken_for_both(made):
         (lambda loop: epp.simulate(loop, 100), "did you mean t_end=100?"),
         (lambda loop: epp.simulate(loop, 20.0), "did you mean t_end=20.0?"),
         (lambda loop: epp.simulate(loop, None, "soon"), "expected a number"),
+        (lambda loop: epp.simulate(None), "expected a Case or a LureSystem."),
+        (lambda loop: epp.certify(loop, None), "expected a text."),
     ],
 )
 def test_an_argument_in_the_place_of_another_is_told_which(call, meant) -> None:
@@ -150,6 +155,7 @@ def test_an_argument_in_the_place_of_another_is_told_which(call, meant) -> None:
     with pytest.raises(epp.EppError) as caught:
         call(loop)
     assert meant in str(caught.value)
+    assert str(caught.value).endswith(meant) or not meant.endswith(("?", "."))
 
 
 def test_an_argument_by_its_name_is_not_taken_for_another() -> None:

@@ -194,7 +194,7 @@ def _linear(block: dict[str, Any], loop: LoopSection, raw: RawCase, field: str) 
     try:
         return as_state_space((block["num"], block["den"]), step)
     except ModelError as error:
-        raise raw.refused_by_model(error, f"{field}.num") from None
+        raise raw.refused_by_model(error, field) from None
 
 
 def _from_state_space(

@@ -139,6 +139,10 @@ class _Reading:
             case None if error.field == "connect" and isinstance(error.value, Connections) and (self.gone or self.fed):
                 # What is left of a drawing need not make a loop.
                 return True
+        part = _part(error.field)
+        if part.startswith("loop.") and f"{part}.kind" in self.gone:
+            self.missed[part.replace(".", " ")] = None  # of no known kind: none of its other fields is wrong
+            return True
         if isinstance(error.value, Missing) and error.field not in self.absent and _part(error.field) in self.gone:
             part, _, name = error.field.rpartition(".")
             return any(_meant(at.rpartition(".")[2], name) for at in self.gone if at.rpartition(".")[0] == part)

@@ -17,6 +17,12 @@ def main() -> None:
     """Entry point of the command ``eppanalysis``."""
     # Many small linear systems: threads inside the linear algebra cost more than they give.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Pictures are written, never shown, and files bear no date: what libraries read here has no use, and what they
+    # cannot read ends in tracebacks of theirs. So does a width of the terminal that is none.
+    for name in ("MPLBACKEND", "SOURCE_DATE_EPOCH"):
+        os.environ.pop(name, None)
+    if not os.environ.get("TERMINAL_WIDTH", "").isdecimal():
+        os.environ.pop("TERMINAL_WIDTH", None)
     # What libraries make while they are imported stays to the end: looking there for garbage took a fifth of a command.
     gc.set_threshold(50_000, 10, 10)
     atexit.register(gc.freeze)

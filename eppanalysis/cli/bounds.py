@@ -80,7 +80,7 @@ def bounds(
         check_value(found, option, name, value)
     for value in within_of(within) or ():
         check_value(found, "--within", limit, value)
-    rounding = step_for_manual(found, limit, manuals, step)
+    rounding = step_for_manual(found, limit, manuals, step, within_of(within))
     with progress(f"bounds {found.name}") as advance:
         result = design_bounds(
             found,
@@ -100,9 +100,11 @@ def bounds(
             workers=cores() if workers is None else workers,
             progress=advance,
         )
-    result = stepped(result, rounding)
-    answer("bounds", found, settings, as_json, result.to_dict, lambda: _show(found, result))
-    write_output(output, result, bounds_columns)
+    try:
+        result = stepped(result, rounding)
+    finally:  # a bound may be smaller than the step: what was computed is shown all the same
+        answer("bounds", found, settings, as_json, result.to_dict, lambda: _show(found, result))
+        write_output(output, result, bounds_columns)
     if certificates is not None:
         result.write_certificates(certificates)
     write_manual(result, manuals)

@@ -228,35 +228,47 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
 @app.command(cls=_Command)
 def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> None:
     """Check case files: fields, units, ranges, own elements, whether a run can begin; all mistakes are named."""
-    from eppanalysis.cases.mistakes import sentences_of
     from eppanalysis.tables.console import parameters_table
 
-    valid, texts = [], expanded(cases)
-    for text in texts:
-        try:
-            valid.append(load_case(text, settings))
-        except EppError as error:
-            for sentence in sentences_of(text, error):
-                typer.echo(sentence, err=True)
-            continue
-        try:
-            _begin_run(valid[-1])
-        except EppError as error:
-            del valid[-1]
-            typer.echo(f"{text}: {error}", err=True)
+    texts = expanded(cases)
+    valid = [case for text in texts if (case := _valid(text, settings)) is not None]
     if as_json:
-        each = ((case, [found.to_dict() for found in _own_elements(case)]) for case in valid)
-        rows = [(case, {"valid": True, **case.provenance(), "own_elements": own}) for case, own in each]
-        print_json("check", rows, settings)
+        print_json("check", [(case, _checked(case)) for case in valid], settings)
     else:
         for case in valid:
             heading(f"{case.name}: valid ({case.kind}): {case.title}", settings, case)
+            if why_not := _why_not_predicted(case):
+                typer.echo(f"The command predict refuses it: {why_not}")
             if len(texts) == 1:
                 print_table(parameters_table(case))
                 for found in _own_elements(case):
                     typer.echo(str(found))
     if len(valid) < len(texts):
         raise typer.Exit(2)
+
+
+def _valid(text: str, settings: Sequence[str]) -> Case | None:
+    """The case of a file whose run can begin; None where its mistakes have been named."""
+    from eppanalysis.cases.mistakes import sentences_of
+
+    try:
+        case = load_case(text, settings)
+    except EppError as error:
+        for sentence in sentences_of(text, error):
+            typer.echo(sentence, err=True)
+        return None
+    try:
+        _begin_run(case)
+    except EppError as error:
+        typer.echo(f"{text}: {error}", err=True)
+        return None
+    return case
+
+
+def _checked(case: Case) -> dict[str, Any]:
+    """What is known of a valid case."""
+    own = [found.to_dict() for found in _own_elements(case)]
+    return {"valid": True, **case.provenance(), "own_elements": own, "not_predicted": _why_not_predicted(case)}
 
 
 def _begin_run(case: Case) -> None:
@@ -267,6 +279,13 @@ def _begin_run(case: Case) -> None:
     end = 1.0 if isinstance(case.held("run.t_end"), Missing) else None  # it begins whatever its length
     with progress(f"simulate {case.name}"):
         run_simulation(case, t_end=end, max_steps=1)
+
+
+def _why_not_predicted(case: Case) -> str:
+    """What the command predict would say of a case that it refuses; empty where it takes it."""
+    from eppanalysis.methods.describing.predict import why_not_predicted
+
+    return why_not_predicted(case.to_system())
 
 
 def _own_elements(case: Case) -> list[ElementCheck]:

@@ -103,7 +103,7 @@ def guide(
         check_file(path)
     found = load_case(case, settings)
     over, limit = pair_of(found, over, limit)
-    rounding = step_for_manual(found, limit, manuals, step)
+    rounding = step_for_manual(found, limit, manuals, step, within_of(within))
     values = (_GAINS if over == GAIN else None) if gains is None else _values(gains)
     chosen = {name: _values(text) for name, text in _pairs("--vary", vary, "FIELD=VALUES").items()}
     for option, given in (("--gains", {} if values is None else {over: values}), ("--vary", chosen)):
@@ -126,10 +126,12 @@ def guide(
             prove=prove or certificates is not None,
             progress=advance,
         )
-    result = stepped(result, rounding)
-    for path in outputs:
-        result.write(path)
-    answer("guide", found, settings, as_json, result.to_dict, lambda: _show(result), title(result))
+    try:
+        result = stepped(result, rounding)
+    finally:  # a bound may be smaller than the step: what was computed is shown all the same
+        for path in outputs:
+            result.write(path)
+        answer("guide", found, settings, as_json, result.to_dict, lambda: _show(result), title(result))
     if certificates is not None:
         result.write_certificates(certificates)
     write_manual(result, manuals)

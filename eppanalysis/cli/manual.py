@@ -37,13 +37,16 @@ Step = Annotated[
 ]
 
 
-def step_for_manual(case: Case, limit: str, paths: Sequence[Path], step: str | None) -> float | None:
+def step_for_manual(
+    case: Case, limit: str, paths: Sequence[Path], step: str | None, within: tuple[str, str] | None
+) -> float | None:
     """The step in the unit of the table, with what cannot be written refused before anything is computed.
 
     Raises
     ------
     EppError
-        If a file cannot be written, the step is no quantity of the limit, or there is a step and no file.
+        If a file cannot be written, the step is no quantity of the limit or larger than all values in which the bound
+        is sought, or there is a step and no file.
     """
     if not paths:
         if step is not None:
@@ -62,6 +65,12 @@ def step_for_manual(case: Case, limit: str, paths: Sequence[Path], step: str | N
         raise CaseError("--step", limit, step, error.expected) if error.field == limit else error from None
     if not found > 0:
         raise EppError(f"--step {step}: is no step; expected a positive one.")
+    from eppanalysis.methods.bounds.design import range_within
+
+    high = range_within(case, limit, within)[1]
+    if case.si(limit, step) > high:
+        sought = f"{case.text(limit, high)}, the end of the range in which the bound is sought"
+        raise EppError(f"--step {step}: is no step of {limit}; expected at most {sought}.")
     return found
 
 

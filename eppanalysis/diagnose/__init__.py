@@ -229,7 +229,7 @@ def _explanation(
     best = max(fits, key=lambda fit: fit.evidence)
     made = Explanation(
         name, kind, share, best.misfit, best.freedom, best.period,
-        note=f"comes in at {best.place}" if best.place else why if why.startswith(UNTRIED) else "",
+        note=f"comes in {_at(best.place)}" if best.place else why if why.startswith(UNTRIED) else "",
         harmonics=best.harmonics,
     )  # fmt: skip
     if family is not None:
@@ -238,6 +238,10 @@ def _explanation(
     if name != LINEAR or turned < 0:
         return made
     return replace(made, fields={"gain": _interval(1.0, best, 1)}, note=f"by the gain at {_names(candidates)[turned]}")
+
+
+def _at(place: str) -> str:
+    return place if place.startswith("behind ") else f"at {place}"
 
 
 def _names(candidates: Candidates) -> tuple[str, ...]:

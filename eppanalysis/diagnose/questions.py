@@ -38,7 +38,7 @@ def question(
         return ""
     if e.name == OWN:
         return next((f"How far {n} must go for it to end: {q}" for n in asking.over if (q := asking.bounds(n))), "")
-    asked = asking.bounds(e.parameter, e.over) if e.parameter and e.over else ""
+    asked = asking.bounds(e.parameter, e.over) if e.parameter else ""
     if not asked:
         return ""
     if not e.in_proportion:
@@ -61,8 +61,8 @@ def _half(found: Oscillation, units: Mapping[str, str]) -> str:
 
 def _of_disturbance(asking: Asking | None, e: Explanation, found: Oscillation, size: float) -> str:
     place = e.note.removeprefix("comes in at ")
-    if place.startswith("behind ") or not np.isfinite(size):
-        return f"How the loop answers what {e.note}"
+    if place == e.note or not np.isfinite(size):  # behind an element, where no command lets a sine come in
+        return ""
     rate = found.omega / (2.0 * np.pi)
     sine = (f"{size:.{DIGITS}g}", f"{rate:.{DIGITS}g}")
     asked = (

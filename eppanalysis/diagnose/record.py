@@ -164,7 +164,11 @@ def oscillation_of(record: Record, fewest: float = FEWEST_SAMPLES, rates: Sequen
         raise EppError(f"{record.source}: has {n} samples; expected three periods with {FEWEST_SAMPLES} each or more.")
     left = Y - _trend(t, Y)
     # Signals in units of their own motion count alike, whatever they are measured in.
-    size = left.std(axis=0)
+    with np.errstate(over="ignore"):
+        size = left.std(axis=0)
+    if not np.all(np.isfinite(size)):
+        large = names[int(np.argmin(np.isfinite(size)))]
+        raise EppError(f"{record.source}: {large} has numbers beyond all range; expected values of ordinary magnitude.")
     still_ones = size <= _STILL * np.abs(Y).max(axis=0)
     if np.any(still_ones):
         still = names[int(np.argmax(still_ones))]

@@ -151,8 +151,9 @@ else:
 _FOLLOW = """\
 branch = None
 try:
-    start = "{near}" if cycles and cycles.stable else "{far}"
-    branch = epp.continue_branch(case, "{name}", start=start, stop="{stop}")
+    start, cycle = ("{near}", cycles.stable[-1]) if cycles and cycles.stable else ("{far}", None)
+    cycle = None if run.limit_cycle else cycle
+    branch = epp.continue_branch(case, "{name}", start=start, stop="{stop}", cycle=cycle)
 except epp.EppError as reason:
     no_branch = reason
 """

@@ -116,6 +116,7 @@ def first_page(
     """
     signal = case.expected.signal or next(iter(run.signals), "")
     largest = _largest(run, cycles, signal)
+    branch = _of_own_cycles(case, run, cycles, branch)
     end = _nearest_end(case, branch)
     asking = Asking.of(case) if called is None else Asking(case, tuple(called))
     return FirstPage(
@@ -192,6 +193,15 @@ def _numbers(
         )
         what = "the oscillation" if largest is not None else "a limit cycle"
         yield f"{words(branch.parameter)} with {what}", f"{low.partition(' ')[0]} to {high}", how
+
+
+def _of_own_cycles(case: Case, run: Trajectory, cycles: CycleSearch | None, branch: Branch | None) -> Branch | None:
+    """The branch; none where the case has cycles and the branch has none at the case's own value: it is of others."""
+    if branch is None or not (run.limit_cycle or cycles):
+        return branch
+    values = [*branch.points["value"], *(special.value for special in branch.special)]
+    own, near = case.value(branch.parameter), _OUTERMOST * max(map(abs, values))
+    return branch if len(branch) > 1 and min(values) - near <= own <= max(values) + near else None
 
 
 def _nearest_end(case: Case, branch: Branch | None) -> SpecialPoint | None:

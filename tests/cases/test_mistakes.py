@@ -141,6 +141,12 @@ def test_mistakes_of_a_loop_and_of_an_elbow_are_named_too(tmp_path: Path) -> Non
     file, rest = tmp_path / "wrong.toml", '[run]\nt_end = "5 m"\n[[loop.elements]]\nelement = "relay"\n'
     file.write_text('kind = "loop"\n[loop]\nnum = [1, 2]\nden = [1]\ngian = 3\n' + rest)
     assert {e.field for e in mistakes_in(file).found} == {"loop.gian", "run.t_end", "title", "loop.num"}
+    ring = 'blocks = [{ num = [2.0], den = [0, 0] }, { element = "plya", gap = 2.0, note = "mine" }]\n'
+    file.write_text(f'kind = "loop"\ntitle = "Ring"\n[run]\nt_end = "5 s"\n[loop]\n{ring}')
+    assert {e.field for e in mistakes_in(file).found} == {"loop.blocks.1.element"}
+    assert mistakes_in(file).not_seen == ("loop blocks 1",)
+    file.write_text(file.read_text().replace("plya", "play").replace(', note = "mine"', ""))
+    assert {e.field for e in mistakes_in(file).found} == {"loop.blocks.0.den"}
     file.write_text('base = "fig8a_original"\nlock_pin.backlash = "5 mm"\ncable.stifness = 3\nbands.range = "-1 lbf"\n')
     assert {e.field for e in mistakes_in(file).found} == {"lock_pin.backlash", "cable.stifness", "bands.range"}
 

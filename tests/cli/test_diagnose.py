@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -10,7 +11,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import eppanalysis as epp
 from eppanalysis.cli.commands import app
+from eppanalysis.diagnose.questions import question
+from eppanalysis.diagnose.record import oscillation_of, record_of
 
 runner = CliRunner()
 
@@ -73,3 +77,19 @@ def test_what_is_wrong_is_said_in_a_sentence(record, arguments, sentence):
 def test_a_file_that_is_not_there_is_named():
     result = run("backlash_servo", "nowhere.csv")
     assert result.exit_code == 2 and "nowhere.csv" in result.output
+
+
+def test_what_is_printed_to_be_typed_next_is_a_command_and_nothing_dangles(tmp_path):
+    """Of a file without parameters of its own nothing was printed; of a sine behind an element half a sentence."""
+    loop = epp.case("backlash_servo")
+    motion = epp.simulate(loop, t_end=60.0, t_eval=np.linspace(30.0, 60.0, 600))
+    found = epp.diagnose(loop, {"time": motion.t - 30.0, **motion.signals})
+    assert found.names == ("play",)
+    (said,) = found.questions
+    command = said.partition("eppanalysis ")[2]
+    assert command.startswith("bounds backlash_servo --over loop.gain --from 1 --points 1 --limit play.gap --allow")
+    sine = replace(found[0], name="external disturbance", note="comes in behind play")
+    oscillation = oscillation_of(record_of({"time": motion.t, **motion.signals}, {"x": "", "y": ""}))
+    assert question(loop, sine, oscillation, {}, 1.0) == ""
+    at = question(loop, replace(sine, note="comes in at load"), oscillation, {}, 1.0)
+    assert at.startswith("How the loop answers what comes in at load: eppanalysis response backlash_servo --input load")

@@ -52,6 +52,27 @@ def test_check_says_what_simulate_would_say(tmp_path: Path, what: str) -> None:
     assert said in checked.stderr and "valid" not in checked.stdout
 
 
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("two_mass_damped_shaft", {"loop.C.1.3": 0}),
+        ("two_mass_damped_shaft", {"loop.C.2.4": 0.5}),
+        ("two_mass_damped_shaft_classical", {"loop.C.1.3": -2}),
+        ("belt_leine", {"loop.A.0.0": 1e300}),
+    ],
+)
+def test_check_says_what_predict_would_refuse(tmp_path: Path, name: str, changes: dict[str, object]) -> None:
+    """A run can begin and a search may find cycles: the case is valid, and has no describing function."""
+    path = changed(name, changes, tmp_path / "mine.toml")
+    predicted, checked, plain = (
+        CliRunner().invoke(app, [*command, str(path)]) for command in (("predict",), ("check", "--json"), ("check",))
+    )
+    assert (predicted.exit_code, checked.exit_code) == (2, 0)
+    said = predicted.stderr.strip()
+    assert json.loads(checked.stdout)["cases"][0]["result"]["not_predicted"] == said
+    assert f"The command predict refuses it: {said}" in plain.stdout
+
+
 @pytest.mark.parametrize("file", ["", "{"])
 def test_one_file_that_cannot_run_keeps_no_other_from_being_checked(tmp_path: Path, file: str) -> None:
     path = changed(*NO_RUN["a loop without one answer"][:2], tmp_path / "mine.toml")
@@ -111,6 +132,21 @@ def test_signs_that_an_encoding_lacks_are_written_otherwise(
         assert "mine.toml" not in command or found[0]["title"] == title
     elif "mine.toml" in command:
         assert "3 N" in written
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("MPLBACKEND", "nonsense"), ("SOURCE_DATE_EPOCH", "abc"), ("TERMINAL_WIDTH", "wide")]
+)
+def test_what_libraries_cannot_read_of_the_environment_ends_no_command(tmp_path: Path, name: str, value: str) -> None:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    command = [sys.executable, "-m", "eppanalysis", "predict", "relay_deadzone", "-o", "curves.pdf"]
+    files = []
+    for more, options in (({}, command), ({name: value}, command), ({name: value}, [*command, "--help"])):
+        given = {"env": {**environment, **more}, "cwd": tmp_path, "capture_output": True}
+        ended = subprocess.run(options, check=False, timeout=60, **given)
+        assert (ended.returncode, ended.stderr) == (0, b"")
+        files.append((tmp_path / "curves.pdf").read_bytes())
+    assert files[1] == files[0]
 
 
 TUNED = ("design", "backlash_servo", "--tune", "loop.gain 1..2")

@@ -95,6 +95,8 @@ REFUSED = {
     "time is inf at sample 3": lambda t: {"time": np.where(t == t[3], np.inf, t), "x": t},
     "has shape (3,)": lambda t: {"time": t, "x": t[:3]},
     "the record has no signal": lambda t: {"time": t},
+    "x has numbers beyond all range": lambda t: {"time": t, "x": 1e300 * np.sin(5.0 * t)},
+    "x: holds complex numbers": lambda t: {"time": t, "x": np.exp(5.0j * t)},
     "has 20 samples": lambda t: {"time": t[:20], "x": np.sin(t[:20])},
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 from dataclasses import replace
@@ -169,9 +170,10 @@ def test_a_step_on_the_command_line_is_called_by_its_option_in_its_unit(monkeypa
     monkeypatch.setattr("eppanalysis.methods.bounds.design.design_bounds", lambda *_, **__: bounds)
     command = ["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash"]
     manual = [*command, "--manual", str(tmp_path / "b.md"), "--step"]
-    larger = CliRunner().invoke(app, [*manual, "400 deg"])
-    assert larger.exit_code == 2
-    assert re.fullmatch(r"--step is 400 deg; expected at most the smallest bound, [\d.]+ deg\.\n", larger.stderr)
+    larger = CliRunner().invoke(app, [*manual, "1.5 deg", "--json"])
+    assert larger.exit_code == 2 and not (tmp_path / "b.md").exists()
+    assert re.fullmatch(r"--step is 1.5 deg; expected at most the smallest bound, [\d.]+ deg\.\n", larger.stderr)
+    assert json.loads(larger.stdout)["cases"]  # what was computed is shown all the same
     other = CliRunner().invoke(app, [*manual, "1 N"])
     assert other.exit_code == 2
     assert other.stderr.startswith("--step: lock_pin.backlash is '1 N'; expected an angle")
@@ -275,6 +277,8 @@ def test_command_writes_the_table_and_refuses_before_it_computes(monkeypatch, bo
     assert "expected a file for it" in refusal("--step", "0.1 deg")
     assert "lock_pin.backlash" in refusal("--manual", str(tmp_path / "g.md"), "--step", "2 mm")
     assert "expected a positive one" in refusal("--manual", str(tmp_path / "g.md"), "--step", "0 deg")
+    larger = "expected at most 2 deg, the end of the range in which the bound is sought"
+    assert larger in refusal("--manual", str(tmp_path / "g.md"), "--within", "0.5 deg..2 deg", "--step", "3 deg")
     with monkeypatch.context() as missing:
         missing.setitem(sys.modules, "docx", None)
         missing.setattr("importlib.util.find_spec", lambda name: None)

@@ -140,6 +140,53 @@ def test_a_proof_that_is_refused_says_why():
     assert "certify" not in page.advice
 
 
+def conveyor(tmp_path):
+    """A drive with two masses that rests unless it is struck; a branch of smaller gains turns back below its own."""
+    path = tmp_path / "conveyor.toml"
+    path.write_text(
+        """
+kind = "diagram"
+title = "Conveyor drive with two masses"
+connect = [
+  "setpoint - load -> pid", "pid - gear -> motor", "motor -> angle", "angle - load -> gear.twist",
+  "motor - load_speed -> gear.rate", "gear -> load_speed", "load_speed -> load",
+]
+inputs = { setpoint = "0 rad" }
+[blocks]
+pid = { kind = "pi", kp = "3 N*m/rad", ti = "0.5 s" }
+motor = { kind = "transfer_function", num = [1], den = [0.002, 0.05] }
+angle = { kind = "integrator" }
+load_speed = { kind = "transfer_function", num = [1], den = [0.006, 0.02] }
+load = { kind = "integrator" }
+[elements]
+gear = { element = "lock_pin", gap = "2 deg", stiffness = "50 N*m/rad", damping = "0.1 N*m*s/rad" }
+[run]
+t_end = "20 s"
+"""
+    )
+    return epp.read_case(path)
+
+
+def test_a_branch_of_other_cycles_is_no_end_of_the_oscillation(tmp_path):
+    """It was advised to keep the gain above 1.2, at 3, where the loop oscillates."""
+    case = conveyor(tmp_path)
+    run, cycles = epp.simulate(case), epp.find_limit_cycles(case)
+    branch = epp.continue_branch(case, "pid.kp", start=3.0, stop=0.75)
+    assert run.status.name == "SETTLED" and cycles.stable and branch.points["value"].max() < 2.0
+    page = epp.first_page(case, run, None, cycles, branch)
+    assert page.numbers[2][0] == "period of the oscillation"
+    assert "Keep" not in page.advice and page.advice.startswith("Compute how far a parameter must go: ")
+
+
+def test_a_report_follows_the_cycle_that_the_search_found(tmp_path):
+    case = conveyor(tmp_path)
+    code = sections._FOLLOW.format(name="pid.kp", near="3 N*m/rad", far="12 N*m/rad", stop="0.75 N*m/rad")
+    here = {"epp": epp, "case": case, "run": epp.simulate(case), "cycles": epp.find_limit_cycles(case)}
+    exec(code, here)
+    values = here["branch"].points["value"]
+    assert values[0] == 3.0 and here["branch"].points["period"][0] == pytest.approx(here["cycles"][-1].period, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("name", "parameter"), mostly_slow([("elbow", "lock_pin.backlash"), ("x15_flare", "Kp")], [("x15_flare", "Kp")])
 )

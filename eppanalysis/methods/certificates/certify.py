@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.errors import ArgumentError, EppError, did_you_mean, require_packages, shown, visible
-from eppanalysis.methods.certificates.check_absence import Refused, read
 from eppanalysis.methods.certificates.numbers import NotCovered
-from eppanalysis.methods.certificates.registry import Asked, Statement, of_text
+from eppanalysis.methods.certificates.registry import STATEMENTS, Asked, Statement, of_text
 from eppanalysis.methods.certificates.result import Certificate, Check, enclosure, sentence
 from eppanalysis.methods.certificates.stated import another_loop, stated_loop
 from eppanalysis.models.systems.lure import LureSystem
@@ -255,11 +254,14 @@ def check_certificate(
     require_packages("check_certificate", "proof", "flint")
     path = Path(path)
     subject = None if loop is None else standing(loop, operating_point, "check_certificate")
+    # Which of the checkers is meant is in the file: the one that takes the longest files reads it first.
+    checker = max((statement.functions() for statement in STATEMENTS.values()), key=lambda known: known.LENGTH)
+    text = _text(path, checker.LENGTH + 1)
     try:
-        document = read(text := _text(path))
+        document = checker.read(text)
         named = str(document["statement"])
-    except (Refused, ValueError, LookupError, TypeError) as error:
-        why = f": {error}" if isinstance(error, Refused) else ", which is JSON with a statement"
+    except (checker.Refused, ValueError, LookupError, TypeError) as error:
+        why = f": {error}" if isinstance(error, checker.Refused) else ", which is JSON with a statement"
         return Check(False, "", f"{path}: refused: no certificate{why}.")
     try:
         known = of_text(named)
@@ -307,12 +309,15 @@ def _answer(text: str) -> Mapping[str, Any]:
     return said if isinstance(said, dict) else {}
 
 
-def _text(path: Path) -> str:
-    """Text of a file."""
+def _text(path: Path, length: int) -> str:
+    """So many characters of a file at most."""
     try:
-        return path.read_text(encoding="utf-8")
+        if path.exists() and not path.is_file():  # a pipe may wait, and a device write, without end
+            raise ValueError(f"is {'a folder' if path.is_dir() else 'not a file'}")
+        with path.open(encoding="utf-8") as file:
+            return file.read(length)
     except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or "no text"
+        why = "is no text" if isinstance(error, UnicodeDecodeError) else getattr(error, "strerror", None) or error
         raise EppError(f"{path}: {why}; expected the file of a certificate.") from error
 
 

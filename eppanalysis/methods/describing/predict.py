@@ -33,6 +33,7 @@ from eppanalysis.methods.margins.linearised import within_range
 from eppanalysis.methods.margins.margins import margins, places_of
 from eppanalysis.methods.margins.result import Margins
 from eppanalysis.methods.simulation.states import Subsystem, elements_apart, parts_apart, without_held_states
+from eppanalysis.models.elements.piecewise import UNITY
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state, static_balance
 from eppanalysis.models.systems.measured.loop import DataSystem, MeasuredLoop
@@ -92,8 +93,7 @@ def predict_limit_cycles(
     """
     own, at = standing(system, operating_point, "predict_limit_cycles")
     if not isinstance(own, DataSystem):
-        # Elements meet what B and C make together: units of the states alone may be of any size.
-        within_range(own.name, own.A, own.D, np.abs(own.C).max(initial=0.0) * own.B)
+        _require_range(own)
     apart = None if isinstance(own, DataSystem) else elements_apart(own)
     seen = own if apart is None else apart.system
     parts = _parts(seen, at)
@@ -107,17 +107,19 @@ def _of_parts(own: LureSystem, at: OperatingPoint, parts: Sequence[tuple[Subsyst
     """The predictions of groups of elements that swing without the others, as one."""
     each = [_of_one(loop, at) for _, loop, _ in parts]
     cycles = [p.to_user(c, own, state) for (p, _, state), found in zip(parts, each, strict=True) for c in found]
-    names = [listed(loop.element_names) for _, loop, _ in parts]
+    # What only hands a late input on is no element to the user.
+    groups = [_nonlinear(loop) for _, loop, _ in parts]
+    names = [f"Of {listed(group)}: " if group != _nonlinear(own) else "" for group in groups]
     apart = (
-        f"Not all elements act on one another: each cycle is of one group that swings alone ({'; '.join(names)}), with "
-        "the others at rest or their means."
+        "Not all elements act on one another: each cycle is of one group that swings alone "
+        f"({'; '.join(map(listed, groups))}), with the others at rest or their means."
     )
     return Prediction(
         cycles=tuple(cycles),
         status=next((found.status for found in each if not found.status.ok), Status.CONVERGED),
-        search=" ".join(f"Of {name}: {found.search}" for name, found in zip(names, each, strict=True)),
+        search=" ".join(f"{name}{found.search}" for name, found in zip(names, each, strict=True)),
         on_grid=any(found.on_grid for found in each),
-        unseen=partial(_unseen_of_parts, apart, each),
+        unseen=partial(_unseen_of_parts, apart if any(names) else "", each),
         curves=max(each, key=len).curves,
         margins=Deferred(partial(_of_small_signals, own, at)),
         provenance=_made_by(own, at),
@@ -126,7 +128,11 @@ def _of_parts(own: LureSystem, at: OperatingPoint, parts: Sequence[tuple[Subsyst
 
 
 def _unseen_of_parts(apart: str, each: Sequence[Prediction]) -> tuple[str, ...]:
-    return (apart, *(sentence for found in each for sentence in found.warnings))
+    return (*[apart] * bool(apart), *(sentence for found in each for sentence in found.warnings))
+
+
+def _nonlinear(loop: LureSystem) -> list[str]:
+    return [name for name, element in zip(loop.element_names, loop.elements, strict=True) if element != UNITY]
 
 
 def _of_one(own: LureSystem, at: OperatingPoint) -> Prediction:
@@ -163,6 +169,20 @@ def _of_small_signals(own: LureSystem, at: OperatingPoint) -> dict[str, Any]:
         return margins(loop).summary()
     except ModelError as refused:
         return Margins(places_of(loop)[0], Status.INCOMPLETE, (), str(refused)).summary()
+
+
+def why_not_predicted(loop: LureSystem) -> str:
+    """Why :func:`predict_limit_cycles` does not take a loop, whatever its numbers lead to; empty where it does."""
+    try:
+        _require_range(loop)
+        seen = without_held_states(loop)
+        _require_rates(loop if seen is None else seen.system)
+        with np.errstate(all="ignore"):
+            for element in loop.elements:
+                element.describing_function(1.0)
+    except ModelError as refused:
+        return str(refused)
+    return ""
 
 
 def predicted_cycles(system: LureSystem | CaseLike, operating_point: PointLike | None = None) -> tuple[LimitCycle, ...]:
@@ -255,6 +275,12 @@ def _balanced(
         elif loop.time_step and any(map(jumps, loop.elements)):
             cycles = tuple(locking(c, loop.time_step) for c in cycles)
     return balance, found, points, estimates, cycles
+
+
+def _require_range(system: LureSystem) -> None:
+    """Refuse numbers beyond all range."""
+    # Elements meet what B and C make together: units of the states alone may be of any size.
+    within_range(system.name, system.A, system.D, np.abs(system.C).max(initial=0.0) * system.B)
 
 
 def _require_rates(system: LureSystem) -> None:

@@ -122,7 +122,8 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike, time_step: f
     if not (np.all(np.isfinite(num)) and np.all(np.isfinite(den))):
         raise ModelError("A transfer function holds a coefficient that is not finite.")
     if den.size == 0:
-        raise ModelError("A transfer function has a denominator of zero.")
+        what, expected = "A transfer function has a denominator of zero", "a coefficient other than zero"
+        raise ModelError(what, expected=expected, field="den")
     if num.size > den.size:
         raise ModelError(
             f"A transfer function is improper: its numerator has degree {num.size - 1}, its denominator {den.size - 1}",

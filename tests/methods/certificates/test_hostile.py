@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -280,3 +281,22 @@ def test_checkers_read_files_in_the_same_way() -> None:
         return text[text.index("class Refused") : text.index('    return document["loop"], document["claim"]')]
 
     assert len({reader(program) for program in CHECKERS}) == 1
+
+
+def test_a_file_is_read_as_far_as_its_own_checker_reads(tmp_path: Path) -> None:
+    """What decides which checker is meant refused long files that their checkers take."""
+    path = tmp_path / "file.json"
+    document = sealed(roots(evidence={"roots": [], "cover": ["?"]}, claim={"roots": 0, "undecided": 1}))
+    path.write_text(json.dumps(document) + " " * 500_000)
+    assert epp.check_certificate(path).accepted
+    path.write_text(json.dumps(document) + " " * 3_000_000)
+    assert "more than 2000000 characters" in epp.check_certificate(path).message
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of this system")
+def test_what_is_no_file_is_refused_at_once(tmp_path: Path) -> None:
+    """A pipe without a writer waits, and a device that writes zeros filled the memory."""
+    os.mkfifo(tmp_path / "pipe")
+    for path, what in ((tmp_path / "pipe", "is not a file"), (tmp_path, "is a folder"), ("/dev/zero", "is not a file")):
+        with pytest.raises(epp.EppError, match=f"{what}; expected the file of a certificate"):
+            epp.check_certificate(path)

@@ -112,3 +112,22 @@ def test_a_loop_behind_one_that_rests_has_the_cycles_that_it_has_alone(gain) -> 
         assert cycle.amplitude(name) == pytest.approx(own.amplitude(name), rel=1e-9)
         assert cycle.mean[name] == pytest.approx(own.mean[name], rel=1e-9)
     assert cycle.mean["before"] == pytest.approx(0.2, rel=1e-9) and cycle.amplitude("before") == 0.0
+
+
+def test_a_late_input_makes_no_second_group() -> None:
+    """What hands on the late input of a block, where an external input is part of it, is no element to the user."""
+    connect = ["r - sensor -> relay", "relay + load -> oven", "oven -> sensor"]
+    parts = {
+        "relay": epp.HysteresisRelay(-1.0, 1.0, low=0.0, high=1.0),
+        "oven": epp.blocks.TransferFunction(num=[120.0], den=[600.0, 1.0], delay=15.0),
+        "sensor": epp.blocks.LowPass(bandwidth=0.1),
+    }
+    late = epp.Diagram(parts=parts, connect=connect, inputs={"r": 80.0, "load": 0.0}).to_system()
+    found, alone = map(epp.predict_limit_cycles, (late, without_load(parts, connect)))
+    assert len(late.elements) == 2 and len(found) == 1
+    assert found.cycles[0].omega == pytest.approx(alone.cycles[0].omega, rel=1e-9)
+    assert found.warnings == alone.warnings and found.search == alone.search
+
+
+def without_load(parts, connect) -> epp.LureSystem:
+    return epp.Diagram(parts=parts, connect=[c.replace(" + load", "") for c in connect], inputs={"r": 80.0}).to_system()

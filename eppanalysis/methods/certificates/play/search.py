@@ -30,8 +30,9 @@ from eppanalysis.methods.certificates.play.program import (
 def rays_of(count: int) -> Matrix:
     """Borders of 2 `count` sectors of equal angles, in rationals, from (0, 1) by (1, 0) to (0, -1)."""
     angles = [math.pi / 2 * k / count for k in range(1, count)]
-    # Any rays will do; short numbers keep the certificate short.
-    upper = [[Fraction(round(100 * math.sin(a)), 100), Fraction(round(100 * math.cos(a)), 100)] for a in angles]
+    # Any rays will do that differ; short numbers keep the certificate short.
+    parts = max(100, 10 ** math.ceil(math.log10(2 * count)))
+    upper = [[Fraction(round(parts * math.sin(a)), parts), Fraction(round(parts * math.cos(a)), parts)] for a in angles]
     lower = [[a, -b] for a, b in reversed(upper)]
     zero, one = Fraction(0), Fraction(1)
     return [[zero, one], *upper, [one, zero], *lower, [zero, -one]]

@@ -14,6 +14,7 @@ import scipy.optimize
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.certificates import check_play
+from eppanalysis.methods.certificates.play.search import rays_of
 from tests.coordinates import in_coordinates, orthogonal
 from tests.shared import mostly_slow, said_above
 
@@ -222,3 +223,10 @@ def test_signs_orders_and_bias_hide_no_cycle() -> None:
         servo([float("2.0776238526840614")], THIRD, 1e6),
     ):
         assert not epp.certify(same, "absence", sectors=6).proved
+
+
+@pytest.mark.parametrize("count", [2, 48, 49, 132, 157, 200])
+def test_borders_of_any_number_of_sectors_differ(count: int) -> None:
+    """Rounded to two digits they fell together from 132 sectors on, and the proof ended in a traceback."""
+    rays = rays_of(count)
+    assert len(check_play.sectors_of(rays, 3)) == 2 * count == len({tuple(ray) for ray in rays}) - 1
