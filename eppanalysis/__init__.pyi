@@ -66,8 +66,8 @@ from eppanalysis.methods.rational.fit import rational_model as rational_model
 from eppanalysis.methods.rational.result import RationalModel as RationalModel
 from eppanalysis.methods.search.find import find_limit_cycles as find_limit_cycles
 from eppanalysis.methods.search.result import CycleSearch as CycleSearch
+from eppanalysis.methods.search.simulate import simulate as simulate
 from eppanalysis.methods.search.trigger import Trigger as Trigger, trigger as trigger
-from eppanalysis.methods.simulation.simulate import simulate as simulate
 from eppanalysis.models.devices.elbow.loop import ElbowParameters as ElbowParameters, elbow as elbow
 from eppanalysis.models.diagrams import Diagram as Diagram, blocks as blocks
 from eppanalysis.models.elements import (
