@@ -133,6 +133,7 @@ from eppanalysis.models.systems.measured.loop import MeasuredLoop as MeasuredLoo
 from eppanalysis.models.systems.measured.matrix import MeasuredMatrix as MeasuredMatrix
 from eppanalysis.models.systems.measured.response import MeasuredResponse as MeasuredResponse
 from eppanalysis.models.systems.operating import OperatingPoint as OperatingPoint
+from eppanalysis.remedies import Remedies as Remedies, remedies as remedies
 from eppanalysis.report import report as report
 from eppanalysis.report.summary import first_page as first_page
 from eppanalysis.results import (

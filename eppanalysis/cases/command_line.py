@@ -183,6 +183,10 @@ class Asking:
         """The search for all limit cycles."""
         return self.command("cycles") if self.words else "epp.find_limit_cycles(case)"
 
+    def remedies(self) -> str:
+        """Why it oscillates, and what ends it."""
+        return self.command("cycles", "--remedies") if self.words else "epp.remedies(case)"
+
     def sweep(self, axes: Mapping[str, str]) -> str:
         """A map over axes, as sweeps take them."""
         if not self.words:

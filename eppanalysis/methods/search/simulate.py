@@ -79,7 +79,7 @@ def simulate(
     >>> run.status.name, round(run.limit_cycle.period, 8)
     ('LIMIT_CYCLE', 4.55107103)
     >>> print(epp.simulate(loop, t_end=5.0, decide=True))
-    Oscillates: x 0.4401 peak to peak at 0.2197 Hz, from 15.18 s on; carried on to 45 s.
+    Oscillates: x 0.4401 peak to peak at 0.2197 Hz, from 17.24 s on; carried on to 45 s.
     """
     system, input, t_end = _asked(system, input, t_end)
     if not (np.isfinite(t_end) and t_end > 0):
