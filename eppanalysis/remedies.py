@@ -158,6 +158,19 @@ def remedies(case: Case, cycles: CycleSearch | None = None, *, progress: Progres
     return _Tried(case, found, progress).result()
 
 
+def why(case: Case, cycles: CycleSearch | None = None) -> tuple[str, ...]:
+    """Why a case oscillates, in clauses, without what ends it; arguments as of :func:`remedies`.
+
+    Examples
+    --------
+    >>> from eppanalysis.cases import case
+    >>> why(case("relay_hyst_servo"))
+    ('hysteresis relay switches, and no run comes to rest',)
+    """
+    found = find_limit_cycles(case) if cycles is None else cycles
+    return tuple(_Tried(case, found, None).why()) if found.stable else ()
+
+
 @dataclass
 class _Tried:
     """The changes that are tried on a case."""
@@ -178,8 +191,7 @@ class _Tried:
         """Causes, then remedies, as far as the work goes."""
         ended, end = False, list[Remedy]()
         if self.cycle is not None:
-            with suppress(BudgetExceeded), budget(_WORK):
-                self.causes += self.sought_causes()
+            self.causes = self.why()
             try:
                 with budget(_WORK):
                     for remedy in islice(self.remedies(), _MOST):
@@ -188,7 +200,15 @@ class _Tried:
                 ended = True
         return Remedies(tuple(end), tuple(self.causes), self.cycle, tuple(self.tried), ended)
 
-    def sought_causes(self) -> Iterator[str]:
+    def why(self) -> list[str]:
+        """The causes that are found with so much work."""
+        causes: list[str] = []
+        with suppress(BudgetExceeded), budget(_WORK):
+            for cause in self._causes():
+                causes.append(cause)
+        return causes
+
+    def _causes(self) -> Iterator[str]:
         """Why it oscillates: it cannot rest, or is unstable, or an element without which it does not."""
         system, at = self.case.to_system(), self.case.operating_point
         with suppress(EppError):

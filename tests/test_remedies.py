@@ -68,3 +68,10 @@ def test_the_command_cycles_tells_where_to_ask_and_answers():
     command = shown.strip().splitlines()[-1].partition(": ")[2]
     assert command == "eppanalysis cycles pid_hunting --remedies"
     assert _ran(command)["remedies"]["remedies"][0]["field"] == "friction.static"
+
+
+@pytest.mark.slow
+def test_a_bound_that_is_nowhere_says_why():
+    asked = "bounds quantised_sensor_ct --over quantiser.step --limit loop.gain --points 1 --from 1 --within 0.9..1.2"
+    shown = CliRunner().invoke(app, [*asked.split(), "--no-verify"]).stdout
+    assert "At quantiser.step 1 it oscillates because of quantiser: with a gain in its place" in shown

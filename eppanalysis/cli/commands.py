@@ -528,9 +528,12 @@ def _tell_others(case: Case, run: Trajectory) -> None:
 
 
 def _show_ladder(case: Case, ladder: Ladder) -> None:
+    from eppanalysis.cases.command_line import Asking
     from eppanalysis.tables.console import AS_FOUND, as_found, ladder_table, rungs_table
 
     typer.echo(f"{ladder.headline()}.\n{ladder.verdict}")
+    if ladder.run.limit_cycle is not None or (ladder.search is not None and ladder.search.stable):
+        typer.echo(f"Why it oscillates, and what ends it: {Asking.of(case).remedies()}")
     expected = case.expected
     if expected.finding:
         must = f" (must {expected.outcome}: {AS_FOUND[as_found(case, ladder)]})" if expected.outcome else ""

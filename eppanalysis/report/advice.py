@@ -40,7 +40,9 @@ class Found:
 
     def advice(self) -> str:
         """What to do, in lines; a command stands at the end of a line."""
-        return "\n".join(self._lines())
+        oscillates = self.cycles is not None and self.cycles.stable
+        more = [f"Why it oscillates, and what ends it: {self.asking.remedies()}"] if oscillates else []
+        return "\n".join([*self._lines(), *more])
 
     def _lines(self) -> list[str]:
         run, cycles = self.run, self.cycles
