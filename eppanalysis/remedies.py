@@ -19,7 +19,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.cases import Case, variation_of
 from eppanalysis.cases.command_line import Asking
 from eppanalysis.cases.variation import takes
-from eppanalysis.diagnose.linear import Linear
+from eppanalysis.diagnose.linear import Linear, is_linear
 from eppanalysis.errors import CaseError, EppError
 from eppanalysis.methods.describing.predict import predict_limit_cycles
 from eppanalysis.methods.search.find import find_limit_cycles
@@ -217,20 +217,31 @@ class _Tried:
             yield from (_clause(_OF_ITSELF.sub("", text)) for text in sorted(told, key=lambda text: " may " in text))
             if told:
                 return
-        linear = Linear.of(system, at)
-        names = [words(name) for name in linear.loop.element_names]
         with suppress(EppError):
-            if not linear.refusal and not linear.stable:
-                bound = listed([names[i] for i in linear.gains])
-                yield f"the loop is unstable by itself; {bound} only bound{'s' * (len(linear.gains) == 1)} its motion"
+            yield from self._by_gains(Linear.of(system, at))
+
+    def _by_gains(self, linear: Linear) -> Iterator[str]:
+        """What gains in place of elements tell."""
+        loop, gains = linear.loop, linear.gains
+        names = [words(name) for name in loop.element_names]
+        with suppress(EppError):
+            if gains and not linear.refusal and not linear.stable:
+                yield f"the loop is unstable with {_gain(len(gains))} in place of {listed([names[i] for i in gains])}"
                 return
-        needed = [names[i] for i, gain in linear.gains.items() if self._needs(linear.loop, i, gain)]
+        needed = [names[i] for i, gain in gains.items() if self._needs(loop, i, gain)]
         if needed:
             which = "its place" if len(needed) == 1 else "place of any of them"
             yield f"of {listed(needed)}: with a gain in {which} no limit cycle is found"
-        switching = [name for i, name in enumerate(names) if i not in linear.gains]
-        if not needed and switching and not self.found.settles:
-            yield f"{listed(switching)} switch{'es' * (len(switching) == 1)}, and no run comes to rest"
+            return
+        # No gain stands for a jump, nor for a curve that grows without end.
+        switching = [
+            names[i]
+            for i, e in enumerate(loop.elements)
+            if i not in gains and not is_linear(e) and not e.automaton().smooth
+        ]
+        if switching:
+            rest = "" if self.found.settles else ", and no run comes to rest"
+            yield f"{listed(switching)} switch{'es' * (len(switching) == 1)}{rest}"
 
     def _needs(self, loop: LureSystem, element: int, gain: Array) -> bool:
         """Whether the oscillation needs an element: with a gain in its place there is none."""
@@ -327,6 +338,10 @@ class _Tried:
         command = Asking.of(changed).command("cycles")
         command = command or f"epp.find_limit_cycles(case.with_values({{{name!r}: {then!r}}}))"
         return Remedy(name, own, value, f"{words(name)} {then} in place of {now}", command, search.n_runs)
+
+
+def _gain(count: int) -> str:
+    return "a gain" if count == 1 else "gains"
 
 
 def _clause(sentence: str) -> str:

@@ -25,7 +25,7 @@ def _ran(command: str):
     ("name", "cause", "fields"),
     [
         ("pid_hunting", "friction sticks, and integral action ends the sticking", {"friction.static"}),
-        ("sat_khalil710", "the loop is unstable by itself; saturation only bounds its motion", {"loop.gain"}),
+        ("sat_khalil710", "the loop is unstable with a gain in place of saturation", {"loop.gain"}),
         pytest.param("x15_flare", "of rate limit: with a gain in its place", {"Kp"}, marks=pytest.mark.slow),
         pytest.param("light_forearm", "of bands and lock pin", {"lock_pin.backlash"}, marks=pytest.mark.slow),
     ],
