@@ -16,7 +16,7 @@ from itertools import islice
 import numpy as np
 
 from eppanalysis.arrays import Array
-from eppanalysis.cases import Case, variation_of
+from eppanalysis.cases import Case, as_case, variation_of
 from eppanalysis.cases.command_line import Asking
 from eppanalysis.cases.variation import takes
 from eppanalysis.diagnose.linear import Linear, is_linear
@@ -127,12 +127,14 @@ class Remedies(PlainData):
             yield f"Ends with {remedy}: {remedy.command}"
 
 
-def remedies(case: Case, cycles: CycleSearch | None = None, *, progress: Progress | None = None) -> Remedies:
+def remedies(
+    case: Case | LureSystem, cycles: CycleSearch | None = None, *, progress: Progress | None = None
+) -> Remedies:
     """Why a case oscillates, and which change of one of its values ends that, tried on this case.
 
     Parameters
     ----------
-    case : Case
+    case : Case or LureSystem
     cycles : CycleSearch, optional
         What :func:`find_limit_cycles` found for it, where that is known already.
     progress : callable, optional
@@ -155,7 +157,7 @@ def remedies(case: Case, cycles: CycleSearch | None = None, *, progress: Progres
     with friction static 1 in place of 2 (tested).
     """
     found = find_limit_cycles(case) if cycles is None else cycles
-    return _Tried(case, found, progress).result()
+    return _Tried(as_case(case), found, progress).result()
 
 
 def why(case: Case, cycles: CycleSearch | None = None) -> tuple[str, ...]:
@@ -245,7 +247,7 @@ class _Tried:
 
     def _needs(self, loop: LureSystem, element: int, gain: Array) -> bool:
         """Whether the oscillation needs an element: with a gain in its place there is none."""
-        with suppress(EppError):
+        with suppress(EppError, BudgetExceeded):
             return self._is_free(with_gains(loop, {element: gain}))
         return False
 
@@ -279,7 +281,7 @@ class _Tried:
             changed = self.changed(name, factor)
             if changed is None or not self.ends_by_runs(changed):
                 continue
-            with suppress(EppError):
+            with suppress(EppError, BudgetExceeded):
                 with budget(_FOR_ONE):
                     search = find_limit_cycles(changed)
                 if search.status.ok and not any(c.stable is not False for c in search):
@@ -320,6 +322,7 @@ class _Tried:
             return False
 
     def _dies_out(self, changed: Case) -> bool:
+        """Whether a run from the oscillation settles, where its state is known."""
         cycle, system, at = self.cycle, changed.to_system(), changed.operating_point
         if cycle is None or cycle.state.size != len(system.A):
             return True

@@ -57,6 +57,16 @@ def test_what_no_single_value_ends_is_told_with_what_was_tried():
     )
 
 
+def test_a_loop_made_in_python_is_told_in_python():
+    loop = epp.LureSystem.from_tf(([10.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation())
+    found = epp.remedies(loop)
+    case = epp.Case.from_system(loop)
+    assert found.remedies and epp.find_limit_cycles(loop).stable
+    for remedy in found.remedies:
+        made = eval(remedy.command, {"epp": epp, "case": case})
+        assert made.settles and not made.stable
+
+
 def test_a_loop_at_rest_has_nothing_to_end():
     case = epp.case("pid_hunting").with_values({"friction.static": 1.0})
     found = epp.remedies(case)
