@@ -16,7 +16,7 @@ from itertools import islice
 import numpy as np
 
 from eppanalysis.arrays import Array
-from eppanalysis.cases import Case, as_case, variation_of
+from eppanalysis.cases import Case, Missing, as_case, variation_of
 from eppanalysis.cases.command_line import Asking
 from eppanalysis.cases.variation import takes
 from eppanalysis.diagnose.linear import Linear, is_linear
@@ -311,7 +311,10 @@ class _Tried:
         """Whether runs from the case's own start and from the oscillation settle; the search is asked only then."""
         try:
             with budget(_FOR_ONE):
-                if simulate(changed, decide=True).status is not Status.SETTLED:
+                # A case need not say how long its run is.
+                own = changed.held("run.t_end")
+                end = _PERIODS * self.cycle.period if self.cycle and isinstance(own, Missing) else None
+                if simulate(changed, t_end=end, decide=True).status is not Status.SETTLED:
                     return False
                 return self._dies_out(changed)
         except BudgetExceeded:
