@@ -66,8 +66,8 @@ from eppanalysis.methods.rational.fit import rational_model as rational_model
 from eppanalysis.methods.rational.result import RationalModel as RationalModel
 from eppanalysis.methods.search.find import find_limit_cycles as find_limit_cycles
 from eppanalysis.methods.search.result import CycleSearch as CycleSearch
+from eppanalysis.methods.search.simulate import simulate as simulate
 from eppanalysis.methods.search.trigger import Trigger as Trigger, trigger as trigger
-from eppanalysis.methods.simulation.simulate import simulate as simulate
 from eppanalysis.models.devices.elbow.loop import ElbowParameters as ElbowParameters, elbow as elbow
 from eppanalysis.models.diagrams import Diagram as Diagram, blocks as blocks
 from eppanalysis.models.elements import (
@@ -133,6 +133,7 @@ from eppanalysis.models.systems.measured.loop import MeasuredLoop as MeasuredLoo
 from eppanalysis.models.systems.measured.matrix import MeasuredMatrix as MeasuredMatrix
 from eppanalysis.models.systems.measured.response import MeasuredResponse as MeasuredResponse
 from eppanalysis.models.systems.operating import OperatingPoint as OperatingPoint
+from eppanalysis.remedies import Remedies as Remedies, remedies as remedies
 from eppanalysis.report import report as report
 from eppanalysis.report.summary import first_page as first_page
 from eppanalysis.results import (

@@ -21,7 +21,8 @@ from tests.wrong_arguments import calls, doors, outcome
 
 #: Results are what functions return; nobody makes them, and they check nothing.
 RESULTS = {name for name in dir(epp) if isinstance(kind := getattr(epp, name), type) and issubclass(kind, Result)} | {
-    "Case", "Check", "Event", "ManualTable", "OrbitStability", "PeriodicResponse", "Proof", "ResponseBranch", "Status",
+    "Case", "Check", "Event", "ManualTable", "OrbitStability", "PeriodicResponse", "Proof", "Remedies",
+    "ResponseBranch", "Status",
 }  # fmt: skip
 BASES = {
     "CaseError", "ElbowParameters", "EppError", "ModelError", "Nonlinearity", "NotConverged", "__version__",

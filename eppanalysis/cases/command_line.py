@@ -16,7 +16,7 @@ from eppanalysis.cases.variation import takes
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.numbers import why_no_bounds
 from eppanalysis.methods.bounds.searched import why_by_search
-from eppanalysis.readable import DIGITS
+from eppanalysis.readable import DIGITS, quantity
 
 #: What no shell reads as anything but itself, and what it does not within double quotes.
 _PLAIN, _QUOTED = re.compile(r"[\w@%+=:,./°-]+", re.ASCII), re.compile(r"[^\"$`\\!\n]*")
@@ -24,6 +24,8 @@ _PLAIN, _QUOTED = re.compile(r"[\w@%+=:,./°-]+", re.ASCII), re.compile(r"[^\"$`
 _SAID = ("mark", "note", "title", "expected")
 #: Most digits that a number may have.
 _MOST = 17
+#: A run that came to no end is to be so many times as long.
+_LONGER = 10
 
 
 def called(case: Case, *, carried: bool = False) -> tuple[str, ...]:
@@ -167,8 +169,9 @@ class Asking:
         texts = (self.case.text(name, value, digits) for digits in range(DIGITS, _MOST + 1))
         return next((text for text in texts if self.case.si(name, text) == value), self.case.text(name, value, _MOST))
 
-    def longer(self, t_end: str) -> str:
-        """A longer run."""
+    def longer(self, reached: float) -> str:
+        """A run ten times as long as one that came to no end by a time [s]."""
+        t_end = quantity(_LONGER * reached, "s")
         if not self.words:
             return f'epp.simulate(case.with_values({{"run.t_end": {t_end!r}}}))'
         words = list(self.words)
@@ -179,6 +182,10 @@ class Asking:
     def cycles(self) -> str:
         """The search for all limit cycles."""
         return self.command("cycles") if self.words else "epp.find_limit_cycles(case)"
+
+    def remedies(self) -> str:
+        """Why it oscillates, and what ends it."""
+        return self.command("cycles", "--remedies") if self.words else "epp.remedies(case)"
 
     def sweep(self, axes: Mapping[str, str]) -> str:
         """A map over axes, as sweeps take them."""

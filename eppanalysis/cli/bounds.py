@@ -151,6 +151,18 @@ def _show(case: Case, result: DesignBounds) -> None:
     print_table(bounds_table(result))
     for sentence in sentences(case, result):
         typer.echo(sentence)
+    for cause in _why_always(case, result):
+        typer.echo(cause)
+
+
+def _why_always(case: Case, result: DesignBounds) -> Iterator[str]:
+    """Why a cycle exists wherever a bound was looked for, at the first such value of --over."""
+    from eppanalysis.methods.bounds.result import Finding
+    from eppanalysis.remedies import why
+
+    for cell in [cell for cell in result if cell.finding is Finding.ALWAYS][:1]:
+        for cause in why(case.with_values({result.over: cell.value}))[:1]:
+            yield f"At {result.over} {case.text(result.over, cell.value)} it oscillates because {cause}."
 
 
 def sentences(case: Case, result: DesignBounds) -> Iterator[str]:

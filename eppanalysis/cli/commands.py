@@ -274,7 +274,7 @@ def _checked(case: Case) -> dict[str, Any]:
 def _begin_run(case: Case) -> None:
     """Refuse a case whose run cannot begin, as the command simulate would."""
     from eppanalysis.cases import Missing
-    from eppanalysis.methods.simulation.simulate import simulate as run_simulation
+    from eppanalysis.methods.search.simulate import simulate as run_simulation
 
     end = 1.0 if isinstance(case.held("run.t_end"), Missing) else None  # it begins whatever its length
     with progress(f"simulate {case.name}"):
@@ -333,13 +333,16 @@ def simulate(
     as_json: Json = False,
     output: Output = None,
 ) -> None:
-    """Simulate with every switch located, and say whether the motion settles or repeats itself."""
+    """Simulate with every switch located, and say whether the motion settles or repeats itself, and from when on.
+
+    What is undecided by the end of the run is carried on, for some ten seconds at most; samples and picture end there.
+    """
     from eppanalysis.tables.files import trajectory_table
 
     def run(case: Case) -> Trajectory:
-        from eppanalysis.methods.simulation.simulate import simulate as run_simulation
+        from eppanalysis.methods.search.simulate import simulate as run_simulation
 
-        return run_simulation(case)
+        return run_simulation(case, decide=True)
 
     analysis = _Analysis(
         run, trajectory_table, _show_trajectory, drawn=lambda case: signals_drawn(case, signal), asked=signal
@@ -519,9 +522,13 @@ def _show_prediction(case: Case, prediction: Prediction) -> None:
 
 
 def _show_trajectory(case: Case, run: Trajectory) -> None:
+    from eppanalysis.cases.command_line import Asking
+    from eppanalysis.results import Status
     from eppanalysis.tables.console import cycles_table, rest_table
 
     typer.echo(f"{run} {count(run.n_events, 'event').capitalize()}.")
+    if run.status is Status.UNDECIDED:
+        typer.echo(f"Simulate for longer: {Asking.of(case).longer(max(run.end_time, run.carried_to))}")
     point = run.operating_point
     if point is not None and point.is_driven:
         typer.echo(f"{point}: the command response computes the periodic response.")
@@ -540,9 +547,12 @@ def _tell_others(case: Case, run: Trajectory) -> None:
 
 
 def _show_ladder(case: Case, ladder: Ladder) -> None:
+    from eppanalysis.cases.command_line import Asking
     from eppanalysis.tables.console import AS_FOUND, as_found, ladder_table, rungs_table
 
     typer.echo(f"{ladder.headline()}.\n{ladder.verdict}")
+    if ladder.run.limit_cycle is not None or (ladder.search is not None and ladder.search.stable):
+        typer.echo(f"Why it oscillates, and what ends it: {Asking.of(case).remedies()}")
     expected = case.expected
     if expected.finding:
         must = f" (must {expected.outcome}: {AS_FOUND[as_found(case, ladder)]})" if expected.outcome else ""

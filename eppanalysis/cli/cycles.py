@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from eppanalysis.methods.continuation.result import Branch
     from eppanalysis.methods.search.result import CycleSearch
     from eppanalysis.methods.search.trigger import Trigger
+    from eppanalysis.progress import Progress
+    from eppanalysis.remedies import Remedies
 
 
 def cycles(
@@ -37,24 +39,45 @@ def cycles(
     triggers: Annotated[
         bool, typer.Option("--trigger", help="Also the smallest disturbances that start a cycle.")
     ] = False,
+    ends: Annotated[
+        bool, typer.Option("--remedies", help="Also why it oscillates, and what ends it, each change tried.")
+    ] = False,
     as_json: Json = False,
     output: Output = None,
 ) -> None:
     """Search for limit cycles, stable and unstable, as exact orbits, and say how; a search may miss one."""
     check_output(output)
     found = load_case(case, settings)
+    from eppanalysis.cases.command_line import Asking
     from eppanalysis.methods.search.find import find_limit_cycles
     from eppanalysis.tables.files import cycle_table
 
     with progress(f"cycles {found.name}") as advance:
         search = find_limit_cycles(found, progress=advance)
         hits, why = _triggers(found, search) if triggers else ((), "")
+        remedies = _remedies(found, search, advance) if ends else None
 
     def data() -> dict[str, Any]:
-        return {**search.to_dict(), "triggers": [hit.to_dict() for hit in hits], "no_triggers": why}
+        told = {"triggers": [hit.to_dict() for hit in hits], "no_triggers": why}
+        return {**search.to_dict(), **told, "remedies": None if remedies is None else remedies.to_dict()}
 
-    answer("cycles", found, settings, as_json, data, lambda: _show_cycles(found, search, hits, why))
+    def show() -> None:
+        _show_cycles(found, search)
+        if remedies is not None:
+            typer.echo("\n".join(remedies.lines()))
+        elif search.stable:
+            typer.echo(f"Why it oscillates, and what ends it: {Asking.of(found).remedies()}")
+        _show_triggers(found, hits, why)
+
+    answer("cycles", found, settings, as_json, data, show)
     write_output(output, search, lambda result: cycle_table(result.cycles))
+
+
+def _remedies(case: Case, search: CycleSearch, progress: Progress | None) -> Remedies:
+    """Why the case oscillates, and what ends it."""
+    from eppanalysis.remedies import remedies
+
+    return remedies(case, search, progress=progress)
 
 
 def _triggers(case: Case, search: CycleSearch) -> tuple[Sequence[Trigger], str]:
@@ -97,7 +120,7 @@ def branch(
         write_figure(result.plot(signal=found.expected.signal), output)
 
 
-def _show_cycles(case: Case, search: CycleSearch, triggers: Sequence[Trigger], why: str = "") -> None:
+def _show_cycles(case: Case, search: CycleSearch) -> None:
     typer.echo(f"{search}\nSought with {search.search}")
     for cycle in search:
         name = case.expected.signal or next(iter(cycle.peak_to_peak))
@@ -107,6 +130,9 @@ def _show_cycles(case: Case, search: CycleSearch, triggers: Sequence[Trigger], w
             f"  {kind}  period {lasting(cycle.period, cycle.units)}  frequency {number(cycle.frequency)} Hz  "
             f"{words(name)} {quantity(cycle.peak_to_peak[name], cycle.units[name])} peak to peak  {told}"
         )
+
+
+def _show_triggers(case: Case, triggers: Sequence[Trigger], why: str) -> None:
     for hit in triggers:
         typer.echo(f"trigger: {_trigger_text(case, hit)}")
     if why:

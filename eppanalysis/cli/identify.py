@@ -30,6 +30,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.readable import quantity
 
 if TYPE_CHECKING:
+    from eppanalysis.cases import Case
     from eppanalysis.diagnose.result import Diagnosis
     from eppanalysis.identify import BenchFit, Identification
 
@@ -233,11 +234,12 @@ def diagnose(
             steps=STEPS if steps is None else steps,
             progress=advance,
         )
-    answer("diagnose", found, settings, as_json, result.to_dict, lambda: _show_diagnosis(result))
+    answer("diagnose", found, settings, as_json, result.to_dict, lambda: _show_diagnosis(found, result))
     write_output(output, result, diagnosis_table)
 
 
-def _show_diagnosis(result: Diagnosis) -> None:
+def _show_diagnosis(case: Case, result: Diagnosis) -> None:
+    from eppanalysis.cases.command_line import Asking
     from eppanalysis.tables.console import candidates_table
 
     for note in result.record.notes:
@@ -250,3 +252,5 @@ def _show_diagnosis(result: Diagnosis) -> None:
         typer.echo(f"{name} {why}.")
     for line in result.remedies():
         typer.echo(line)
+    if result.named:
+        typer.echo(f"What ends the oscillation of the model: {Asking.of(case).remedies()}")

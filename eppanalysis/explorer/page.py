@@ -94,6 +94,7 @@ class Page:
         self.heading = Div(text="", name="heading", render_as_text=True, sizing_mode="stretch_width")
         self.verdict = Div(text="", name="verdict", render_as_text=True, sizing_mode="stretch_width")
         self.exact = Div(text="", name="exact", render_as_text=True, sizing_mode="stretch_width")
+        self.ends = Div(text="", name="ends", render_as_text=True, sizing_mode="stretch_width")
         self.message = Div(text="", name="message", render_as_text=True, sizing_mode="stretch_width")
         self.field = TextInput(
             title="Set any field",
@@ -121,11 +122,12 @@ class Page:
         self.undo.tags = [self.address, self.download]  # they are of the page without being seen on it
         self.link = Button(label="Copy link", name="link", sizing_mode="stretch_width", stylesheets=[WIDGETS])
         self.link.js_on_click(CustomJS(code=_COPY))
+        self.remedies = self._button("What ends it?", "remedies", self._ask_remedies)
         self.save_case = self._button("Case file", "save_case", self._save_case)
         self.save_picture = self._button("Picture", "save_picture", self._save_picture)
         self.save_page = self._button("Page", "save_page", self._save_page)
-        said = (self.heading, self.verdict, self.exact, self.message)
-        files = (self.link, self.save_case, self.save_picture, self.save_page)
+        said = (self.heading, self.verdict, self.exact, self.ends, self.message)
+        files = (self.remedies, self.link, self.save_case, self.save_picture, self.save_page)
         for widget in (*said, self.field, self.over, self.undo, self.reset, *files):
             self.doc.add_root(widget)
 
@@ -272,6 +274,17 @@ class Page:
     def _save_case(self) -> None:
         self._send(f"{self.base.name}.toml", "application/toml", self.case.to_toml().encode())
 
+    def _ask_remedies(self) -> None:
+        """Why the case oscillates as it is now, and what ends it."""
+        self.shown["ends"] = dict(self.values)
+        self.ends.text = "What ends it: being tried ..."
+
+        def then(facts: slow.Facts) -> None:
+            if self.shown.get("ends") == self.values:
+                self.ends.text = facts["error"] if "error" in facts else facts["sentence"]
+
+        self._ask("remedies", slow.remedies, (slow.Given.of(self.case, self.signal),), then)
+
     def _save_picture(self) -> None:
         self.save_picture.label = "Picture ..."
 
@@ -286,7 +299,7 @@ class Page:
 
     def _save_page(self) -> None:
         """The page as one file: what it says and shows now."""
-        said = (self.verdict.text, self.exact.text, self.heading.text)
+        said = (self.verdict.text, self.exact.text, self.ends.text, self.heading.text)
         names = [picture.figure.name for picture in self.pictures]
         page = standalone(self.doc, self.base.title, said, names)
         self._send(f"{self.base.name}.html", "text/html", page.encode())
@@ -342,6 +355,8 @@ class Page:
             if self.shown.get("exact") != self.values:
                 self.branch.show_exact(None, place, self.factor)
                 self.exact.text = "Exact limit cycles: being sought ..."
+            if self.shown.get("ends") != self.values:
+                self.ends.text = ""
             if self.map is not None and self.axes is not None:
                 self.map.show_place(*(self._place(a.name) for a in self.axes))
             if not self.shown.get("moving"):

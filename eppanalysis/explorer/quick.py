@@ -19,7 +19,7 @@ from eppanalysis.methods.describing.frozen import (
     nearest_cycle,
     with_element_inputs,
 )
-from eppanalysis.methods.simulation.simulate import simulate
+from eppanalysis.methods.search.simulate import simulate
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.readable import readable
 from eppanalysis.results import Status, Trajectory

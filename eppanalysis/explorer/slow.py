@@ -67,6 +67,13 @@ def all_cycles(given: Given) -> Facts:
     }
 
 
+def remedies(given: Given) -> Facts:
+    """Why the case oscillates and what ends it, in a sentence."""
+    from eppanalysis.remedies import remedies as tried
+
+    return {"sentence": str(tried(given.case()))}
+
+
 def branch(given: Given, over: str, low: float, high: float) -> Facts:
     """Branches over a parameter between two values [SI], where their cycles begin to exist, and what they leave out.
 
@@ -130,7 +137,13 @@ def picture(given: Given) -> Facts:
 
 
 #: In which process a job is done: what takes long keeps nothing else waiting.
-_PLACES = {"design_map": "quick", "picture": "quick", "all_cycles": "cycles", "branch": "branch"}
+_PLACES = {
+    "design_map": "quick",
+    "picture": "quick",
+    "all_cycles": "cycles",
+    "branch": "branch",
+    "remedies": "remedies",
+}
 
 
 def _quietly(job: Callable[..., Facts], args: tuple[Any, ...]) -> Facts:

@@ -63,7 +63,8 @@ def report(
         by Chromium or Chrome.
     full : bool
         The guideline of an elbow at five gains about its own, with the describing function beside it and each bound
-        tested by a thousand runs; some minutes. Otherwise at its own gain, tested by a hundred runs.
+        tested by a thousand runs, and what ends an oscillation; some minutes. Otherwise at its own gain, tested by a
+        hundred runs.
     progress : callable, optional
         Called before each cell with its number, the number of cells, and its heading.
 

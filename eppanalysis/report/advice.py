@@ -13,15 +13,13 @@ from eppanalysis.methods.certificates.result import Certificate
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.models.systems.sampled.clocked import has_samples
-from eppanalysis.readable import quantity, words
+from eppanalysis.readable import words
 from eppanalysis.results import Status, Trajectory
 
 #: Letters of a name that is a symbol, before which stands no article.
 _SYMBOL = 2
 #: An end this near to the case's own value, relative to it, is taken to be at it.
 _AT = 1e-9
-#: A run that came to no end is to be so many times as long.
-_LONGER = 10
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,9 @@ class Found:
 
     def advice(self) -> str:
         """What to do, in lines; a command stands at the end of a line."""
-        return "\n".join(self._lines())
+        oscillates = self.cycles is not None and self.cycles.stable
+        more = [f"Why it oscillates, and what ends it: {self.asking.remedies()}"] if oscillates else []
+        return "\n".join([*self._lines(), *more])
 
     def _lines(self) -> list[str]:
         run, cycles = self.run, self.cycles
@@ -78,7 +78,7 @@ class Found:
         return [f"{own}Simulate for longer: {self._longer()}", *search, *keep]
 
     def _longer(self) -> str:
-        return self.asking.longer(quantity(_LONGER * self.case.t_end, "s"))
+        return self.asking.longer(self.case.t_end)
 
     def _how_far(self, asked: str, besides: str = "") -> list[str]:
         """How far a parameter must go: over another one, or alone where the loop has no other."""

@@ -137,6 +137,10 @@ else:
     for cycle in cycles.stable[-1:]:
         display(cycle.plot(signals={signals}).figure)"""
 
+_REMEDIES = """
+if cycles is not None and cycles.stable:
+    print(*epp.remedies(case, cycles).lines(), sep="\\n")"""
+
 _TRIGGER = """\
 if cycles and cycles.stable:
     try:
@@ -326,6 +330,7 @@ SECTIONS: tuple[Section, ...] = (
         "All exact periodic orbits that were found; an unstable one may lie on the basin boundary between rest and "
         "oscillation.",
         lambda case: _CYCLES.format(signals=_shown(case)),
+        lambda case: _CYCLES.format(signals=_shown(case)) + _REMEDIES,
     ),
     Section(
         "Trigger",

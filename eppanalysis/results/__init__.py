@@ -257,7 +257,10 @@ class Trajectory(Result):
     n_events : int
         Switches in all, those included that `events` no longer holds.
     note : str
-        Why a run ended early, or is undecided where a longer run would not decide it.
+        Why a run ended early, or is undecided, and what it comes to beyond its end.
+    carried_to : float
+        How far the motion was carried on beyond the last sample to decide how it ends [s]; nan where the run itself
+        shows it.
     again : callable or None
         Signals at other times, computed anew from the same start; None where only the samples are known.
     """
@@ -272,9 +275,16 @@ class Trajectory(Result):
     units: dict[str, str] = field(default_factory=dict)
     n_events: int = 0
     note: WhenAsked[str] = WhenAsked("")
+    carried_to: float = float("nan")
     again: Callable[[Array], Mapping[str, Array]] | None = None
 
-    in_json = "status message settled_at settled_since limit_cycle n_events operating_point end_time provenance"
+    in_json = (
+        "status message settled_at settled_since carried_to limit_cycle n_events operating_point end_time provenance"
+    )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is copied to other processes has been told."""
+        return {**vars(self), "note": self.note}
 
     @property
     def message(self) -> str:
@@ -310,6 +320,8 @@ class Trajectory(Result):
     def __str__(self) -> str:
         """What the run does in the end, with a number."""
         since = f", from {lasting(self.settled_since, self.units)} on" * (self.settled_since > 0.0)
+        if self.carried_to > self.end_time:
+            since += f"; carried on to {lasting(self.carried_to, self.units)}"
         if self.limit_cycle is not None:
             return f"Oscillates: {self.limit_cycle.size}{since}.{' ' * bool(self.note)}{self.note}"
         if self.status is Status.SETTLED:
@@ -318,7 +330,8 @@ class Trajectory(Result):
             if self.stands_still:
                 return f"Rests where it starts{at}; other starts may oscillate."
             return f"Settles at rest{at}{since}."
-        end = f"after {lasting(self.end_time, self.units)}" if self.t.size else "without samples"
+        after = self.carried_to if self.status is Status.DIVERGED and self.carried_to > 0.0 else self.end_time
+        end = f"after {lasting(after, self.units)}" if self.t.size else "without samples"
         begin = f"Undecided {end}" if self.status is Status.UNDECIDED else end.capitalize()
         return f"{begin}: {self.message}"
 

@@ -85,7 +85,7 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
         show_constant(ax, factor * trajectory.signals[name])
         label_up(ax, label)
         mark_events(ax, times)
-        if trajectory.settled_since > 0.0 and trajectory.t.size:
+        if 0.0 < trajectory.settled_since < until:
             steady: dict[str, Any] = {"color": SKY, "alpha": 0.3, "linewidth": 0}
             since = lasting(trajectory.settled_since, trajectory.units)
             text = f"{_STEADY.get(trajectory.status, 'steady')} (from {since} on)"
@@ -111,6 +111,8 @@ def shown_until(run: Trajectory) -> float:
     if not run.t.size:
         return 0.0
     end = until = run.end_time
+    if run.carried_to > end:  # it is steady behind its end alone
+        return end
     if run.limit_cycle is not None:
         until = np.nan_to_num(run.settled_since) + _PERIODS_SHOWN * run.limit_cycle.period
     elif run.settled_at:

@@ -178,7 +178,7 @@ class _Cell:
 
     def simulate(self) -> None:
         """A loop in discrete time."""
-        from eppanalysis.methods.simulation.simulate import simulate
+        from eppanalysis.methods.search.simulate import simulate
 
         run = simulate(self.case)
         self.end(run.status)

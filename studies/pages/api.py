@@ -36,7 +36,7 @@ PROVISIONAL = {
         "design Design tolerance_bound ToleranceBound design_guide Guide manual_table ManualTable dither "
         "Dither smoothed"
     ),
-    "diagnosis": "diagnose Diagnosis",
+    "diagnosis and remedies": "diagnose Diagnosis remedies Remedies",
     "elements of your own": (
         "Automaton AutomatonBuilder AutomatonElement Guard Mode Smooth OwnStates check_element ElementCheck"
     ),

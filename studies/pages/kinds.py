@@ -147,6 +147,7 @@ ANALYSES: dict[str, Callable[[Tried], Any]] = {
     "harmonic_balance": lambda t: epp.harmonic_balance(t.case, t.guess, order=1),
     "exact_orbit": lambda t: epp.exact_orbit(t.case, t.guess),
     "find_limit_cycles": lambda t: t.found,
+    "remedies": lambda t: epp.remedies(t.case, t.found),
     "trigger": lambda t: epp.trigger(t.case, cycles=t.found, states=()),
     "ladder": lambda t: epp.ladder(t.case),
     "continue_branch": lambda t: epp.continue_branch(

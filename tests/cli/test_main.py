@@ -364,12 +364,21 @@ def test_several_pictures_need_a_name_for_each(tmp_path):
     assert sorted(p.stem for p in tmp_path.iterdir()) == sorted(cases)
 
 
+def test_simulate_carries_on_what_is_undecided_and_prints_how_to_go_on(monkeypatch):
+    short = run("simulate", "relay_hyst_servo", "--set", "run.t_end=1 s", "--json")
+    found = json.loads(short.stdout)["cases"][0]["result"]
+    assert found["status"] == "limit_cycle" and found["settled_since"] > found["end_time"] == 1.0
+    monkeypatch.setattr("eppanalysis.methods.search.longer._WORK", 1.0)
+    open_ = run("simulate", "azimuth_servo", "--set", "run.t_end=0.2 s").stdout
+    assert 'Simulate for longer: eppanalysis simulate azimuth_servo --set "run.t_end=' in open_
+
+
 @pytest.mark.parametrize("name", ["out.docx", "out", "missing/out.png"])
 def test_output_that_cannot_be_written_is_refused_before_computing(tmp_path, monkeypatch, name):
     def computed(*_):
         raise AssertionError("computed before the output was checked")
 
-    monkeypatch.setattr("eppanalysis.methods.simulation.simulate.simulate", computed)
+    monkeypatch.setattr("eppanalysis.methods.search.simulate.simulate", computed)
     one_sentence(run("simulate", "fig8a_original", "-o", str(tmp_path / name)))
     assert not list(tmp_path.iterdir())
 

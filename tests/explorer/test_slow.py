@@ -32,3 +32,9 @@ def test_a_branch_in_discrete_time_is_drawn_as_any_other():
     (piece,) = facts["pieces"]
     assert not facts["doubts"] and (min(piece["value"]), max(piece["value"])) == (0.5, 2.0)
     assert np.array(piece["size"]) == pytest.approx(1.66604459745 * np.array(piece["value"]))
+
+
+def test_what_ends_an_oscillation_is_said_in_a_sentence():
+    case = epp.case("pid_hunting")
+    facts = slow.remedies(slow.Given.of(case, "x"))
+    assert facts == {"sentence": str(epp.remedies(case))} and facts["sentence"].endswith("(tested).")

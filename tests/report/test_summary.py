@@ -85,7 +85,10 @@ def test_a_run_that_is_too_short_does_not_take_back_what_the_search_found():
     assert dict(page.known)["Exact"].startswith(cycles.headline())
     assert [value.split()[-1] for _, value, _ in page.numbers[1:]] == ["Hz", "s"]
     largest = 'design sat_khalil710 --set "run.t_end=1 s" --maximise loop.gain --tune "loop.gain 0.05..2"'
-    assert page.advice == f"Compute how far a parameter must go: eppanalysis {largest}"
+    assert page.advice.splitlines() == [
+        f"Compute how far a parameter must go: eppanalysis {largest}",
+        'Why it oscillates, and what ends it: eppanalysis cycles sat_khalil710 --set "run.t_end=1 s" --remedies',
+    ]
 
 
 def test_what_a_search_left_open_is_no_all_clear():

@@ -26,7 +26,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         ("engine/runs.py", True),
         ("models/elements/memory.py", True),
-        ("methods/simulation/simulate.py", True),
+        ("methods/search/simulate.py", True),
         ("sweep/work.py", True),
         ("cases/loops.py", True),
         ("arrays.py", True),

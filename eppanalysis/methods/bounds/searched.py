@@ -21,7 +21,7 @@ from eppanalysis.methods.bounds.sizes.bound import tried_values, without_bound
 from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.methods.search.find import search_from
 from eppanalysis.methods.search.sampled import middle_of
-from eppanalysis.methods.simulation.simulate import simulate
+from eppanalysis.methods.search.simulate import simulate
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.clocked import has_samples
 from eppanalysis.models.systems.subject import CaseLike

@@ -30,7 +30,7 @@ from eppanalysis.methods.comparison.rungs import (
 from eppanalysis.methods.comparison.sentences import cycle_sentences, error_sentences, missed_sentences
 from eppanalysis.methods.describing.predict import predict_limit_cycles
 from eppanalysis.methods.search.result import CycleSearch
-from eppanalysis.methods.simulation.simulate import simulate
+from eppanalysis.methods.search.simulate import simulate
 from eppanalysis.models.systems.inputs import Constant, InputSignal
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint

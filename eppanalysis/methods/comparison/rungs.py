@@ -20,7 +20,7 @@ from eppanalysis.methods.harmonic.balance import harmonic_balance
 from eppanalysis.methods.orbits.exact import exact_orbit
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.result import CycleSearch
-from eppanalysis.methods.simulation.simulate import simulate
+from eppanalysis.methods.search.simulate import simulate
 from eppanalysis.models.elements import Relay
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint

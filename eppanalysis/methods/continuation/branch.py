@@ -48,7 +48,7 @@ from eppanalysis.methods.continuation.steps import (
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import same_orbit
-from eppanalysis.methods.simulation.simulate import simulate
+from eppanalysis.methods.search.simulate import simulate
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.methods.steady.changes import Change
 from eppanalysis.models.systems.lure import LureSystem

@@ -32,11 +32,11 @@ from eppanalysis.methods.orbits.samples.locked import (
     rounds_near,
     starts_on,
 )
+from eppanalysis.methods.search.simulate import simulate
 from eppanalysis.methods.simulation.budget import BudgetExceeded, budget
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.runs import cycle_of_run, judge, run_hybrid
 from eppanalysis.methods.simulation.samples import extent_of
-from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.methods.steady.changes import Change
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem

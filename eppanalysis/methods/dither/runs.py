@@ -14,7 +14,7 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.dither.smoothed import Wave
-from eppanalysis.methods.simulation.simulate import simulate
+from eppanalysis.methods.search.simulate import simulate
 from eppanalysis.models.systems.inputs import InputSignal, Recorded, Sine
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.signals import SignalMap

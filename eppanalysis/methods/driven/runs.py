@@ -15,8 +15,8 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.driven.drive import Drive
 from eppanalysis.methods.driven.result import PeriodicResponse
+from eppanalysis.methods.search.simulate import simulate
 from eppanalysis.methods.simulation.period import analyse_period
-from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.models.systems.inputs import Sine
 from eppanalysis.models.systems.sampled.strobe import sampled_among
 from eppanalysis.readable import count

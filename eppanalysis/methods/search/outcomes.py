@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
@@ -76,6 +76,14 @@ class RunOutcome(StrEnum):
     #: Of a loop with sampled controllers.
     OUT_OF_EVENTS = "out of events"
     NOT_RUN = "not run"
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a motion has come to by a time [s], a cycle by its number; undecided where it goes on."""
+
+    time: float
+    outcome: RunOutcome | int
 
 
 #: Of a cycle that no run has met.
@@ -210,48 +218,65 @@ class RunOutcomes:
         return beside
 
     def _end_of(self, start: HybridSystem) -> RunOutcome | int:
-        """What a run comes to: runs three times as long each, until one is on a cycle or its modes say the rest."""
-        t, turns = self.horizon, None
+        """What a run comes to."""
+        *_, last = self.looks(start, self.horizon)
+        return last.outcome
+
+    def looks(self, start: HybridSystem, t: float) -> Iterator[Look]:
+        """What a motion has come to: runs three times as long each, from t [s] on, until one is on a cycle or its modes
+        say the rest.
+        """
+        gone, longest, turns = 0.0, _LONGEST * t, None
         for turn in range(_LOOKS):
             run = self._run(start, t)
             status, facts = judge(start, run, t)
-            if repeats_undecided(status, facts):
-                return RunOutcome.BENEATH_ROUNDING
-            ended = self._ended(status, start, run)
-            if ended is not None:
-                return ended
-            known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
-            if known is RunOutcome.UNDECIDED and self.hybrid.may_be_quiet:
-                known = self._quiet_cycle(run, t)
-            if known is not RunOutcome.UNDECIDED:
-                return known
-            turns, future = Turns.of(start, run, turns), future_of(run.end(start))
-            known = self._to_come(future, turns, start, run, t)
-            if known is not RunOutcome.UNDECIDED:
-                return known
-            t *= 3.0
-            if isinstance(future, Switches) and future.after > t:  # it is carried there
+            known, future = self._by_then(start, run, t, status, facts), None
+            if known is None:
+                turns, future = Turns.of(start, run, turns), future_of(run.end(start))
+                known = self._to_come(future, turns, start, run, t)
+            yield Look(gone + t, RunOutcome.UNDECIDED if known is None else known)
+            if known is not None:
+                return
+            if isinstance(future, Switches) and future.after > 3.0 * t:  # it is carried there
+                gone += t + future.after
                 start = run.end(start)
                 start = start.at(future.state, start.H0, start.modes0)
+                t *= 3.0
                 continue
             if turn >= 3 and status is not Status.LIMIT_CYCLE and self._is_without_end(start, run):
-                return RunOutcome.UNDECIDED
-            turns = None
-            if t > _LONGEST * self.horizon:
-                break
-        return RunOutcome.UNDECIDED
+                return
+            t, turns = 3.0 * t, None
+            if t > longest:
+                return
+
+    def _by_then(
+        self, start: HybridSystem, run: Run, t: float, status: Status, facts: Array
+    ) -> RunOutcome | int | None:
+        """The outcome of a run by what it has done until t; None for one that goes on."""
+        if repeats_undecided(status, facts):
+            return RunOutcome.BENEATH_ROUNDING
+        ended = self._ended(status, start, run)
+        if ended is not None:
+            return ended
+        known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
+        if known is RunOutcome.UNDECIDED and self.hybrid.may_be_quiet:
+            known = self._quiet_cycle(run, t)
+        return None if known is RunOutcome.UNDECIDED else known
 
     def _to_come(
         self, future: Future | None, turns: Turns, start: HybridSystem, run: Run, t: float
-    ) -> RunOutcome | int:
-        """The outcome of a run by what is to come behind its end: by its modes there, or as its turns are alike."""
+    ) -> RunOutcome | int | None:
+        """The outcome of a run by what is to come behind its end: by its modes there, or as its turns are alike; None
+        where neither says it.
+        """
         if isinstance(future, Leaves):
             return RunOutcome.DIVERGENCE
         if isinstance(future, Swings):
-            return self._quiet_cycle(run, t)
+            known = self._quiet_cycle(run, t)
+            return None if known is RunOutcome.UNDECIDED else known
         if comes_to_rest(future, turns, start, run, t, self._sizes()):
             return self._rested(start, run, future)
-        return RunOutcome.UNDECIDED if turns.ratio is None else RunOutcome.DIVERGENCE
+        return None if turns.ratio is None else RunOutcome.DIVERGENCE
 
     def _is_without_end(self, start: HybridSystem, run: Run) -> bool:
         """Whether a longer run would tell nothing: after many switches that do not become smaller, as they do for long

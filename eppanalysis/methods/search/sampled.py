@@ -9,9 +9,10 @@ side by side.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from eppanalysis.methods.orbits.samples.locked import (
     samples_of,
     starts_on,
 )
-from eppanalysis.methods.search.outcomes import RunOutcome
+from eppanalysis.methods.search.outcomes import Look, RunOutcome
 from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_elements
 from eppanalysis.methods.search.result import CycleSearch, exists, undecided
 from eppanalysis.methods.search.unmet import MANY, more_of, unmet
@@ -236,18 +237,25 @@ class SampledSearch:
 
     def end_of(self, start: HybridSystem) -> tuple[RunOutcome, int | None]:
         """How a run from a start ends, and on which of the locked orbits."""
-        t = self.horizon
-        for _ in range(_LONGER):
+        *_, last = islice(self.looks(start, self.horizon), _LONGER)
+        on = last.outcome
+        return (on, None) if isinstance(on, RunOutcome) else (RunOutcome.CYCLE, on)
+
+    def looks(self, start: HybridSystem, t: float) -> Iterator[Look]:
+        """What a motion has come to: runs three times as long each, from t [s] on, until one has come to something."""
+        while True:
             run, status, found = self._judged(start, t)
             # Turns that differ may be on their way to a locked cycle, or parts of one of several turns.
             may_lock = status is Status.LIMIT_CYCLE and not is_locked(found) and self.strobe.samples_in(t) < _LOCKS
             if not may_lock and (end := self._come_to(start, run, status, found)) is not None:
-                return end
+                outcome, on = end
+                yield Look(t, outcome if on is None else on)
+                return
+            yield Look(t, RunOutcome.OUT_OF_EVENTS if status is Status.EVENT_LIMIT else RunOutcome.UNDECIDED)
             # One that has run away passes more edges of its encoder than a longer run has events for.
             if status is Status.EVENT_LIMIT and _FACTOR * run.stats[0] < t:
-                break
+                return
             t *= _FACTOR
-        return (RunOutcome.OUT_OF_EVENTS if status is Status.EVENT_LIMIT else RunOutcome.UNDECIDED), None
 
     def _come_to(
         self, start: HybridSystem, run: Run, status: Status, found: Array

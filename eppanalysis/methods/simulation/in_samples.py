@@ -19,7 +19,6 @@ from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.clocked import Clocked, whole_samples
 from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.results import LimitCycle, Status, Trajectory
-from eppanalysis.results.deferred import unread
 from eppanalysis.results.events import Event, Events
 
 #: Samples of a run: some minutes, and a gigabyte of signals.
@@ -39,6 +38,12 @@ class InSamples:
     def at(cls, system: LureSystem, point: OperatingPoint) -> InSamples:
         """That of a loop whose inputs stand at an operating point."""
         return cls(Clocked.of(system, point.vector(system)))
+
+    @classmethod
+    def under(cls, system: LureSystem, given: Mapping[str, InputSignal]) -> InSamples:
+        """That of a loop under input signals, as they are at its start."""
+        steps = [given[name].value(np.zeros(1))[0] if name in given else 0.0 for name in system.input_names]
+        return cls(Clocked.of(system, system.v0 + np.array(steps, float)))
 
     def of(self, system: LureSystem) -> LureSystem:
         """A loop with the same states as the user's, such as his own at other values, as it is run."""
@@ -164,8 +169,7 @@ def simulate_in_samples(
     wanted = round(t_end / T)
     n = min(wanted, max_steps)
     given = input_signals_by_name(system.input_names, input)
-    steps = [given[name].value(np.zeros(1))[0] if name in given else 0.0 for name in system.input_names]
-    form = InSamples(Clocked.of(system, system.v0 + np.array(steps, float)))
+    form = InSamples.under(system, given)
     counts = np.arange(n + 1) if t_eval is None else whole_samples(system, "a time of t_eval", t_eval)
     counts = counts[counts <= n]
     # Nothing moves between samples, so that all that a sample brings about is seen half a sample later.
@@ -195,7 +199,7 @@ def _at_samples(form: InSamples, made: Trajectory, t: Array, at: OperatingPoint,
         settled_since=T * float(np.floor(made.settled_since / T + 0.25)),  # of an event at a sample, or amid samples
         events=_without_samples(made.events, form),
         n_events=made.n_events - n,
-        note=stopped if early else unread(made, "note"),
+        note=stopped if early else made.note,
         operating_point=at,
         again=at_times,
     )

@@ -60,10 +60,18 @@ class Run:
 
     def end(self, start: HybridSystem) -> HybridSystem:
         """The system at its end, in the modes and with the memory values that it has then."""
-        if not self.count:
-            return start.at(self.x_end.copy(), start.H0, start.modes0)
-        last = self.order[-1]
-        return start.at(self.x_end.copy(), self.memory_values[last].copy(), self.modes[last].copy())
+        memory, modes, since = start.H0, start.modes0, 0.0
+        if self.count:
+            last = self.order[-1]
+            memory, modes, since = self.memory_values[last], self.modes[last].copy(), float(self.time[last])
+        return start.at(self.x_end.copy(), self._with_slopes(start, memory, since), modes)
+
+    def _with_slopes(self, start: HybridSystem, memory: Array, since: float) -> Array:
+        """Memory values with what the inputs changed to after the last event: the slopes of ramps are among them."""
+        model, memory = start.model, memory.copy()
+        for k in np.flatnonzero((model.breakpoint_time >= since) & (model.breakpoint_time <= self.stats[0])):
+            memory[model.breakpoint_memory[k]] = model.breakpoint_slope[k]
+        return memory
 
     def is_quiet_at(self, t: float) -> bool:
         """Whether it has met no event in the last half of the time t."""

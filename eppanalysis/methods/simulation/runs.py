@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any
@@ -22,8 +22,7 @@ from eppanalysis.engine.workspace import (
     make_samples,
 )
 from eppanalysis.errors import EppError
-from eppanalysis.methods.simulation.budget import BudgetExceeded, budget, remaining, spend
-from eppanalysis.methods.simulation.futures import Leaves, future_of
+from eppanalysis.methods.simulation.budget import remaining, spend
 from eppanalysis.methods.simulation.kept import EARLY, VERDICTS, Run, from_event
 from eppanalysis.methods.simulation.period import advance, advances, analyse_period, moves_until, resting
 from eppanalysis.methods.simulation.rounding import (
@@ -43,7 +42,6 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe, sampled_among
 from eppanalysis.models.systems.starts import remembered
-from eppanalysis.readable import number
 from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
 from eppanalysis.results.events import Events
 from eppanalysis.results.provenance import Provenance
@@ -68,8 +66,6 @@ MOST_STEPS = 10_000_000
 _SET_UP, _DELAYED, _SMOOTH, _FAST_STEPS = 200.0, 5.0, 20.0, 20.0
 #: A state beyond this has diverged, in a run that rounding has stopped.
 _LARGEST_STATE = 1e100
-#: A run that is undecided by its end is run on to so many times its length, with no more work than so much [steps].
-_RUN_ON, _WORK_TO_RUN_ON = (3.0, 9.0, 27.0, 81.0), 1e5
 #: Changes from period to period, relative to the cycle's size, that may be rounding.
 _STANDING = 1e-9
 
@@ -109,9 +105,6 @@ def run_in_time(
     settled, early = status is Status.SETTLED, run.why_early(t_end)
     rest = resting(signals, advance(hybrid, run.rate_end) * t_end) if settled and n_written else {}
     again = partial(_at_times, hybrid, system.signals.names, base, max_events + samples, max_steps)
-    note: str | Callable[[], str] = BENEATH_ROUNDING if lost else (early and hybrid.chatters) or early
-    if status is Status.UNDECIDED and not note:
-        note = partial(_run_on, hybrid, run.end(hybrid), t_end, base, max_events, kept, max_steps)
     return Trajectory(
         t=times[:n_written],
         signals=signals,
@@ -121,38 +114,12 @@ def run_in_time(
         settled_at=rest,
         settled_since=max(_since(hybrid, run, found), moves_until(times, signals, rest)) if status.ok else float("nan"),
         n_events=run.count,
-        note=note,
+        note=BENEATH_ROUNDING if lost else (early and hybrid.chatters) or early,
         units=system.signals.units_of_results(),
         provenance=facts,
         operating_point=at,
         again=again,
     )
-
-
-def _run_on(
-    hybrid: HybridSystem, end: HybridSystem, t_end: float, base: float, max_events: int, kept: int, max_steps: int
-) -> str:
-    """What a run that is undecided by its end comes to, and for how long to simulate to see it, in a sentence."""
-    by_then = "The motion had neither settled nor repeated itself by the end"
-    ends = not np.any(hybrid.model.breakpoint_time > t_end) and Strobe.of(hybrid) is None
-    if ends and isinstance(future_of(end), Leaves):
-        return f"{by_then}; it goes beyond all bounds without another switch."
-    known = ""
-    try:
-        with budget(_WORK_TO_RUN_ON):
-            for t in t_end * np.array(_RUN_ON):
-                longer = run_hybrid(hybrid, t, np.zeros(0), base, max_events, kept, max_steps)
-                status, found = judge(hybrid, longer, t)
-                if status is Status.EVENT_LIMIT:
-                    break
-                known = f"{by_then}, nor by {number(t)} s."
-                if status is not Status.UNDECIDED:
-                    to = {Status.SETTLED: "settles", Status.DIVERGED: "grows without bound"}
-                    repeats = f"repeats itself every {number(float(found[1]))} s"
-                    return f"{by_then}; run on, it {to.get(status, repeats)}: simulate for some {number(t)} s."
-    except (BudgetExceeded, EppError):  # which the run itself has not met
-        pass
-    return known
 
 
 def _signals(names: tuple[str, ...], run: Run) -> dict[str, Array]:

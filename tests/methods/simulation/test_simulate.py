@@ -248,7 +248,7 @@ def test_a_run_that_is_too_short_to_die_down_or_grow_says_which(drag: float, com
     A = [[0.0, 1.0], [0.0, -25.0 * drag]]
     column = epp.LureSystem.build(A, [[0.0], [-25.0]], [[1.0, 0.0]], [shaft], x0=[0.3, 0.0])
     run = epp.simulate(column, t_end=60.0)
-    assert run.status is epp.Status.UNDECIDED and f"run on, it {comes_to}" in run.note
+    assert run.status is epp.Status.UNDECIDED and f"carried on, it {comes_to}" in run.note
 
 
 def test_what_friction_gives_is_not_said_to_go_further_and_further() -> None:

@@ -1,20 +1,23 @@
-"""Event-exact simulation in time of any loop, as its user asks for it."""
+"""Event-exact simulation in time of any loop, as its user asks for it; beyond its end it is decided how it goes on."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.search.longer import ending
 from eppanalysis.methods.simulation.in_samples import simulate_in_samples
 from eppanalysis.methods.simulation.runs import MOST_STEPS, run_in_time
 from eppanalysis.methods.simulation.times import sample_times
 from eppanalysis.models.systems.inputs import InputSignal
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, system_of
-from eppanalysis.results import Trajectory
+from eppanalysis.results import Status, Trajectory
 
 #: How long a loop is simulated where nothing is said of it [s].
 _USUAL_END = 10.0
@@ -29,6 +32,7 @@ def simulate(
     max_events: int = 200_000,
     max_steps: int = MOST_STEPS,
     step: float | None = None,
+    decide: bool = False,
 ) -> Trajectory:
     """Run a loop in time, exactly between events, every switch of every element located to rounding.
 
@@ -51,6 +55,10 @@ def simulate(
         steps that are proven free of events count as one; of a discrete-time loop they are samples).
     step : float, optional
         Longest internal step [s]; the results do not depend on it but for rounding.
+    decide : bool
+        Whether a run that is undecided by its end is carried on until it settles, repeats itself or leaves, for some
+        ten seconds at most. Samples and events end at `t_end`; `status`, `limit_cycle`, `settled_at` and
+        `settled_since` are those of the motion that goes on, and `carried_to` says how far it went.
 
     Returns
     -------
@@ -70,16 +78,26 @@ def simulate(
     >>> run = epp.simulate(loop, t_end=200.0)
     >>> run.status.name, round(run.limit_cycle.period, 8)
     ('LIMIT_CYCLE', 4.55107103)
+    >>> print(epp.simulate(loop, t_end=5.0, decide=True))
+    Oscillates: x 0.4401 peak to peak at 0.2197 Hz, from 17.24 s on; carried on to 45 s.
     """
     system, input, t_end = _asked(system, input, t_end)
     if not (np.isfinite(t_end) and t_end > 0):
         raise EppError(f"simulate: t_end is {t_end}; expected a positive number of seconds.")
     if step is not None and not (np.isfinite(step) and step > 0):
         raise EppError(f"simulate: step is {step}; expected a positive number of seconds.")
-    times = sample_times(t_end, t_eval)
-    if system.time_step:
-        return simulate_in_samples(system, input, t_end, None if t_eval is None else times, max_events, max_steps)
-    return run_in_time(system, input, t_end, times, t_eval is None, max_events, max_steps, step)
+
+    def run_to(t_end: float, t_eval: ArrayLike | None = None) -> Trajectory:
+        times = sample_times(t_end, t_eval)
+        if system.time_step:
+            return simulate_in_samples(system, input, t_end, None if t_eval is None else times, max_events, max_steps)
+        return run_in_time(system, input, t_end, times, t_eval is None, max_events, max_steps, step)
+
+    run = run_to(t_end, t_eval)
+    if run.status is not Status.UNDECIDED or run.note:
+        return run
+    end = cache(partial(ending, system, input, t_end, run_to))
+    return end().of(run) if decide else replace(run, note=lambda: end().note(run))
 
 
 def _asked(
