@@ -146,7 +146,7 @@ BAD = {
     "empty": ("", "is 'empty'", "a case file"),
     "not toml": ("a = = 1", "not TOML", "a TOML file"),
     "its own base": ('base = "bad"\ntitle = "x"', "base is 'bad'", "does not inherit from itself"),
-    "improper": (LOOP + "num = [1, 2, 3]\nden = [1, 1]", "loop.num is [1, 2, 3]", "improper"),
+    "improper": (LOOP + "num = [1, 2, 3]\nden = [1, 1]", "loop.num is [1, 2, 3]", "the degree of the denominator"),
     "unknown port": (DIAGRAM.replace("-> valve", "-> valv"), "connect.0 is 'demand - plant -> valv'", "a part of"),
     "driven twice": (DIAGRAM.replace('plant"]', 'plant", "demand -> plant"]'), "connect.2 is", "already: add the two"),
     "two of one name": (DIAGRAM.replace("demand", "valve"), "inputs.valve is 'valve'", "another name"),

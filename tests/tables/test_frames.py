@@ -156,5 +156,5 @@ def test_what_is_to_be_known_of_a_cycle_is_told_with_it(capsys):
     assert note not in str(epp.table([cycle]))
     noted = replace(cycle, note=note)
     assert " ".join(f"cycle 1: {note}".split()) in " ".join(str(epp.table([noted])).split())
-    _show_cycles(case, replace(search, cycles=(noted,)), [])
+    _show_cycles(case, replace(search, cycles=(noted,)))
     assert capsys.readouterr().out.rstrip().endswith(note)

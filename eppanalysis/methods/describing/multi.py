@@ -42,7 +42,6 @@ _AT_ONCE = 4
 _ALIKE = 0.1
 #: Loops of their own whose phases are combined; less than a quarter of a turn; where others stand beside the pivot.
 _MOST_LOOPS, _QUARTER, _QUARTERS = 8, 1.4, (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
-_FOLLOWED = "curves of zero phase followed to their ends, with all local extrema of the loop gain located"
 
 
 def choose_pivot(system: LureSystem) -> int:
@@ -116,7 +115,8 @@ def search_several(balance: Balance) -> Found:
     search = (
         f"Sought on {len(amplitude)} amplitudes of {balance.system.element_names[balance.pivot]} from {sizes} by "
         f"{len(omega)} frequencies from {frequencies}, all other amplitudes and means solved for at each "
-        f"({count(len(sheets), 'branch')}); {_FOLLOWED if curves else 'no curve of zero phase was met'}. "
+        f"({count(len(sheets), 'branch')}); curves of zero phase that it meets followed to their ends, with all local "
+        "extrema of the loop gain located. "
         "A curve that runs wholly between points of this grid may be missed."
     )
     return Found(distinct(balance, np.concatenate(cycles)), tuple(curves), search, on_grid=True, unsolved=unsolved)

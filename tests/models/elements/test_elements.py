@@ -189,7 +189,7 @@ def from_a_file(element: epp.Nonlinearity) -> epp.LureSystem:
     """The ring with an element that is nothing but the modes and guards in the text of a case file."""
     loop = ring(epp.AutomatonElement(element.automaton()))
     text = epp.Case.from_system(loop).to_toml()
-    assert 'element = "automaton"' in text
+    assert 'kind = "automaton"' in text
     return epp.case_from_text(text).to_system()
 
 
@@ -208,7 +208,7 @@ def test_an_element_rebuilt_as_data_runs_to_the_same_bits(name: str) -> None:
 @pytest.mark.parametrize("name", [*REBUILT, "pulley"])
 def test_an_element_rebuilt_as_data_is_the_same_to_the_bit(name: str) -> None:
     rules = SHIPPED[name].automaton()
-    table = {"element": "automaton", **automaton_table(epp.AutomatonElement(rules), name)}
+    table = {"kind": "automaton", **automaton_table(epp.AutomatonElement(rules), name)}
     raw = parse_raw(write_toml({"kind": "loop", "own": [table]}), "own", Path())
     block = read_block(raw.data["own"][0], "own.0", raw)
     again = block.others["rules"]
