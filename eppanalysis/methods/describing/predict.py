@@ -280,7 +280,9 @@ def _balanced(
 def _require_range(system: LureSystem) -> None:
     """Refuse numbers beyond all range."""
     # Elements meet what B and C make together: units of the states alone may be of any size.
-    within_range(system.name, system.A, system.D, np.abs(system.C).max(initial=0.0) * system.B)
+    with np.errstate(over="ignore"):
+        together = np.abs(system.C).max(initial=0.0) * system.B
+    within_range(system.name, system.A, system.D, together)
 
 
 def _require_rates(system: LureSystem) -> None:
