@@ -233,7 +233,7 @@ def _meant(word: str, kinds: Mapping[str, tuple[str, ...]], table: Mapping[str, 
     def known(kind: str) -> int:
         return sum(name in fields_of(kind) or name in other_words(kind) for name in table)
 
-    return max(kinds.get(word, (word,)), key=known) if word in kinds else word
+    return max(kinds[word], key=known) if word in kinds else word
 
 
 def _renamed(

@@ -22,7 +22,7 @@ from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.engine.balances import assemble, move, newton_balance, shift, solve
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.means import CANCELLED, StaticBalance, equilibrate, static_balance
+from eppanalysis.models.systems.means import CANCELLED, StaticBalance, least_solution, static_balance
 from eppanalysis.readable import number, readable
 
 _STEP = 1e-7  # relative step of the forward differences; it only slows Newton, it does not bias its answer
@@ -103,9 +103,7 @@ class Balance:
 
         The start state of the system has no say in it: a prediction is of the loop.
         """
-        row, column = equilibrate(self.on_bias)
-        solved = np.linalg.lstsq(row[:, None] * self.on_bias * column, row * self.prescribed, rcond=1e-11)[0]
-        return np.asarray(column * solved)
+        return least_solution(self.on_bias, self.prescribed)
 
     @cached_property
     def owner(self) -> NDArray[np.intp]:

@@ -191,6 +191,11 @@ def mean_state(system: LureSystem, value: Array, bias: Array, mean: Array) -> Ar
         seen = np.linalg.qr(hidden, mode="complete")[0].T[hidden.shape[1] :] / column
         A, rates = seen @ A, seen @ rates
     matrix, right = np.vstack([A, C]), np.concatenate([rates, inputs])
-    # Of all solutions that of least norm, in which modes stay at zero that neither rates nor inputs tell.
+    # Modes stay at zero that neither rates nor inputs tell.
+    return least_solution(matrix, right)
+
+
+def least_solution(matrix: Array, right: Array) -> Array:
+    """Of all solutions of linear equations that of least norm, in coordinates in which units do not decide ranks."""
     row, column = equilibrate(matrix)
-    return column * np.linalg.lstsq(row[:, None] * matrix * column, row * right, rcond=1e-11)[0]
+    return np.asarray(column * np.linalg.lstsq(row[:, None] * matrix * column, row * right, rcond=1e-11)[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from operator import sub
 from typing import TYPE_CHECKING, Any, Protocol
@@ -175,22 +175,26 @@ def terms_of_memory(hybrid: Hybrid, x: Array, H: Array, modes: IntArray) -> Arra
     """Sizes of the terms of which events would make each memory value at a state, shape (memory,)."""
     model, size = hybrid.model, np.abs(H)
     seen = np.abs(model.C) @ np.abs(x) + np.abs(model.Kz) @ size
-    rows, z, w = (model.mode_first[:-1] + modes).tolist(), seen, np.zeros(model.B.shape[1])
-    places = list(pairwise(model.first.tolist()))
-    for _ in places:  # as far as outputs reach straight through others
-        for row, (begin, end) in zip(rows, places, strict=True):
-            (zs, ws, hs), (n_z, n_w, n_h) = map(slice, begin, end), map(sub, end, begin)
-            of_values = np.abs(model.mode_wh[row, :n_w, :n_h]) @ size[hs] + np.abs(model.mode_w0[row, :n_w])
-            w[ws] = np.abs(model.mode_wz[row, :n_w, :n_z]) @ z[zs] + of_values
+    z, w, laws = seen, np.zeros(model.B.shape[1]), list(_laws(model, modes))
+    for _ in laws:  # as far as outputs reach straight through others
+        for zs, ws, hs, from_input, from_memory, constant in laws:
+            w[ws] = np.abs(from_input) @ z[zs] + (np.abs(from_memory) @ size[hs] + np.abs(constant))
         z = seen + np.abs(model.D) @ w
     terms = np.zeros(H.size)
-    for e, (begin, end) in enumerate(places):
+    for e, (begin, end) in enumerate(pairwise(model.first.tolist())):
         own, zs, hs = model.guard_element == e, slice(begin[0], end[0]), slice(begin[2], end[2])
         n_z, n_h = end[0] - begin[0], end[2] - begin[2]
         of_inputs = np.abs(model.reset_z[own, :n_h, :n_z]) @ z[zs]
         of_values = np.abs(model.reset_h[own, :n_h, :n_h]) @ size[hs] + np.abs(model.reset_0[own, :n_h])
         terms[hs] = (of_inputs + of_values).max(axis=0, initial=0.0)
     return terms
+
+
+def _laws(model: Model, modes: IntArray) -> Iterator[tuple[slice, slice, slice, Array, Array, Array]]:
+    """Of each element the places of its inputs, outputs and memory values, and its outputs on these and a one."""
+    for row, (begin, end) in zip((model.mode_first[:-1] + modes).tolist(), pairwise(model.first.tolist()), strict=True):
+        (zs, ws, hs), (n_z, n_w, n_h) = map(slice, begin, end), map(sub, end, begin)
+        yield zs, ws, hs, model.mode_wz[row, :n_w, :n_z], model.mode_wh[row, :n_w, :n_h], model.mode_w0[row, :n_w]
 
 
 def input_rows(hybrid: Hybrid, modes: IntArray) -> Array:
@@ -203,13 +207,10 @@ def input_rows(hybrid: Hybrid, modes: IntArray) -> Array:
     if not np.any(model.D):
         return on_y
     given = np.zeros((len(E), on_y.shape[1]))
-    for row, (begin, end) in zip((model.mode_first[:-1] + modes).tolist(), pairwise(model.first.tolist()), strict=True):
-        zs, ws = (slice(begin[k], end[k]) for k in (0, 1))
-        n_z, n_w, n_h = map(sub, end, begin)
-        from_input = model.mode_wz[row, :n_w, :n_z]
+    for zs, ws, hs, from_input, from_memory, constant in _laws(model, modes):
         given[ws] = from_input @ on_y[zs]
-        given[ws, n + begin[2] : n + end[2]] += model.mode_wh[row, :n_w, :n_h]
-        given[ws, -1] += model.mode_w0[row, :n_w]
+        given[ws, n + hs.start : n + hs.stop] += from_memory
+        given[ws, -1] += constant
         E[ws] -= from_input @ model.D[zs]
     return np.asarray(on_y + model.D @ np.linalg.solve(E, given))
 
@@ -220,13 +221,9 @@ def _inputs_and_outputs(hybrid: Hybrid, x: Array, H: Array, modes: IntArray) -> 
     z0 = model.C @ x + model.Kz @ H
     E, w = np.eye(model.B.shape[1]), np.zeros(model.B.shape[1])
     straight = bool(np.any(model.D))
-    rows = (model.mode_first[:-1] + modes).tolist()
-    places = pairwise(model.first.tolist())
-    for e, (row, (begin, end)) in enumerate(zip(rows, places, strict=True)):
-        zs, ws, hs = map(slice, begin, end)
-        n_z, n_w, n_h = map(sub, end, begin)
-        automaton, from_input = hybrid.automata[e], model.mode_wz[row, :n_w, :n_z]
-        w[ws] = from_input @ z0[zs] + model.mode_wh[row, :n_w, :n_h] @ H[hs] + model.mode_w0[row, :n_w]
+    for e, (zs, ws, hs, from_input, from_memory, constant) in enumerate(_laws(model, modes)):
+        automaton = hybrid.automata[e]
+        w[ws] = from_input @ z0[zs] + from_memory @ H[hs] + constant
         if automaton.smooth:
             w[ws] += automaton.modes[modes[e]].from_smooth @ automaton.smooth_at(z0[zs])
         if straight:
