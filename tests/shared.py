@@ -1,4 +1,4 @@
-"""Dear results that tests of several files look at, computed once in a process."""
+"""What tests of several files look at: dear results, computed once in a process, and loops."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ import pytest
 import eppanalysis as epp
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import click
     from matplotlib.figure import Figure
 
@@ -98,3 +100,30 @@ def draw_few(monkeypatch: pytest.MonkeyPatch) -> None:
         (sampling, "_TURNS", 6),
     ):  # fmt: skip
         monkeypatch.setattr(place, name, least)
+
+
+def conveyor(tmp_path: Path) -> epp.Case:
+    """A drive with two masses that rests unless it is struck."""
+    path = tmp_path / "conveyor.toml"
+    path.write_text(
+        """
+kind = "diagram"
+title = "Conveyor drive with two masses"
+connect = [
+  "setpoint - load -> pid", "pid - gear -> motor", "motor -> angle", "angle - load -> gear.twist",
+  "motor - load_speed -> gear.rate", "gear -> load_speed", "load_speed -> load",
+]
+inputs = { setpoint = "0 rad" }
+[blocks]
+pid = { kind = "pi", kp = "3 N*m/rad", ti = "0.5 s" }
+motor = { kind = "transfer_function", num = [1], den = [0.002, 0.05] }
+angle = { kind = "integrator" }
+load_speed = { kind = "transfer_function", num = [1], den = [0.006, 0.02] }
+load = { kind = "integrator" }
+[elements]
+gear = { element = "lock_pin", gap = "2 deg", stiffness = "50 N*m/rad", damping = "0.1 N*m*s/rad" }
+[run]
+t_end = "20 s"
+"""
+    )
+    return epp.read_case(path)

@@ -313,9 +313,14 @@ def other_sequence(inside: BranchPoint, outside: BranchPoint) -> tuple[BranchPoi
         if not regular(new):
             continue
         first = first or (new, turns_back)
-        same = turns_back == first[1] and _same_sequence(new.orbit, first[0].orbit)
-        if same and not astray(new, step(new, LEAST_STEP)):
-            return new, turns_back
+        if not _same_sequence(new.orbit, first[0].orbit):
+            continue
+        # Beside the border the side on which the new orbit was found is rounding: where a step is not true there, the
+        # branch goes to the other side.
+        for begun, back in ((new, turns_back), (replace(new, tangent=-new.tangent), not turns_back)):
+            led = step(begun, LEAST_STEP)
+            if led is not None and not astray(begun, led) and admissible(led):
+                return begun, back
     return first or (None, False)
 
 

@@ -5,6 +5,7 @@ integrator.
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,9 @@ import eppanalysis as epp
 from eppanalysis.methods.bounds.elasticity import exact_elasticities
 from eppanalysis.methods.bounds.harmonic import BoundProblem
 from eppanalysis.methods.continuation.result import SpecialPoint
+from tests.noise import noise
 from tests.reference.elbow_reference import DEG, nominal, simulate_reference
+from tests.shared import conveyor
 
 LIMIT, FRICTION = "lock_pin.backlash", 0.0526
 #: Where the elbow with its original pulley ceases to oscillate, at a profile range of 2.5 lbf [rad].
@@ -175,3 +178,15 @@ def test_a_branch_ends_where_a_loop_without_its_limit_has_cycles_of_all_sizes() 
     (end,) = branch.special
     assert end.kind == "continuum" and "continuum" in branch.ends[1]
     assert end.value == pytest.approx(scipy.optimize.brentq(growth_without_limits, 1.8, 2.4, xtol=1e-12), rel=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(5))
+def test_beyond_a_visit_that_vanishes_the_branch_goes_to_where_the_new_sequence_is_true(
+    tmp_path: Path, seed: int
+) -> None:
+    """On some processors it went back on itself: the side on which it went on was the sign of a rounding error."""
+    with noise(seed):
+        branch = epp.continue_branch(conveyor(tmp_path), "pid.kp", 3.0, 0.75)
+    assert branch.ends == ("begins at the end of the range", "leaves the range")
+    assert branch.points["value"].max() == pytest.approx(3.0) and not branch.missing
