@@ -15,7 +15,7 @@ from eppanalysis.readable import in_print
 from studies import STORED
 
 RESULT = STORED / "limits.md"
-HEADER = ("bounded", "at", "free of cycles", "DF", "harmonic balance", "exact", "tested at", "at rest")
+HEADER = ("bounded", "at", "free of cycles", "DF", "exact", "tested at", "at rest")
 BACKLASH, GAIN = "lock_pin.backlash", "bands.range"
 
 
@@ -64,10 +64,9 @@ def line(job: Job, cell: BoundCell) -> tuple[str, ...]:
     at = f"{job.over} {case.text(job.over, cell.value, 4)}"
     at += "".join(f", {name} {value}" for name, value in job.given.items())
     side = {1.0: "below", -1.0: "above"}[cell.sign] if cell.finding == "bound" else cell.finding
-    harmonic = text(cell.harmonic) + (f" (order {cell.order})" if cell.order else "")
     runs = str(cell.n_settled) if cell.verified else cell.message
     tested = f"± {100 * job.margin:g} %" if cell.n_runs else "–"
-    return (job.limit, at, side, text(cell.first_order), harmonic, text(on_the_safe_side(cell.exact)), tested, runs)
+    return (job.limit, at, side, text(cell.first_order), text(on_the_safe_side(cell.exact)), tested, runs)
 
 
 def cells(job: Job, starts: int = 1000) -> epp.DesignBounds:

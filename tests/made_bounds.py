@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import eppanalysis as epp
-from eppanalysis.methods.bounds import harmonic
+from eppanalysis.methods.bounds import balanced
 from eppanalysis.methods.bounds.result import BoundCell
 from eppanalysis.results.provenance import Provenance
 
@@ -18,12 +18,12 @@ def wheelchair() -> epp.Case:
     return epp.case("wheelchair").with_values({"loop.gain": 1.0, "play.gap": 0.012})
 
 
-_seek, _SEEN = harmonic._seen_at, {}
+_seek, _SEEN = balanced._seen_at, {}
 
 
-def seen_at(question: harmonic.Question, value: float) -> Any:
+def seen_at(question: balanced.BoundProblem, value: float) -> Any:
     """The cycles at a value, sought once for each loop and each search that a test puts in place of the package's."""
-    key = question.case_at(value).to_toml(), value, harmonic.find_limit_cycles
+    key = question.case_at(value).to_toml(), value, balanced.find_limit_cycles
     if key not in _SEEN:
         _SEEN[key] = _seek(question, value)
     return _SEEN[key]

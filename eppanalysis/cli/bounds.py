@@ -70,7 +70,7 @@ def bounds(
     manuals: Manuals = NO_FILES,
     step: Step = None,
 ) -> None:
-    """Bound a parameter over another one: exact folds, with first order beside them, tested on both sides."""
+    """Bound a parameter over another one: exact folds, tested on both sides, beside the describing function."""
     from eppanalysis.methods.bounds.design import design_bounds
     from eppanalysis.workers import cores
 
@@ -118,8 +118,6 @@ def bounds_columns(result: DesignBounds) -> Table:
         {
             result.over: c.value,
             "first_order": c.first_order,
-            "harmonic": c.harmonic,
-            "order": c.order,
             "exact": c.exact,
             **({"searched": c.searched, "values_asked": c.n_searched} if result.not_covered else {}),
             **({} if result.allowed is None else {"active": c.kind, "size": c.size}),
@@ -135,9 +133,7 @@ def bounds_columns(result: DesignBounds) -> Table:
         for c in result
     ]
     unit = result.units[result.limit]
-    units = dict.fromkeys(
-        ("first_order", "harmonic", "exact", "searched", "safe_value", "proved_free", "proved_cycle"), unit
-    )
+    units = dict.fromkeys(("first_order", "exact", "searched", "safe_value", "proved_free", "proved_cycle"), unit)
     units |= {} if result.allowed is None else {"size": result.allowed.unit}
     return Table.from_rows(rows, {**units, result.over: result.units[result.over], "frequency": "Hz"})
 

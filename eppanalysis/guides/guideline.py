@@ -18,8 +18,8 @@ from eppanalysis.arguments import check_counts
 from eppanalysis.cases import Case, as_case, variation_of
 from eppanalysis.errors import EppError
 from eppanalysis.guides.result import GAIN, LIMIT, Guide, GuideRow
+from eppanalysis.methods.bounds.balanced import BalancedSweep, BoundProblem, value_of
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch, design_bounds, range_within
-from eppanalysis.methods.bounds.harmonic import BoundProblem, HarmonicSweep, value_of
 from eppanalysis.methods.bounds.proved import with_proofs
 from eppanalysis.methods.bounds.regions import OwnRuns, own_runs, smallest_trigger
 from eppanalysis.methods.bounds.result import BoundCell
@@ -99,7 +99,7 @@ def design_guide(
         Of runs and draws: the same seed, the same numbers.
     branch : Branch, optional
         Exact cycles of this case over the limited parameter, where they are known already. The end of the branch is
-        then put to the test in place of a bound that harmonic balance finds, in a fraction of the time and without the
+        then put to the test in place of a bound that is searched for, in a fraction of the time and without the
         value of the describing function. Where the branch has no end, the bound is sought as without it. For the case's
         own gain only.
     prove : bool
@@ -264,7 +264,7 @@ class _Work:
         total = each * len(self.ranges) * len(combinations)
         # All variants share the programmes and the processes. The end of a branch that is known takes none.
         with worker_processes(self.workers if self.branch is None else 1) as pool:
-            sweep = HarmonicSweep(self.question(case), pool)
+            sweep = BalancedSweep(self.question(case), pool)
             for combination in combinations:
                 done = each * len(rows)
 
@@ -295,13 +295,13 @@ class _Work:
         return BoundProblem(in_own_states(case), self.limit, *range_within(case, self.limit, self.within))
 
     def rows(
-        self, case: Case, varied: tuple[str, ...], sweep: HarmonicSweep, advance: Progress
+        self, case: Case, varied: tuple[str, ...], sweep: BalancedSweep, advance: Progress
     ) -> tuple[list[tuple[GuideRow, _Beyond]], str]:
         """Rows of one variant, each with what is asked beyond its bound, and what they do not cover."""
         known = self._known(case)
         if known is not None:
             question, cell = known
-            row = self._row(case, varied, cell.value, cell, HarmonicSweep(question), partial(advance, 1, None))
+            row = self._row(case, varied, cell.value, cell, BalancedSweep(question), partial(advance, 1, None))
             advance(1, 1, "")
             return [row], ""
         # A margin on the gain asks for the bound of a loop whose gain is larger by it.
@@ -343,7 +343,7 @@ class _Work:
         varied: tuple[str, ...],
         gain: float,
         cell: BoundCell,
-        sweep: HarmonicSweep,
+        sweep: BalancedSweep,
         tell: Callable[[str], None],
     ) -> tuple[GuideRow, _Beyond]:
         within = sweep.question.low, sweep.question.high
@@ -377,7 +377,7 @@ class _Work:
         )
         return row, beyond
 
-    def _tolerance(self, case: Case, sweep: HarmonicSweep, tell: Callable[[str], None]) -> ToleranceBound | None:
+    def _tolerance(self, case: Case, sweep: BalancedSweep, tell: Callable[[str], None]) -> ToleranceBound | None:
         carried = any(p.tolerance for p in case.parameters.values())
         if self.tolerances is None and not carried:
             return None

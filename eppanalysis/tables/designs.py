@@ -33,12 +33,6 @@ def bounds_table(bounds: DesignBounds) -> Table:
         (with_unit("DF", y_unit), lambda c: cell(y * c.first_order)),
         ("", lambda c: signed_percent(c.first_order_error) + " unsafe" * c.first_order_unsafe),
     ]
-    if allowed is None:
-        columns += [
-            (with_unit("harmonic balance", y_unit), lambda c: cell(y * c.harmonic)),
-            ("", lambda c: signed_percent(c.harmonic_error)),
-            ("order", lambda c: str(c.order)),
-        ]
     if allowed is not None:
         size = f"{words(allowed.signal)} there"
         columns.append(("active", lambda c: c.kind or "-"))

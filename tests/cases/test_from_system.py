@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import eppanalysis as epp
-from eppanalysis.methods.bounds.harmonic import look
+from eppanalysis.methods.bounds.balanced import look
 from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.systems.signals import SignalMap
 from tests.shared import of_kind
@@ -167,7 +167,7 @@ FIRST = {"predict_limit_cycles", "find_limit_cycles", "simulate", "exact_orbit",
 def test_every_analysis_gives_the_same_of_a_case_and_of_its_loop(
     analysis: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("eppanalysis.methods.bounds.harmonic.look", partial(look, n_scan=2))
+    monkeypatch.setattr("eppanalysis.methods.bounds.balanced.look", partial(look, n_scan=2))
     loop = loop_of_a_relay()
     case = epp.Case.from_system(loop)
     assert plain(ANALYSES[analysis](loop)) == plain(ANALYSES[analysis](case))

@@ -23,8 +23,8 @@ from eppanalysis.guides.files import FILES
 from eppanalysis.guides.manual import limit_grid
 from eppanalysis.guides.result import Guide, GuideRow, Region
 from eppanalysis.limits import cut
+from eppanalysis.methods.bounds.balanced import BoundProblem, look
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch
-from eppanalysis.methods.bounds.harmonic import BoundProblem, look
 from eppanalysis.methods.bounds.regions import OwnRuns
 from eppanalysis.methods.bounds.result import BoundCell
 from eppanalysis.methods.bounds.tolerances.bound import half_widths_of
@@ -300,7 +300,7 @@ def test_a_package_that_an_ending_needs_is_missed_before_anything_is_computed(
 
 def test_bounds_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     cells = (
-        BoundCell(2 * LBF, "bound", first_order=0.011, harmonic=0.0136, order=9, exact=0.0135, n_runs=9, n_settled=9,
+        BoundCell(2 * LBF, "bound", first_order=0.011, exact=0.0135, n_runs=9, n_settled=9,
                   safe_value=0.0134, other_value=0.0136, verified=True),
         BoundCell(3 * LBF, "none", message="No limit cycle exists anywhere in the range."),
     )  # fmt: skip
@@ -410,7 +410,7 @@ def test_the_picture_of_several_variants_has_the_grid_and_what_is_known_of_it() 
 
 @pytest.mark.slow
 def test_a_question_without_a_bound_gets_a_sentence_and_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("eppanalysis.methods.bounds.harmonic.look", partial(look, n_scan=2))
+    monkeypatch.setattr("eppanalysis.methods.bounds.balanced.look", partial(look, n_scan=2))
     asked = ["--set", "loop.gain=1", "--over", "loop.gain", "--from", "0.8", "--limit", "play.gap", "--points", "1"]
     shown = CliRunner().invoke(app, ["bounds", "backlash_servo", *asked, "--workers", "1", "--json"])
     assert shown.exit_code == 0, shown.output
@@ -421,7 +421,7 @@ def test_a_question_without_a_bound_gets_a_sentence_and_no_failure(monkeypatch: 
 
 def test_bounds_that_were_not_to_be_tested_are_said_to_be_so_once() -> None:
     case = epp.case("fig8a_original")
-    cell = BoundCell(2.5 * LBF, "bound", exact=0.98 * DEGREE, harmonic=0.98 * DEGREE, message="Not verified.")
+    cell = BoundCell(2.5 * LBF, "bound", exact=0.98 * DEGREE, message="Not verified.")
     found = bounds_of(case, "bands.range", "lock_pin.backlash", cell)
     said = list(bounds_sentences(case, found))
     assert "No bound was tested (--no-verify)." in said and not any("verified" in text for text in said)
@@ -430,7 +430,7 @@ def test_bounds_that_were_not_to_be_tested_are_said_to_be_so_once() -> None:
 def test_a_row_without_a_bound_under_tolerances_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """As with a soft cable, whose corners of the tolerances cannot all be reached."""
     case = epp.case("fig8a_original")
-    cell = BoundCell(2.5 * LBF, "bound", exact=0.98 * DEGREE, harmonic=0.98 * DEGREE, verified=True)
+    cell = BoundCell(2.5 * LBF, "bound", exact=0.98 * DEGREE, verified=True)
     found = bounds_of(case, "bands.range", "lock_pin.backlash", cell)
 
     def fails(*_: object, **__: object) -> None:

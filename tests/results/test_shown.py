@@ -154,7 +154,7 @@ def frozen() -> epp.FrozenLoop:
 def made_bounds(case: epp.Case) -> epp.DesignBounds:
     gains = (9.0, 12.0)
     cells = [
-        BoundCell(value=gain, finding=Finding.BOUND, first_order=0.02, harmonic=0.015, exact=bound, verified=True)
+        BoundCell(value=gain, finding=Finding.BOUND, first_order=0.02, exact=bound, verified=True)
         for gain, bound in zip(gains, (0.012, 0.0151), strict=True)
     ]
     return bounds_of(case, "bands.range", "lock_pin.backlash", *cells)

@@ -8,8 +8,8 @@ import re
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.methods.bounds.balanced import BoundProblem
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch
-from eppanalysis.methods.bounds.harmonic import BoundProblem
 from studies import STORED
 from studies.advice import (
     ADVICE,

@@ -1,7 +1,7 @@
 """Bounds of a design: how far one parameter may go at each value of another before any limit cycle exists.
 
-Each bound is found by harmonic balance (first order, and the order at which it ceases to change), corrected to the
-exact fold, put to the test on both sides, and comes with its elasticities. The parts are in ``harmonic`` (search and
+Each bound is found by describing functions, corrected to the exact fold, put to the test on both sides, and comes with
+its elasticities. The parts are in ``harmonic`` (search and
 sweep), ``fold`` (the nonlinear programme), ``equations`` (its equations), ``exact``, ``verify`` and ``elasticity``.
 Where a size of cycles is allowed, exact orbits alone are asked (``sizes``), of a sampled loop ``searched``.
 """
@@ -19,10 +19,9 @@ import numpy as np
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import ArgumentError, EppError
 from eppanalysis.limits import MARGIN
-from eppanalysis.methods.bounds.elasticity import elasticities, exact_elasticities, size_elasticities
-from eppanalysis.methods.bounds.exact import ExactBound, correct, farthest_turn, searched, turn_of
-from eppanalysis.methods.bounds.fold import Cycle
-from eppanalysis.methods.bounds.harmonic import BoundProblem, HarmonicBound, HarmonicSweep, value_of
+from eppanalysis.methods.bounds.balanced import BalancedBound, BalancedSweep, BoundProblem, value_of
+from eppanalysis.methods.bounds.elasticity import exact_elasticities, size_elasticities
+from eppanalysis.methods.bounds.exact import ExactBound, farthest_turn, of_balance, searched, turn_of
 from eppanalysis.methods.bounds.proved import with_proofs
 from eppanalysis.methods.bounds.result import UNTESTED, BoundCell, DesignBounds, Finding, Turn
 from eppanalysis.methods.bounds.searched import SearchedProblem, searched_cell, why_by_search
@@ -44,7 +43,7 @@ _WITHIN, _RUN = (0.05, 2.0), (0.4, 2.0)
 _SEED = 20050901
 _MOST_FAMILIES = 3
 _SLOW = " Near the bound a cycle that has vanished decays slowly; a larger margin leaves it room."
-#: What harmonic balance may find of a cell that exact orbits are asked about.
+#: What describing functions may find of a cell that exact orbits are asked about.
 _CORRECTED = (Finding.BOUND, Finding.BEYOND, Finding.FAILED)
 
 
@@ -79,7 +78,7 @@ def design_bounds(
     seed: int = _SEED,
     prove: bool = False,
     workers: int = 1,
-    sweep: HarmonicSweep | None = None,
+    sweep: BalancedSweep | None = None,
     progress: Progress | None = None,
 ) -> DesignBounds:
     """The bound on one parameter of a case at each of a row of values of another.
@@ -124,7 +123,7 @@ def design_bounds(
     workers : int
         Processes that correct and test; results do not depend on their number. More than one needs a script that is
         guarded by ``if __name__ == "__main__"``.
-    sweep : HarmonicSweep, optional
+    sweep : BalancedSweep, optional
         An earlier sweep of the same case, whose compiled programs and processes are used again; a new one by default.
     progress : callable, optional
         Called with the number of cells done, the number of all cells, and an empty text.
@@ -169,7 +168,7 @@ def design_bounds(
     low, high = range_within(case, limit, within)
     _check_pair(case, over, values[0], limit, high)
     question = BoundProblem(in_own_states(case), limit, low, high, over)
-    sweep = sweep or HarmonicSweep(question)
+    sweep = sweep or BalancedSweep(question)
     sweep.turn_to(question)
     settings = Settings(exact, verify and exact, margin, starts, seed, allowed)
     why = why_by_search(case.to_system())
@@ -298,9 +297,9 @@ def _check_pair(case: CaseLike, over: str, value: float, limit: str, end: float)
 
 
 def _cells(
-    sweep: HarmonicSweep, values: Sequence[float], settings: Settings, progress: Progress | None
+    sweep: BalancedSweep, values: Sequence[float], settings: Settings, progress: Progress | None
 ) -> list[BoundCell]:
-    """All cells: harmonic balance one after another, correction and tests as they come, on all workers."""
+    """All cells: describing functions one after another, correction and tests as they come, on all workers."""
     cells: list[BoundCell | None] = [None] * len(values)
     waiting: dict[int, tuple[BoundCell, Future[_Checked]]] = {}
     done = 0
@@ -315,15 +314,11 @@ def _cells(
     # The sweep itself runs in this process, so one of the workers' places is taken for part of the time.
     for i, value in enumerate(values):
         here, bound = sweep.bound(value)
-        cell = _from_harmonic(value, bound)
-        if bound.fold is not None and not bound.fold.at_end:
-            slopes = Deferred(partial(elasticities, here, sweep.programmes, bound.fold))
-            cell = replace(cell, harmonic_elasticities=slopes)
+        cell = _from_balance(value, bound)
         if not settings.exact or bound.finding not in _CORRECTED:
             finish(i, cell, None)
             continue
-        near = bound.fold.cycle if bound.fold is not None and bound.finding is Finding.BOUND else None
-        job = (here, near, bound.sign, settings)
+        job = (here, bound, settings)
         if sweep.pool is None:
             finish(i, cell, _check(*job))
         else:
@@ -376,14 +371,16 @@ class _Checked:
     elasticities: Mapping[str, float]
 
 
-def _check(question: BoundProblem, near: Cycle | None, sign: float, settings: Settings) -> _Checked:
+def _check(question: BoundProblem, bound: BalancedBound, settings: Settings) -> _Checked:
     """Correct and test one bound; what fails is said in its cell and does not end the sweep."""
+    sign = bound.sign
+    near = bound.fold.cycle.value if bound.fold is not None and bound.finding is Finding.BOUND else None
     try:
-        found = ExactBound() if near is None else correct(question, near, sign)
-        # Harmonic balance may be off by more than a branch is followed, or see no cycle at all, as with hunting.
+        found = ExactBound() if near is None else of_balance(question, bound)
+        # Describing functions may see no cycle at all, as with hunting.
         if found.cycle is None:
             end = question.low if sign > 0 else question.high
-            other = searched(question, end if near is None else near.value, sign)
+            other = searched(question, end if near is None else near, sign)
             found = other if other.cycle is not None or other.kind or near is None else found
         return checked_bound(question, found, sign, settings)
     except (EppError, np.linalg.LinAlgError) as error:
@@ -393,7 +390,7 @@ def _check(question: BoundProblem, near: Cycle | None, sign: float, settings: Se
 def bound_of_branch(question: BoundProblem, value: float, branch: Branch, settings: Settings) -> BoundCell | None:
     """The bound at the end of a branch of exact cycles that is known already, tested like any other.
 
-    It takes no search by harmonic balance, and holds no value of it and none of first order. Other families of cycles
+    It takes no describing functions, and holds no value of them. Other families of cycles
     are found by the tests, as everywhere.
 
     Parameters
@@ -462,19 +459,15 @@ def _elasticities(question: BoundProblem, found: ExactBound, allowed: Allowed | 
     return exact_elasticities(question, point) if found.is_solved else {}
 
 
-def _from_harmonic(value: float, bound: HarmonicBound) -> BoundCell:
-    """A cell with what harmonic balance says; where its cycles go on to the end of the range, it says no value."""
-    beyond = bound.finding is Finding.BEYOND
-    first_beyond = bound.first_fold is not None and bound.first_fold.at_end
+def _from_balance(value: float, bound: BalancedBound) -> BoundCell:
+    """A cell with what describing functions say; where their cycles go on to the end of the range, they say none."""
+    fold = bound.fold
     return BoundCell(
         value=value,
         finding=bound.finding,
         sign=bound.sign,
-        first_order=float("nan") if first_beyond else bound.first_order,
-        harmonic=float("nan") if beyond else bound.value,
-        order=0 if beyond else bound.order,
-        error_estimate=float("nan") if beyond else bound.error_estimate,
-        frequency=bound.fold.cycle.omega / (2.0 * np.pi) if bound.fold is not None else float("nan"),
+        first_order=float("nan") if fold is None or fold.at_end else fold.cycle.value,
+        frequency=float("nan") if fold is None else fold.cycle.omega / (2.0 * np.pi),
         message=" ".join(t for t in (bound.finding.sentence, bound.message) if t),
     )
 
@@ -484,7 +477,7 @@ def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
     bound, test = checked.bound, checked.verification
     if bound.kind == Turn.END:
         return replace(cell, finding=Finding.BEYOND, message=Finding.BEYOND.sentence)
-    # What harmonic balance knows besides, of cycles beyond the bound, say, holds whatever the tests give.
+    # What describing functions know besides, of cycles beyond the bound, say, holds whatever the tests give.
     note = cell.message.removeprefix(cell.finding.sentence).strip()
     if bound.cycle is None:
         why = bound.message.removesuffix(".")
@@ -492,7 +485,7 @@ def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
             return replace(cell, message=f"{cell.message} Tried: {why}.")
         return replace(cell, message=f"{note} Not corrected: {why}. Not verified.".strip())
     if cell.finding is not Finding.BOUND:
-        # Harmonic balance saw the family go on to the end of the range, or saw nothing.
+        # Describing functions saw the family go on to the end of the range, or saw nothing.
         cell = replace(cell, finding=Finding.BOUND)
     cell = replace(
         cell,

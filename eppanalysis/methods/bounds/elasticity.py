@@ -21,8 +21,8 @@ from dataclasses import replace
 import numpy as np
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.balanced import BoundProblem, steady_loop
 from eppanalysis.methods.bounds.fold import Fold, Programmes
-from eppanalysis.methods.bounds.harmonic import BoundProblem, steady_loop
 from eppanalysis.methods.bounds.numbers import Plan, gather
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.continuation.families import slope_of
@@ -58,22 +58,6 @@ def parameters_of(question: BoundProblem) -> list[str]:
     return found
 
 
-def elasticities(question: BoundProblem, programmes: Programmes, fold: Fold) -> dict[str, float]:
-    """Elasticity of the bound of a fold by every parameter; nan where a parameter changes the structure of the loop.
-
-    Parameters
-    ----------
-    question : Question
-        At one value of the parameter that runs.
-    programmes : Programmes
-        Those of the fold.
-    """
-    value = question.case.value
-    sizes = {name: abs(value(name)) for name in parameters_of(question)}
-    slopes = harmonic_slopes(question, programmes, fold, sizes)
-    return {name: slope * value(name) / fold.cycle.value for name, slope in slopes.items()}
-
-
 def harmonic_slopes(
     question: BoundProblem, programmes: Programmes, fold: Fold, sizes: Mapping[str, float]
 ) -> dict[str, float]:
@@ -81,8 +65,10 @@ def harmonic_slopes(
 
     Parameters
     ----------
-    question, programmes, fold
-        As for :func:`elasticities`.
+    question : Question
+        At one value of the parameter that runs.
+    programmes : Programmes
+        Those of the fold.
     sizes : mapping of str to float
         The parameters, and what counts as a large change of each [SI].
     """

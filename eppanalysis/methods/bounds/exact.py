@@ -1,25 +1,26 @@
-"""From the bound by harmonic balance to the exact one: the fold of the branch of exact orbits nearest to it.
+"""From the bound by describing functions to the exact one: the fold of the branch of exact orbits.
 
-A cycle of the balance a little inside the bound gives the first exact orbit, from there the branch is followed to where
-it turns back. Branches also turn back where the orbit ceases to visit a mode, with a border collision in place of a
-smooth fold; both end the family and count, and both are solved for exactly. Where no orbit is found that continues a
-branch (a cycle that ceases to stick and goes on without any switch), the family is known up to there: that is the bound
-of exact orbits, and the tests on both sides say whether it bounds anything.
+A cycle of the balance a little inside the bound gives the first exact orbit, else one far inside, where the balance is
+nearest to the truth; from there the branch is followed to where it turns back. Branches also turn back where the orbit
+ceases to visit a mode, with a border collision in place of a smooth fold; both end the family and count, and both are
+solved for exactly. Where no orbit is found that continues a branch (a cycle that ceases to stick and goes on without
+any switch), the family is known up to there: that is the bound of exact orbits, and the tests on both sides say whether
+it bounds anything.
 
-Harmonic balance is off by a per cent or so in the waveform. Along a parameter to which the cycles hardly react this may
-be more than the whole range; there exact orbits are searched for, farther and farther from where it put the bound.
+Where neither leads to an orbit, exact orbits are searched for, farther and farther from where the balance put it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.balanced import BalancedBound, BoundProblem, spread, steady_loop
 from eppanalysis.methods.bounds.fold import Cycle, balanced
-from eppanalysis.methods.bounds.harmonic import BoundProblem, spread, steady_loop
 from eppanalysis.methods.bounds.numbers import ParametricModel
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.continuation.branch import continue_branch
@@ -31,7 +32,7 @@ from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.steady.changes import Change
 from eppanalysis.results import LimitCycle
 
-#: How far inside the harmonic bound an orbit is sought, relative to it, and how far beyond the branch is followed.
+#: How far inside a bound an orbit is sought, relative to it, and how far beyond the branch is followed.
 _INSIDE = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
 _OUTSIDE = 0.25
 #: Where families of cycles end, and what that is to a bound; with an infinite period a cycle is born as at a fold.
@@ -45,7 +46,7 @@ BORN = {
 _ENDS = {**BORN, Change.END: Turn.BREAK}
 #: Where an orbit is looked for beyond such a place with a kink, relative to its value, and how often.
 _BEYOND, _MOST_COLLISIONS = (2e-4, 1e-3, 4e-3), 6
-#: Values from a bound by harmonic balance to the far end of the range at which exact orbits are searched for.
+#: Values from a bound of the balance to the far end of the range at which exact orbits are searched for.
 _N_SEARCHED = 7
 
 
@@ -67,26 +68,32 @@ class ExactBound:
         return self.point is not None and not (at_border and self.point.arc is None)
 
 
-def correct(question: BoundProblem, near: Cycle, sign: float) -> ExactBound:
-    """The exact bound near a bound by harmonic balance.
+#: Cycles near an exact orbit at a value of the limiting parameter.
+Seeds = Callable[[float], Iterable[LimitCycle]]
+
+
+def correct(question: BoundProblem, near: float, seeds: Seeds, sign: float) -> ExactBound:
+    """The exact bound near a value.
 
     Parameters
     ----------
     question : Question
         At one value of the parameter that runs.
-    near : Cycle
-        The cycle of harmonic balance at its bound.
+    near : float
+        Where the bound is about [SI].
+    seeds : callable
+        The cycles near which an exact orbit may be at a value inside.
     sign : {1, -1}
         1 where the cycles lie above the bound.
     """
-    message = "no exact orbit was found near the cycles of harmonic balance"
+    message = "no exact orbit was found near the cycles of the describing function"
     # At the bound two orbits meet and Newton's matrix is singular, so the first orbit is closed some way inside.
     for share in _INSIDE:
-        inside = near.value * (1.0 + sign * share)
+        inside = near * (1.0 + sign * share)
         if not question.low <= inside <= question.high:
             continue
-        stop = float(np.clip(near.value * (1.0 - sign * _OUTSIDE), question.low, question.high))
-        for start in _cycles_inside(question, near, inside):
+        stop = float(np.clip(near * (1.0 - sign * _OUTSIDE), question.low, question.high))
+        for start in seeds(inside):
             branch = _branch(question, inside, stop, start)
             if branch is None:
                 continue
@@ -97,6 +104,17 @@ def correct(question: BoundProblem, near: Cycle, sign: float) -> ExactBound:
     return ExactBound(message=message)
 
 
+def of_balance(question: BoundProblem, bound: BalancedBound) -> ExactBound:
+    """The exact bound to which the cycles of describing functions lead: near their bound, else from far inside."""
+    assert bound.fold is not None
+    near = bound.fold.cycle
+    found = correct(question, near.value, lambda value: _cycles_inside(question, near, value), bound.sign)
+    if found.cycle is None:
+        far = [farthest_turn(question, c.value, _as_cycle(question, c), bound.sign) for c in bound.far]
+        found = min((t for t in far if t is not None), key=lambda t: bound.sign * t.value, default=found)
+    return found
+
+
 def searched(question: BoundProblem, near: float, sign: float) -> ExactBound:
     """The exact bound of the cycles that the exact search finds next to a value, on the side that has cycles.
 
@@ -105,7 +123,7 @@ def searched(question: BoundProblem, near: float, sign: float) -> ExactBound:
     question : Question
         At one value of the parameter that runs.
     near : float
-        The bound by harmonic balance, or where else the search is to begin [SI].
+        The bound by describing functions, or where else the search is to begin [SI].
     sign : {1, -1}
         1 where the cycles lie above the bound.
     """
@@ -192,16 +210,19 @@ def _last_turn(
 
 
 def _cycles_inside(question: BoundProblem, near: Cycle, value: float) -> Iterator[LimitCycle]:
-    """Cycles of harmonic balance at a value inside the bound, carried there from the bound at once, else in steps."""
-    numbers: ParametricModel = question.numbers()
+    """Cycles of the balance at a value inside its bound, carried there from the bound at once, else in steps."""
+    numbers = question.numbers()
     here = _carried(numbers, near, [value]) or _carried(numbers, near, np.geomspace(near.value, value, 4)[1:].tolist())
     if here is None or here.value != value:
         # What does not balance may still be near enough to the exact orbit.
         here = Cycle(value, *((near.Z, near.omega) if here is None else (here.Z, here.omega)))
-    try:
-        yield cycle_of(steady_loop(question.case_at(value)), here.Z, here.omega)
-    except Unsettled:
-        return
+    yield from _as_cycle(question, here)
+
+
+def _as_cycle(question: BoundProblem, cycle: Cycle) -> Iterator[LimitCycle]:
+    """A cycle of the balance as that of the loop; none where the elements' answer to it does not settle."""
+    with suppress(Unsettled):
+        yield cycle_of(steady_loop(question.case_at(cycle.value)), cycle.Z, cycle.omega)
 
 
 def _carried(numbers: ParametricModel, near: Cycle, values: Iterable[float]) -> Cycle | None:

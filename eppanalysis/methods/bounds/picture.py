@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,11 +13,9 @@ from eppanalysis.methods.bounds.result import DesignBounds, Finding, Turn
 from eppanalysis.plotting import (
     BLUE,
     DARK_ORANGE,
-    DARK_SKY,
     GREEN,
     GREY,
     ORANGE,
-    SKY,
     SMALL,
     VERMILLION,
     lines_of,
@@ -44,7 +41,7 @@ _WITHOUT = {
 
 
 def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
-    """The boundary over the parameter that runs: first order, harmonic balance, exact, and the simulated tests.
+    """The boundary over the parameter that runs: describing functions, exact, and the simulated tests.
 
     Filled circles are places at which every run came to rest and the search found no cycle; diamonds are exact orbits
     on the other side. Open circles mark tests that failed. What bounds of a sampled loop do not cover stands below.
@@ -68,7 +65,7 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
         _draw_ranges(ax, x, y_factor, bounds)
         put_legend(ax)
         return figure
-    _draw_approximate(ax, x, over, y_factor, bounds)
+    _draw_first_order(ax, over, y_factor, bounds)
     _draw_best(ax, x, y_factor, bounds)
     _draw_tests(ax, x, y_factor, bounds)
     _draw_proofs(ax, x, y_factor, bounds)
@@ -93,19 +90,11 @@ def _draw_ranges(ax: Axes, x: np.ndarray, y_factor: float, bounds: DesignBounds)
         ax.set_xlim(x[0] - 0.05 * (abs(x[0]) or 1.0), x[0] + 0.05 * (abs(x[0]) or 1.0))
 
 
-def _draw_approximate(ax: Axes, x: np.ndarray, over: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:
-    """The lines of first order and of harmonic balance."""
-    for name, text, colour, style in (
-        ("first_order", "DF", DARK_ORANGE, ":"),
-        ("harmonic", "harmonic balance", DARK_SKY, "--"),
-    ):
-        if not np.any(np.isfinite(bounds.array(name))) and (bounds.allowed is not None or bounds.not_covered):
-            continue  # a higher harmonic balance is not asked for sizes, none of a sampled loop
-        values = np.broadcast_to(y_factor * bounds.array(name), over.shape)
-        ax.plot(over, values, style, color=colour, linewidth=1.6, label=text)
-        if name == "harmonic":  # which mostly lies under the exact bound, whose points stand within its rings
-            rings: dict[str, Any] = {"color": colour, "markersize": 11, "markerfacecolor": "none"}
-            ax.plot(x, y_factor * bounds.array(name), f"o{style}", **rings, linewidth=1.6, label=text)
+def _draw_first_order(ax: Axes, over: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:
+    """The line of describing functions."""
+    if np.any(np.isfinite(bounds.array("first_order"))) or (bounds.allowed is None and not bounds.not_covered):
+        values = np.broadcast_to(y_factor * bounds.array("first_order"), over.shape)
+        ax.plot(over, values, ":", color=DARK_ORANGE, linewidth=1.6, label="DF")
 
 
 def _draw_tests(ax: Axes, x: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:
@@ -170,39 +159,17 @@ def plot_tornado(bounds: DesignBounds, cell: int = 0, ax: Axes | None = None) ->
         If the cell has no elasticities.
     """
     chosen = bounds[cell]
-    known = chosen.elasticities or chosen.harmonic_elasticities
-    if not known:
+    if not chosen.elasticities:
         raise EppError(f"{bounds.case}: the bound of cell {cell} has no elasticities; expected a corrected bound.")
     unit, factor = bounds.readable[bounds.over]
     where = f"{words(bounds.over)} {number(factor * chosen.value)} {unit}".rstrip()
-    return tornado({"exact": known, "harmonic balance": chosen.harmonic_elasticities}, bounds.limit, where, ax)
-
-
-def tornado(elasticities: Mapping[str, Mapping[str, float]], limit: str, where: str, ax: Axes | None = None) -> Figure:
-    """Bars of elasticities by method.
-
-    Parameters
-    ----------
-    elasticities : mapping of str to mapping
-        By method and parameter; the first method orders the bars.
-    limit : str
-        The parameter that is bounded.
-    where : str
-        Operating point, in words.
-    ax : matplotlib.axes.Axes, optional
-        Where to draw; a figure of its own by default.
-    """
-    first, *_ = elasticities.values()
-    names = [n for n, v in first.items() if np.isfinite(v) and abs(v) > _SMALLEST_BAR]
-    names = sorted(names, key=lambda n: abs(first[n]))[-_MOST_BARS:]
+    names = [n for n, v in chosen.elasticities.items() if np.isfinite(v) and abs(v) > _SMALLEST_BAR]
+    names = sorted(names, key=lambda n: abs(chosen.elasticities[n]))[-_MOST_BARS:]
     figure, ax = place_of(ax, 1.1 + 0.3 * len(names))
-    height = 0.8 / len(elasticities)
-    for (method, values), colour, i in zip(elasticities.items(), (BLUE, SKY, ORANGE), range(3), strict=False):
-        places = np.arange(len(names)) + (0.5 * (len(elasticities) - 1) - i) * height
-        ax.barh(places, [values.get(n, 0.0) for n in names], height, color=colour, label=method)
+    ax.barh(np.arange(len(names)), [chosen.elasticities[n] for n in names], 0.8, color=BLUE)
     ax.set_yticks(np.arange(len(names)), [words(n) for n in names], fontsize=SMALL)
     ax.axvline(0.0, color=GREY, linewidth=0.8)
-    ax.set_xlabel("\n".join(lines_of(f"elasticity of the bound on {words(limit)} [% for 1 %], at {where}", _LETTERS)))
+    text = f"elasticity of the bound on {words(bounds.limit)} [% for 1 %], at {where}"
+    ax.set_xlabel("\n".join(lines_of(text, _LETTERS)))
     ax.spines[["top", "right"]].set_visible(False)
-    put_legend(ax)
     return figure

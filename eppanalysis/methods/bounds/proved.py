@@ -17,7 +17,7 @@ from eppanalysis.methods.certificates.orbits.certify import proof_of_orbit
 from eppanalysis.methods.search.find import find_limit_cycles
 
 if TYPE_CHECKING:
-    from eppanalysis.methods.bounds.harmonic import BoundProblem
+    from eppanalysis.methods.bounds.balanced import BoundProblem
     from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
     from eppanalysis.methods.certificates.result import Certificate
     from eppanalysis.results import LimitCycle

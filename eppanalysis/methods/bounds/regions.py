@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.harmonic import BoundProblem, spread
+from eppanalysis.methods.bounds.balanced import BoundProblem, spread
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.trigger import Trigger, trigger

@@ -97,7 +97,7 @@ class Known(StrEnum):
     TESTED = "exact and tested"
     EXACT = "exact, not tested"
     SEARCHED = "found by search"
-    BALANCED = "harmonic balance alone"
+    BALANCED = "describing function alone"
     NONE = "no bound"
 
 
@@ -173,14 +173,11 @@ class BoundCell(Brief):
         That there is a bound, or why there is none.
     sign : float
         1: the design is free of limit cycles below the bound; -1: above it.
-    first_order, harmonic, exact : float
-        The bound by describing functions, by harmonic balance of order `order`, and exactly [SI]; nan where unknown,
-        or where its cycles go on to the end of the range.
+    first_order, exact : float
+        The bound by describing functions, and exactly [SI]; nan where unknown, or where its cycles go on to the end of
+        the range.
     searched : float
         The bound of a sampled loop, by the search for limit cycles: the last value at which it finds none [SI].
-    order : int
-    error_estimate : float
-        Largest relative difference of the harmonic bound from those of the orders from half of it on.
     kind : Turn
         Fold or border collision of the branch of exact orbits, or where no orbit was found that continues it; where a
         size is allowed also that the cycle reaches it, or becomes stable.
@@ -199,9 +196,8 @@ class BoundCell(Brief):
         No limit cycle on the safe side, an exact orbit on the other.
     orbit, other_orbit : LimitCycle or None
         The exact orbit at the bound, and on the other side.
-    elasticities, harmonic_elasticities : mapping of str to float
-        Relative change of the exact bound, and of the harmonic one, for a relative change of each parameter; computed
-        when they are looked at.
+    elasticities : mapping of str to float
+        Relative change of the exact bound for a relative change of each parameter; computed when they are looked at.
     message : str
         What is missing, or why there is no bound.
     proved : ProvedSides or None
@@ -212,9 +208,6 @@ class BoundCell(Brief):
     finding: Finding
     sign: float = 1.0
     first_order: float = _NAN
-    harmonic: float = _NAN
-    order: int = 0
-    error_estimate: float = _NAN
     exact: float = _NAN
     kind: Turn = Turn.UNKNOWN
     frequency: float = _NAN
@@ -227,7 +220,6 @@ class BoundCell(Brief):
     orbit: LimitCycle | None = None
     other_orbit: LimitCycle | None = None
     elasticities: Mapping[str, float] = field(default_factory=dict)
-    harmonic_elasticities: Mapping[str, float] = field(default_factory=dict)
     message: str = ""
     size: float = _NAN
     searched: float = _NAN
@@ -235,10 +227,9 @@ class BoundCell(Brief):
     proved: ProvedSides | None = None
 
     in_json = (
-        "value finding sign first_order harmonic order error_estimate exact searched kind size frequency bound "
-        "first_order_error harmonic_error first_order_unsafe safe_value other_value n_searched n_runs n_settled "
-        "n_cycles verified proved elasticities harmonic_elasticities message orbit=_orbit "
-        "other_orbit=_other_orbit"
+        "value finding sign first_order exact searched kind size frequency bound "
+        "first_order_error first_order_unsafe safe_value other_value n_searched n_runs n_settled n_cycles verified "
+        "proved elasticities message orbit=_orbit other_orbit=_other_orbit"
     )
 
     def __post_init__(self) -> None:
@@ -247,17 +238,17 @@ class BoundCell(Brief):
 
     @property
     def bound(self) -> float:
-        """The best value that is known: exact, else by search, else by harmonic balance; nan where there is none, or
-        where the tests found limit cycles on its safe side: it bounds nothing.
+        """The best value that is known: exact, else by search, else by describing functions; nan where there is none,
+        or where the tests found limit cycles on its safe side: it bounds nothing.
         """
         if self.finding is not Finding.BOUND or self.n_cycles:
             return _NAN
-        return next((v for v in (self.exact, self.searched) if math.isfinite(v)), self.harmonic)
+        return next((v for v in (self.exact, self.searched) if math.isfinite(v)), self.first_order)
 
     @property
     def printed(self) -> Limit:
         """The bound as a limit that is printed: where it was tested, and where it is."""
-        how = {Known.BALANCED: "by harmonic balance", Known.SEARCHED: "by search"}.get(self.known, "exact")
+        how = {Known.BALANCED: "by describing functions", Known.SEARCHED: "by search"}.get(self.known, "exact")
         return Limit(self.bound, self.sign < 0, self.safe_value, how)
 
     @property
@@ -275,11 +266,6 @@ class BoundCell(Brief):
     def first_order_error(self) -> float:
         """Relative difference of the first-order bound from the best one."""
         return self.first_order / self.bound - 1.0
-
-    @property
-    def harmonic_error(self) -> float:
-        """Relative difference of the harmonic bound from the exact one."""
-        return self.harmonic / self.exact - 1.0
 
     @property
     def first_order_unsafe(self) -> bool:
@@ -386,10 +372,9 @@ class DesignBounds(Listing[BoundCell]):
         unit = self.units[self.limit]
         columns: dict[str, Any] = {
             name: (self.over, self.array(name), {"units": unit})
-            for name in ("first_order", "harmonic", "exact", "searched", "bound", "safe_value", "other_value")
+            for name in ("first_order", "exact", "searched", "bound", "safe_value", "other_value")
         }
         columns |= {
-            "order": (self.over, np.array([c.order for c in self.cells])),
             "frequency": (self.over, self.array("frequency"), {"units": "Hz"}),
             "verified": (self.over, np.array([c.verified for c in self.cells])),
             **{name: (self.over, at, {"units": unit}) for name, at in self._proved().items()},
@@ -486,7 +471,7 @@ class DesignBounds(Listing[BoundCell]):
 
     def to_frame(self) -> pandas.DataFrame:
         """The bounds, one a row [SI]."""
-        names = ("first_order", "harmonic", *["searched" if self.not_covered else "exact"], "bound")
+        names = ("first_order", *["searched" if self.not_covered else "exact"], "bound")
         proved = self._proved()
         rows = [
             {
@@ -521,7 +506,7 @@ class DesignBounds(Listing[BoundCell]):
 
     @checked
     def plot(self, ax: Axes | None = None) -> Axes:
-        """The boundary: describing function, harmonic balance, exact, and where runs confirmed it."""
+        """The boundary: describing function, exact, and where runs confirmed it."""
         return self.drawn("plot_bounds", ax)
 
     @checked

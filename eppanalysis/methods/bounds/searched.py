@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.methods.bounds.harmonic import BoundProblem, idle
+from eppanalysis.methods.bounds.balanced import BoundProblem, idle
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import tried_values, without_bound

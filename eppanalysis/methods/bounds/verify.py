@@ -19,7 +19,7 @@ import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import ArgumentError
-from eppanalysis.methods.bounds.harmonic import BoundProblem
+from eppanalysis.methods.bounds.balanced import BoundProblem
 from eppanalysis.methods.bounds.sizes.allowed import Allowed, Measure
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid

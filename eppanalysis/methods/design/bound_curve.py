@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 
 from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.bounds.balanced import BoundProblem, spread
 from eppanalysis.methods.bounds.elasticity import exact_slopes, size_elasticities
 from eppanalysis.methods.bounds.exact import BORN, ExactBound
-from eppanalysis.methods.bounds.harmonic import BoundProblem, spread
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import farthest_passage

@@ -1,8 +1,8 @@
 """Designs that cure: the best of what is asked for without a limit cycle, over as many parameters as are to be chosen.
 
 One tuned parameter is bounded by cycles at each place of the others; the objective is that parameter itself, or what
-follows from all of them. First order says on a grid where the best place lies, harmonic balance goes on from there,
-exact folds say it. That optimum is put to the test like any bound: the exact search and runs on both sides. Families of
+follows from all of them. Describing functions say on a grid where the best place lies, their programme goes on from
+there, exact folds say it. That optimum is put to the test like any bound: the exact search and runs on both sides. Families of
 cycles that a test finds on the safe side are added, and the best place is sought once more.
 """
 
@@ -15,8 +15,8 @@ import numpy as np
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import ArgumentError, EppError, shown
+from eppanalysis.methods.bounds.balanced import BoundProblem, idle, spread
 from eppanalysis.methods.bounds.elasticity import parameters_of, size_elasticities
-from eppanalysis.methods.bounds.harmonic import BoundProblem, idle, spread
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.searched import SearchedProblem, why_by_search
 from eppanalysis.methods.bounds.sizes.allowed import Allowed

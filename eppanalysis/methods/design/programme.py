@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.bounds.balanced import BoundProblem, spread, steady_loop
 from eppanalysis.methods.bounds.elasticity import harmonic_slopes
 from eppanalysis.methods.bounds.fold import Cycle, Fold, Programmes, extreme
-from eppanalysis.methods.bounds.harmonic import BoundProblem, spread, steady_loop
 from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.harmonic.loop import inputs_of
 

@@ -3,8 +3,8 @@
 At a place (values of all tuned parameters but the bounded one) the bounded parameter may be anything between the safe
 end of its range and the bound; the best of these values that keeps what is to be kept is the place's pick. Its slope by
 any other number is that of the goal along what is active there: the fold (exact, by the row that annihilates the
-derivative of the orbit's equations), the measure that is just kept, or nothing. First order says on a grid where the
-best place lies, the programme of harmonic balance goes uphill from there, and exact folds go on from where it ends.
+derivative of the orbit's equations), the measure that is just kept, or nothing. Describing functions say on a
+grid where the best place lies, their programme goes uphill from there, and exact folds go on from where it ends.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.balanced import BoundProblem, spread
 from eppanalysis.methods.bounds.exact import ExactBound
-from eppanalysis.methods.bounds.harmonic import BoundProblem, spread
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.design.bound_curve import BoundCurve
 from eppanalysis.methods.design.climb import Slope, climb

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from eppanalysis.methods.bounds import harmonic
+from eppanalysis.methods.bounds import balanced
 from tests import made_bounds
 
 
 @pytest.fixture(autouse=True)
 def seen_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(harmonic, "_seen_at", made_bounds.seen_at)
+    monkeypatch.setattr(balanced, "_seen_at", made_bounds.seen_at)

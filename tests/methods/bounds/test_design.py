@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.methods.bounds import harmonic
+from eppanalysis.methods.bounds import balanced
+from eppanalysis.methods.bounds.balanced import BalancedSweep, BoundProblem, Finding, look, steady_loop
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch, checked_bound, design_bounds
 from eppanalysis.methods.bounds.equations import write
 from eppanalysis.methods.bounds.exact import ExactBound, correct
 from eppanalysis.methods.bounds.fold import Cycle, unknowns_of
-from eppanalysis.methods.bounds.harmonic import BoundProblem, Finding, HarmonicSweep, look, steady_loop
 from eppanalysis.methods.bounds.numbers import ParametricModel, gather, plan_of
 from eppanalysis.methods.bounds.result import BoundCell, Known
 from eppanalysis.methods.bounds.tolerances.bound import quantile, tolerance_bound
@@ -49,9 +49,8 @@ def found(case: epp.Case) -> epp.DesignBounds:
 def test_row_one_against_the_fold_of_its_branch(found: epp.DesignBounds) -> None:
     cell = found[0]
     assert cell.exact == pytest.approx(FOLD, rel=1e-9)
-    assert abs(cell.harmonic / FOLD - 1.0) < 0.02
     assert cell.sign == 1.0 and cell.kind == "fold"
-    assert cell.first_order < cell.harmonic and not cell.first_order_unsafe
+    assert cell.first_order < cell.exact and not cell.first_order_unsafe
     assert cell.first_order_error == pytest.approx(-0.2486, abs=5e-4)
 
 
@@ -87,21 +86,23 @@ def test_exact_elasticities_against_moved_folds(case: epp.Case, found: epp.Desig
         assert found[0].elasticities[name] == pytest.approx(slope, rel=2e-4)
 
 
-def test_harmonic_elasticities_have_the_sign_and_size_of_the_exact_ones(found: epp.DesignBounds) -> None:
-    exact, harmonic = found[0].elasticities, found[0].harmonic_elasticities
-    for name in ("cable.stiffness", "bands.range", "pulley.radius", "drive.stall_torque"):
-        assert harmonic[name] == pytest.approx(exact[name], rel=0.15)
-    assert harmonic["harness.step"] == pytest.approx(0.0, abs=1e-6)  # the loop does not know where it is
-
-
 @pytest.mark.slow
-def test_bounds_and_elasticities_of_harmonic_balance_do_not_depend_on_where_they_began(wheelchair: epp.Case) -> None:
+def test_bounds_by_describing_functions_do_not_depend_on_where_they_began(wheelchair: epp.Case) -> None:
     alone, last = (
         design_bounds(wheelchair, "play.gap", "loop.gain", at=at, exact=False)[-1] for at in ([0.012], [0.011, 0.012])
     )
-    assert last.harmonic == pytest.approx(alone.harmonic, rel=1e-14)
-    assert alone.harmonic_elasticities["play.gap"] != 0.0
-    assert last.harmonic_elasticities == pytest.approx(alone.harmonic_elasticities, abs=1e-13)
+    assert last.first_order == last.bound == pytest.approx(alone.first_order, rel=1e-14)
+    assert last.known is Known.BALANCED
+
+
+def test_where_the_describing_function_is_off_by_a_half_the_exact_bound_is_found_all_the_same(case: epp.Case) -> None:
+    """No exact orbit is near its cycles at its own bound: those far inside lead to the fold."""
+    (cell,) = design_bounds(case, "bands.range", "lock_pin.backlash", at=["5 lbf"], within=WITHIN, verify=False)
+    assert cell.first_order_error == pytest.approx(-0.5546, abs=5e-4) and cell.kind == "fold"
+    # On the branch of the elbow's own range the bands at that backlash turn back at 5 lbf.
+    there = case.with_values({"lock_pin.backlash": cell.exact})
+    branch = epp.continue_branch(there, "bands.range", "3 lbf", "6 lbf", max_step=0.05, n_others=0)
+    assert max(f.value for f in branch.folds) == pytest.approx(case.si("bands.range", "5 lbf"), rel=1e-6)
 
 
 def test_a_bound_that_is_wrong_is_not_verified(case: epp.Case, found: epp.DesignBounds) -> None:
@@ -133,9 +134,7 @@ def test_cycles_that_only_runs_find_lead_to_the_true_bound(
 
 @pytest.mark.slow
 def test_a_bound_at_a_border_collision_is_exact_and_verified() -> None:
-    """With the original pulley the branch turns back at a border collision, where harmonic balance says 0.834
-    degrees.
-    """
+    """With the original pulley the branch turns back at a border collision, whose value is known from a branch."""
     pulley = epp.case("fig6a_original_pulley").value("pulley.friction")
     changed = epp.case("fig8a_original").with_values({"pulley.friction": pulley})
     branch = epp.continue_branch(changed, "lock_pin.backlash", start="1.2 deg", stop="0.7 deg", n_others=0)
@@ -189,15 +188,15 @@ def test_numbers_as_polynomials_of_the_parameter(case: epp.Case) -> None:
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cycles are looked for at three values of a range, where there is nothing to see between them."""
-    monkeypatch.setattr("eppanalysis.methods.bounds.harmonic.look", partial(look, n_scan=3))
+    monkeypatch.setattr("eppanalysis.methods.bounds.balanced.look", partial(look, n_scan=3))
 
 
 def test_a_loop_whose_cycles_scale_with_the_gap_has_no_bound_on_it(coarse: None) -> None:
-    sweep = HarmonicSweep(BoundProblem(epp.case("backlash_servo"), "play.gap", 0.2, 5.0))
+    sweep = BalancedSweep(BoundProblem(epp.case("backlash_servo"), "play.gap", 0.2, 5.0))
     _, bound = sweep.bound(0.0)
     assert bound.finding is Finding.SCALES
     assert "scale with this parameter alone" in bound.finding.sentence
-    assert math.isnan(bound.value)
+    assert bound.fold is None
 
 
 @pytest.mark.parametrize(
@@ -248,7 +247,7 @@ def test_cycles_that_first_order_misses_everywhere_are_found_everywhere(integral
 
 def test_a_search_that_cannot_tell_is_no_answer(wheelchair: epp.Case, monkeypatch: pytest.MonkeyPatch) -> None:
     undecided = epp.CycleSearch((), epp.Status.UNDECIDED, True, False, "blind", left_open=("9 runs neither settled",))
-    monkeypatch.setattr("eppanalysis.methods.bounds.harmonic.find_limit_cycles", lambda *_, **__: undecided)
+    monkeypatch.setattr("eppanalysis.methods.bounds.balanced.find_limit_cycles", lambda *_, **__: undecided)
     result = design_bounds(wheelchair, "play.gap", "loop.gain", at=[0.012], within=(0.3, 0.6))
     assert result[0].finding == "unsure" and not result.status.ok
     assert "left runs undecided" in result[0].message and "0.3, 0.3568" in result[0].message
@@ -276,12 +275,12 @@ def test_runs_that_keep_moving_are_not_all_waited_for(wheelchair: epp.Case) -> N
 
 
 def test_of_the_two_sides_of_cycles_that_is_bounded_which_the_own_value_is_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(harmonic, "scales", lambda *_: False)
+    monkeypatch.setattr(balanced, "scales", lambda *_: False)
     cycle = Cycle(3.0, np.zeros((1, 2), complex), 2.4)
-    seen = [harmonic._Seen(v, exact=[cycle] * (2.0 < v < 10.0), complete=True) for v in (1.25, 3.0, 7.0, 19.0, 50.0)]
+    seen = [balanced._Seen(v, exact=[cycle] * (2.0 < v < 10.0), complete=True) for v in (1.25, 3.0, 7.0, 19.0, 50.0)]
     for own, sign, note in (("25 rad/s", -1.0, "below 1.25 rad/s either"), ("2 rad/s", 1.0, "above 19 rad/s either")):
         case = epp.case("x15_flare").with_values({"bandwidth": own})
-        outlook = harmonic._outlook(BoundProblem(case, "bandwidth", 1.25, 50.0), seen)
+        outlook = balanced._outlook(BoundProblem(case, "bandwidth", 1.25, 50.0), seen)
         assert (outlook.finding, outlook.sign) == (Finding.BOUND, sign) and note in outlook.note
 
 
@@ -345,11 +344,8 @@ def test_tolerances(wheelchair: epp.Case) -> None:
 
 def test_correction_says_why_there_is_no_orbit(case: epp.Case) -> None:
     question = BoundProblem(case, "lock_pin.backlash", 0.0005, 0.006)
-    loop = steady_loop(case)
-    cycle = next(c for c in epp.predict_limit_cycles(loop.system, case.operating_point) if c.stable)
-    from eppanalysis.methods.bounds.fold import Cycle
-
-    bound = correct(question, Cycle(0.004, inputs_of(loop, cycle), cycle.omega), 1.0)
+    cycle = next(c for c in epp.predict_limit_cycles(case.to_system(), case.operating_point) if c.stable)
+    bound = correct(question, 0.004, lambda _: [cycle], 1.0)
     assert math.isnan(bound.value) and bound.message
 
 

@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import eppanalysis as epp
+from eppanalysis.methods.bounds.balanced import BoundProblem
 from eppanalysis.methods.bounds.exact import farthest_turn
-from eppanalysis.methods.bounds.harmonic import BoundProblem
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Known, Turn
 from tests import made_bounds
 from tests.shared import mostly_slow

@@ -1,7 +1,7 @@
 """Every kind of parameter as the limit: its exact bound, the safe side, and what runs and the full search say of both.
 
 All begin from one exact orbit, the one at the bound on backlash. At a backlash a little beside that bound the bound on
-another parameter is close by: the orbit leads to it, so that no search by harmonic balance is needed.
+another parameter is close by: the orbit leads to it, so that no describing function is needed.
 """
 
 from __future__ import annotations
@@ -12,24 +12,21 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.methods.bounds.balanced import (
+    BalancedBound,
+    BalancedSweep,
+    BoundProblem,
+    Finding,
+    idle,
+    look,
+)
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch
 from eppanalysis.methods.bounds.elasticity import exact_slopes
 from eppanalysis.methods.bounds.exact import correct, searched
-from eppanalysis.methods.bounds.fold import Cycle
-from eppanalysis.methods.bounds.harmonic import (
-    BoundProblem,
-    Finding,
-    HarmonicBound,
-    HarmonicSweep,
-    idle,
-    look,
-    steady_loop,
-)
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.verify import verify
 from eppanalysis.methods.design import bound_curve
 from eppanalysis.methods.design.bound_curve import first_turn
-from eppanalysis.methods.harmonic.loop import inputs_of
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
 from eppanalysis.methods.simulation.runs import judge, run_hybrid
 from eppanalysis.results import LimitCycle, Status
@@ -95,8 +92,7 @@ def test_bound_on_any_parameter(
     case: epp.Case, orbit: LimitCycle, limit: str, backlash: float, sign: float, margin: float, share: float
 ) -> None:
     question = question_at(case, limit, backlash)
-    near = Cycle(share * case.value(limit), inputs_of(steady_loop(case), orbit)[:, :10], orbit.omega)
-    found = correct(question, near, sign)
+    found = correct(question, share * case.value(limit), lambda _: [orbit], sign)
     assert found.kind == "fold" and found.cycle is not None, found.message
     assert found.value / case.value(limit) == pytest.approx(share, abs=2e-3)
     # The fold in backlash of the case with this value of the limit is the backlash of the question.
@@ -129,7 +125,7 @@ def test_friction_of_the_pulley_at_high_gain() -> None:
 
 @pytest.mark.slow
 def test_bound_from_exact_orbits_alone(wheelchair: epp.Case) -> None:
-    """What is done where harmonic balance is of no help: the search, the branch, the fold."""
+    """What is done where describing functions are of no help: the search, the branch, the fold."""
     found = searched(BoundProblem(wheelchair, "loop.gain", 0.6, 1.2), 0.6, 1.0)
     assert found.kind == "fold" and found.value == pytest.approx(made_bounds.GAIN, rel=1e-6)
     # Where no cycle exists none is found.
@@ -138,17 +134,17 @@ def test_bound_from_exact_orbits_alone(wheelchair: epp.Case) -> None:
 
 
 @pytest.mark.slow
-def test_a_cell_without_harmonic_balance_is_bound_exactly(
+def test_a_cell_without_describing_functions_is_bound_exactly(
     wheelchair: epp.Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Harmonic balance that sees cycles down to the end of the range is not believed: exact orbits decide."""
-    blind = HarmonicBound(Finding.BEYOND, 1.0, first_order=0.6, value=0.6, order=9)
-    monkeypatch.setattr(HarmonicSweep, "bound", lambda self, value: (self.question.at(value), blind))
+    """Describing functions that see cycles down to the end of the range are not believed: exact orbits decide."""
+    blind = BalancedBound(Finding.BEYOND, 1.0)
+    monkeypatch.setattr(BalancedSweep, "bound", lambda self, value: (self.question.at(value), blind))
     asked = (wheelchair, "play.gap", "loop.gain")
     (cell,) = epp.design_bounds(*asked, at=[0.012], within=(0.6, 1.2), starts=40)
     assert cell.finding == "bound" and cell.verified, cell.message
     assert cell.exact == pytest.approx(made_bounds.GAIN, rel=1e-6)
-    assert np.isnan(cell.harmonic) and not cell.harmonic_elasticities
+    assert np.isnan(cell.first_order)
     # There really are cycles down to the end of this one.
     (cell,) = epp.design_bounds(*asked, at=[0.012], within=(0.95, 1.2), starts=40)
     assert cell.finding == "beyond" and "down to the end" in cell.message and np.isnan(cell.bound)

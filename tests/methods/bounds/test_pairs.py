@@ -15,7 +15,7 @@ def test_gain_of_a_generic_loop_over_its_free_play() -> None:
     (cell,) = epp.design_bounds(case, "play.gap", "loop.gain", at=[0.012], starts=100)
     assert cell.verified and cell.sign == 1.0, cell.message
     assert cell.exact == pytest.approx(made_bounds.GAIN, rel=1e-6)
-    assert cell.first_order_unsafe and abs(cell.harmonic_error) < cell.error_estimate < 0.03
+    assert cell.first_order_unsafe
     # Its fold from the other side: the branch over the gap at that gain turns back at the gap.
     here = case.with_values({"loop.gain": cell.exact})
     branch = epp.continue_branch(here, "play.gap", start=0.014, stop=0.010, n_others=0)
@@ -24,12 +24,12 @@ def test_gain_of_a_generic_loop_over_its_free_play() -> None:
 
 @pytest.mark.slow
 def test_dead_time_of_a_generic_loop_over_its_gain() -> None:
-    """A true dead time as the limit: in harmonic balance, in the orbits and in the runs; first order is unsafe."""
+    """A true dead time as the limit: in the orbits and in the runs; first order is unsafe."""
     case = epp.case("relay_deadzone").with_values({"loop.gain": 1.0})
     (cell,) = epp.design_bounds(case, "loop.gain", "loop.delay", at=[0.5], within=(0.01, 1.0), starts=50)
     assert cell.verified and cell.sign == 1.0, cell.message
     assert cell.exact == pytest.approx(0.0994420, rel=1e-5)
-    assert cell.first_order_unsafe and abs(cell.harmonic_error) < 0.01
+    assert cell.first_order_unsafe
     # Its fold from the other side: the branch over the gain at that dead time turns back at the gain.
     here = case.with_values({"loop.delay": cell.exact})
     branch = epp.continue_branch(here, "loop.gain", start=0.6, stop=0.4, n_others=0)

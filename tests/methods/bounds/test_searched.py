@@ -10,7 +10,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.cli.bounds import bounds_columns, sentences
 from eppanalysis.methods.bounds import searched
-from eppanalysis.methods.bounds.harmonic import BoundProblem
+from eppanalysis.methods.bounds.balanced import BoundProblem
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
 from eppanalysis.methods.bounds.searched import Answer, SearchedProblem, searched_cell
 from studies.virtual_spring import Haptic, comes_to_rest
@@ -35,7 +35,7 @@ def test_the_bound_of_a_sampled_relay_holds_that_of_closed_forms(bounds: epp.Des
     assert cell.finding is Finding.BOUND and cell.sign == -1.0 and cell.kind is Turn.SEARCH
     assert cell.other_value <= known < cell.searched
     assert cell.searched / cell.other_value - 1.0 < 0.06
-    assert cell.bound == cell.safe_value == cell.searched and np.isnan(cell.exact) and np.isnan(cell.harmonic)
+    assert cell.bound == cell.safe_value == cell.searched and np.isnan(cell.exact) and np.isnan(cell.first_order)
 
 
 def test_runs_on_both_sides_say_the_same(case: epp.Case, bounds: epp.DesignBounds) -> None:

@@ -13,8 +13,8 @@ import scipy.linalg
 import scipy.optimize
 
 import eppanalysis as epp
+from eppanalysis.methods.bounds.balanced import BoundProblem
 from eppanalysis.methods.bounds.elasticity import exact_elasticities
-from eppanalysis.methods.bounds.harmonic import BoundProblem
 from eppanalysis.methods.continuation.result import SpecialPoint
 from tests.noise import noise
 from tests.reference.elbow_reference import DEG, nominal, simulate_reference

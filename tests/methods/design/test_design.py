@@ -12,7 +12,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.cli.common import within_of
 from eppanalysis.cli.design import design_columns, tuned, values_of, write_design
-from eppanalysis.methods.bounds.harmonic import BoundProblem
+from eppanalysis.methods.bounds.balanced import BoundProblem
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.design.bound_curve import first_turn
 from eppanalysis.methods.design.design import Task, described

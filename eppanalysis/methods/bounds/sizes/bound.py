@@ -15,8 +15,8 @@ from functools import cache
 import numpy as np
 
 from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.bounds.balanced import N_SCAN, BoundProblem, idle, spread, value_of
 from eppanalysis.methods.bounds.exact import BORN, ExactBound
-from eppanalysis.methods.bounds.harmonic import N_SCAN, BoundProblem, idle, spread, value_of
 from eppanalysis.methods.bounds.result import Finding, Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.continuation.branch import Continuation

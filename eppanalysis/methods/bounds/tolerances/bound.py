@@ -21,8 +21,8 @@ import numpy as np
 from eppanalysis.arguments import check_counts
 from eppanalysis.arrays import Array
 from eppanalysis.errors import CaseError, EppError
+from eppanalysis.methods.bounds.balanced import BalancedSweep, BoundProblem
 from eppanalysis.methods.bounds.elasticity import parameters_of
-from eppanalysis.methods.bounds.harmonic import BoundProblem, HarmonicSweep
 from eppanalysis.methods.bounds.searched import SearchedProblem, why_by_search
 from eppanalysis.methods.bounds.tolerances.box import ROUNDS, Box
 from eppanalysis.methods.bounds.tolerances.distribution import Distribution
@@ -122,7 +122,7 @@ def tolerance_bound(
     distribution: str = "uniform",
     seed: int = 20050901,
     threads: int = 1,
-    sweep: HarmonicSweep | None = None,
+    sweep: BalancedSweep | None = None,
     progress: Progress | None = None,
 ) -> ToleranceBound:
     """The bound on a parameter for all values of the others within their tolerances, and with given probabilities.
@@ -147,7 +147,7 @@ def tolerance_bound(
         Even within the tolerance, or normal with a third of it as standard deviation, cut at its ends.
     seed, threads : int
         The result does not depend on the number of threads.
-    sweep : HarmonicSweep, optional
+    sweep : BalancedSweep, optional
         Over one of the parameters of a neighbouring case, at whose last value the search goes on; a new search by
         default.
     progress : callable, optional

@@ -11,7 +11,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray
-from eppanalysis.methods.bounds.harmonic import BoundProblem
+from eppanalysis.methods.bounds.balanced import BoundProblem
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.progress import Progress
 

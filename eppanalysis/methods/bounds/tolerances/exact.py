@@ -1,9 +1,8 @@
-"""Exact bounds in a box of tolerances: folds that their elasticities lead from corner to corner."""
+"""Exact bounds in a box of tolerances: their elasticities lead from corner to corner."""
 
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,10 +11,9 @@ import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.balanced import BalancedSweep, BoundProblem
 from eppanalysis.methods.bounds.elasticity import exact_slopes
-from eppanalysis.methods.bounds.exact import ExactBound, correct
-from eppanalysis.methods.bounds.fold import Cycle, Programmes, extreme
-from eppanalysis.methods.bounds.harmonic import BoundProblem, HarmonicSweep
+from eppanalysis.methods.bounds.exact import of_balance
 from eppanalysis.methods.bounds.result import Finding
 from eppanalysis.methods.bounds.tolerances.box import PERIODS, Box, Place
 from eppanalysis.methods.continuation.steps import BranchPoint
@@ -31,22 +29,15 @@ _MOST_CORNERS = 8
 _SIZES, _POINTS = (1.0, 1.3, 1.8, 2.5), 2
 
 
-@dataclass(frozen=True, eq=False)
-class ExactPlace(Place):
-    """An exact bound, with the cycle that harmonic balance has at it."""
-
-    harmonic: Cycle
-
-
 @dataclass(eq=False)
-class ExactBox(Box[ExactPlace]):
-    """Exact bounds in the box."""
+class ExactBox(Box[Place]):
+    """Exact bounds in the box: each place of it is a question like the nominal one."""
 
-    programmes: Programmes
-    orbit: LimitCycle
+    sweep: BalancedSweep
+    orbit: LimitCycle  # at the nominal bound
 
     @classmethod
-    def of(cls, question: BoundProblem, widths: dict[str, float], sweep: HarmonicSweep | None) -> ExactBox:
+    def of(cls, question: BoundProblem, widths: dict[str, float], sweep: BalancedSweep | None) -> ExactBox:
         """The box round a case, with its nominal bound.
 
         Raises
@@ -54,50 +45,28 @@ class ExactBox(Box[ExactPlace]):
         EppError
             If there is none.
         """
-        sweep = sweep or HarmonicSweep(question)
+        sweep = sweep or BalancedSweep(question)
         bound = sweep.bound_of(question)
         if bound.fold is None or bound.finding is not Finding.BOUND:
             raise EppError(f"{question.case.name}: {bound.finding.sentence}")
-        exact = correct(question, bound.fold.cycle, bound.sign)
+        exact = of_balance(question, bound)
         if exact.cycle is None or exact.point is None:
             raise EppError(f"{question.case.name}: the bound on {question.limit} was not corrected: {exact.message}.")
-        slopes = _slopes(question, exact.point, widths)
-        centre = ExactPlace((0.0,) * len(widths), exact.value, slopes, bound.fold.cycle)
-        return cls(question, widths, bound.sign, centre, sweep.programmes, exact.cycle)
+        centre = Place((0.0,) * len(widths), exact.value, _slopes(question, exact.point, widths))
+        return cls(question, widths, bound.sign, centre, sweep, exact.cycle)
 
-    def harmonic(self, place: tuple[float, ...], near: ExactPlace) -> Cycle | None:
-        """The harmonic bound at a place, from that of another one, in as many steps as it takes."""
-        for n_steps in (1, 2, 4):
-            here: Cycle | None = near.harmonic
-            for share in np.linspace(0.0, 1.0, n_steps + 1)[1:]:
-                between = [a + share * (b - a) for a, b in zip(near.place, place, strict=True)]
-                assert here is not None
-                found = extreme(self.at(between).numbers(), self.programmes, here, self.sign, 0.1)
-                here = None if found is None else found.cycle
-                if here is None:
-                    break
-            if here is not None:
-                return here
-        return None
-
-    def exact(self, place: tuple[float, ...], near: ExactPlace) -> ExactPlace | None:
-        """The exact bound at a place, near the one that the elasticities predict, else near the harmonic one."""
+    def exact(self, place: tuple[float, ...]) -> Place | None:
+        """The exact bound at a place; None where it is not found, or has another side."""
         question = self.at(place)
-        moves = zip(self.widths.items(), near.place, place, strict=True)
-        terms = (near.slopes.get(n, 0.0) * w * (b - a) for (n, w), a, b in moves)
-        change = sum(term for term in terms if math.isfinite(term))
-        # Extrapolated in the logarithm: no bound passes zero.
-        cycle: Cycle | None = replace(near.harmonic, value=near.value * math.exp(change / near.value))
-        assert cycle is not None
-        found: ExactBound | None = correct(question, cycle, self.sign)
-        if found is None or found.cycle is None:
-            cycle = self.harmonic(place, near)
-            found = None if cycle is None else correct(question, cycle, self.sign)
-        if found is None or found.cycle is None or cycle is None:
+        bound = self.sweep.bound_of(question)
+        if bound.fold is None or (bound.finding, bound.sign) != (Finding.BOUND, self.sign):
             return None
-        return ExactPlace(place, found.value, _slopes(question, found.point, self.widths), cycle)
+        found = of_balance(question, bound)
+        if found.cycle is None:
+            return None
+        return Place(place, found.value, _slopes(question, found.point, self.widths))
 
-    def worst(self) -> tuple[ExactPlace, str, int]:
+    def worst(self) -> tuple[Place, str, int]:
         """The corner with the worst bound, what is missing, and the number of corners checked besides."""
         # Where the bound is monotone in each parameter it is worst at the corner to which its slopes point; they are
         # asked for anew at every corner, until it points to itself.
@@ -107,7 +76,7 @@ class ExactBox(Box[ExactPlace]):
             if corner in seen:
                 break
             seen.add(corner)
-            found = self.exact(corner, here)
+            found = self.exact(corner)
             if found is None:
                 return here, "the worst corner could not be reached; the last bound is given", 0
             here = found
@@ -117,7 +86,7 @@ class ExactBox(Box[ExactPlace]):
             return better, message, n_corners
         return here, message, n_corners
 
-    def _check(self, worst: ExactPlace) -> tuple[ExactPlace | None, int]:
+    def _check(self, worst: Place) -> tuple[Place | None, int]:
         """The other corners in the most influential parameters: a worse one, and how many could be checked."""
         # Slopes know their own corner: where the bound is not monotone another one may be worse.
         most = self._most_influential()
@@ -128,7 +97,7 @@ class ExactBox(Box[ExactPlace]):
                 place[i] = s
             if tuple(place) == worst.place:
                 continue
-            found = self.exact(tuple(place), self.centre)
+            found = self.exact(tuple(place))
             count += found is not None
             if found is not None and self.sign * (found.value - worst.value) < 0:
                 better = worst = found

@@ -15,7 +15,7 @@ import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.harmonic import BoundProblem
+from eppanalysis.methods.bounds.balanced import BoundProblem
 from eppanalysis.methods.bounds.result import BoundCell, Finding
 from eppanalysis.methods.bounds.searched import SearchedProblem, bound_by_runs, oscillates, searched_cell
 from eppanalysis.methods.bounds.tolerances.box import Box, Place

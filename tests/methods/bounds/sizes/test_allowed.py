@@ -10,9 +10,9 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.cli.bounds import bounds_columns, sentences
+from eppanalysis.methods.bounds.balanced import BoundProblem
 from eppanalysis.methods.bounds.elasticity import size_elasticities
 from eppanalysis.methods.bounds.exact import ExactBound
-from eppanalysis.methods.bounds.harmonic import BoundProblem
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed, Measure
 from eppanalysis.methods.bounds.sizes.bound import Scan, bound_of_size, scan

@@ -1,15 +1,13 @@
-"""Bounds by harmonic balance over a sweep: which end of the range is free of cycles, and the fold at each value.
+"""Bounds by describing functions over a sweep: which end of the range is free of cycles, and the fold at each value.
 
 The search begins where cycles exist. They are found once, by describing functions (or, where these see none, as exact
 orbits), at some values of the limiting parameter; from value to value of the other parameter they are carried over by
-Newton's method. Each bound is sought from the last one with its switches (a warm start), in first order and in the
-order at which the bound ceases to change; at every few values all families are sought from the carried cycles again
-(several starts).
+Newton's method. Each bound is sought from the last one with its switches (a warm start); at every few values all
+families are sought from the carried cycles again (several starts). Exact orbits go on from here (``exact``).
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -34,18 +32,11 @@ from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import LimitCycle
 from eppanalysis.workers import workers
 
-#: Orders tried in turn, and the relative difference of a bound from those of lower orders at which they end.
-ORDERS = (5, 7, 9, 13, 15)
-CHANGE = 0.03
+#: Values of the limiting parameter at which cycles are sought.
 N_SCAN = 5
-#: Trust region of a search that comes from far, and of one that begins next to the bound; how far inside a lower
-#: order's bound a higher order begins.
-_FAR, _NEAR = 0.7, 0.02
-_INSIDE = (0.05, 0.2, 0.5)
-#: From there towards the bound: the first step, relative to the value, the shortest, what makes them shorter, how many.
-_STEP, _LEAST, _SHORTER, _MOST_STEPS = 0.1, 0.002, 0.3, 60
-#: Every so many values the families of first order are sought from far away again.
-_AFRESH = 4
+#: Trust region of a search that comes from far, and every so many values all families are sought so again.
+_FAR, _AFRESH = 0.7, 4
+#: Factors on a cycle and its parameter that tell whether cycles scale with it.
 _SCALED = (0.5, 2.0)
 
 
@@ -135,7 +126,7 @@ class _Seen:
 
     @property
     def cycles(self) -> list[Cycle]:
-        """From which harmonic balance begins: those of first order, else the exact ones."""
+        """From which the balance begins: those of describing functions, else the exact ones."""
         return self.predicted or self.exact
 
 
@@ -261,23 +252,18 @@ def scales(question: BoundProblem, cycle: Cycle) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class HarmonicBound:
-    """The bound by harmonic balance at one value of the parameter that runs."""
+class BalancedBound:
+    """The bound by describing functions at one value of the parameter that runs."""
 
     finding: Finding
     sign: float  # 1: free below the bound; -1: free above it
-    first_order: float = float("nan")  # by describing functions [SI]; nan where there is none
-    value: float = float("nan")  # in the order chosen [SI]; nan where there is none
-    order: int = 0  # the order chosen; 0 where there is none
-    #: Largest relative difference of the bound from those of the orders from half of it on.
-    error_estimate: float = float("nan")
-    fold: Fold | None = None  # of the order chosen
-    first_fold: Fold | None = None
+    fold: Fold | None = None
+    far: tuple[Cycle, ...] = ()  # cycles where the range holds them, farthest from the bound
     message: str = ""
 
 
 @dataclass
-class HarmonicSweep:
+class BalancedSweep:
     """Bounds at one value after another, each begun from the last; lives for one sweep."""
 
     question: BoundProblem
@@ -285,15 +271,12 @@ class HarmonicSweep:
     programmes: Programmes = field(default_factory=Programmes)
     outlook: ScanResult | None = None  # of the first value
     far: tuple[Cycle, ...] = ()
-    leading: tuple[Cycle, ...] = ()
-    folds: dict[int, Fold] = field(default_factory=dict)  # the last fold of each order
-    families: tuple[Fold, ...] = ()  # the last folds of first order, of all families that were met
-    last_order: int = 0
+    families: tuple[Fold, ...] = ()  # the last folds of all families that were met
     done: int = 0
 
     def turn_to(self, question: BoundProblem) -> None:
         """Begin anew with another question, and keep what is written of programmes: loops alike have the same."""
-        vars(self).update(vars(HarmonicSweep(question, self.pool, self.programmes)))
+        vars(self).update(vars(BalancedSweep(question, self.pool, self.programmes)))
 
     @contextmanager
     def shared_by(self, n: int) -> Iterator[Executor | None]:
@@ -307,35 +290,22 @@ class HarmonicSweep:
             finally:
                 self.pool = None
 
-    def bound(self, value: float) -> tuple[BoundProblem, HarmonicBound]:
+    def bound(self, value: float) -> tuple[BoundProblem, BalancedBound]:
         """The question and the bound at a value of the parameter that runs."""
         question = self.question.at(value)
         return question, self.bound_of(question)
 
-    def bound_of(self, question: BoundProblem) -> HarmonicBound:
+    def bound_of(self, question: BoundProblem) -> BalancedBound:
         """The bound of a question like the sweep's own, at one value of the parameter that runs."""
         numbers = question.numbers()
         if not self._ready(question, numbers):
             assert self.outlook is not None
-            return HarmonicBound(self.outlook.finding, self.outlook.sign, message=self.outlook.note)
+            return BalancedBound(self.outlook.finding, self.outlook.sign, message=self.outlook.note)
         assert self.outlook is not None
         sign, note = self.outlook.sign, self.outlook.note
-        first = self._first(numbers, sign)
-        found, error = self._chosen(numbers, sign)
-        best = found or first
-        if best is None:
-            return HarmonicBound(Finding.FAILED, sign, message=note)
-        return HarmonicBound(
-            finding=Finding.BEYOND if best.at_end else Finding.BOUND,
-            sign=sign,
-            first_order=float("nan") if first is None else first.cycle.value,
-            value=best.cycle.value,
-            order=best.cycle.order,
-            error_estimate=error,
-            fold=best,
-            first_fold=first,
-            message=note,
-        )
+        fold = self._farthest(numbers, sign)
+        finding = Finding.FAILED if fold is None else Finding.BEYOND if fold.at_end else Finding.BOUND
+        return BalancedBound(finding, sign, fold, self.far, note)
 
     def _ready(self, question: BoundProblem, numbers: ParametricModel) -> bool:
         """Cycles to begin from: carried over from the last value, or sought anew."""
@@ -350,124 +320,12 @@ class HarmonicSweep:
         self.far = self.outlook.cycles
         return self.outlook.finding is Finding.BOUND and bool(self.far)
 
-    def _first(self, numbers: ParametricModel, sign: float) -> Fold | None:
-        """First order: from the last folds of all families; where one is lost, and now and then, from far away too."""
+    def _farthest(self, numbers: ParametricModel, sign: float) -> Fold | None:
+        """The farthest of the last folds of all families; where one is lost, and now and then, also from far away."""
         found = [extreme(numbers, self.programmes, f, sign) for f in self.families]
         # A family that appears on the way has no last fold to be followed from, and is only found from afar.
         if self.done % _AFRESH == 0 or not found or None in found:
-            found += self._from_far(numbers, sign)
+            found += [extreme(numbers, self.programmes, c, sign, _FAR) for c in self.far]
         self.done += 1
         self.families = tuple({f"{f.cycle.value:.6e}": f for f in found if f is not None}.values())
-        return _farthest(found, sign)
-
-    def _from_far(self, numbers: ParametricModel, sign: float) -> list[Fold | None]:
-        """The folds of first order to which the carried cycles lead."""
-        found = [extreme(numbers, self.programmes, c, sign, _FAR) for c in self.far]
-        # Higher orders begin from the cycle that led farthest; of those that led to one fold, from the largest.
-        led = [(c, f.cycle.value) for c, f in zip(self.far, found, strict=True) if f is not None]
-        led.sort(key=lambda pair: (float(f"{sign * pair[1]:.6e}"), -float(np.abs(pair[0].Z[0, 1]))))
-        self.leading = tuple(c for c, _ in led) or self.far
-        return found
-
-    def _chosen(self, numbers: ParametricModel, sign: float) -> tuple[Fold | None, float]:
-        """The order at which the bound ceases to change, and how far the orders from half of it on are apart."""
-        found: list[Fold] = []
-        apart = float("nan")
-        for n in (n for n in ORDERS if n >= _half(self.last_order)):
-            fold = self._of_order(numbers, sign, n, found[-1] if found else None)
-            if fold is None:
-                continue
-            self.folds[n] = fold
-            apart = _apart(fold, found)
-            found.append(fold)
-            # Neighbouring orders alone would flatter: short contacts enter the harmonics by groups, so that two orders
-            # may agree and both be off. All orders from half on must agree (docs/howto/bounds.md).
-            if apart < CHANGE and found[0].cycle.order <= _half(n):
-                break
-        if not found:
-            return None, apart
-        self.last_order = found[-1].cycle.order
-        return found[-1], apart
-
-    def _of_order(self, numbers: ParametricModel, sign: float, n: int, lower: Fold | None) -> Fold | None:
-        """The fold of an order: from the last one, else from near that of the order below, else from carried cycles."""
-        last = self.folds.get(n)
-        found = None if last is None else extreme(numbers, self.programmes, last, sign, 0.1)
-        if found is not None:
-            return found
-        below = lower or _farthest(self.families, sign) or last
-        # Where its switches have changed the last cycle is still nearest in shape, and the order below in place.
-        shapes = [] if below is None else [replace(f.cycle, value=below.cycle.value) for f in (last, below) if f]
-        starts = (_inside(numbers, cycle, n, sign * share) for cycle in shapes for share in _INSIDE)
-        for start in itertools.chain(starts, (raised(numbers, c, n) for c in self.leading)):
-            nearest = None if start is None else _nearest(numbers, start, sign)
-            found = None if nearest is None else extreme(numbers, self.programmes, nearest, sign, _NEAR)
-            if found is not None:
-                return found
-        return None
-
-
-def _half(order: int) -> float:
-    """The highest order that counts as half of another."""
-    return 0.5 * (order + 1)
-
-
-def _apart(fold: Fold, before: Sequence[Fold]) -> float:
-    """Largest relative difference of a bound from those of the orders from half its own on; nan where there are none.
-
-    Neighbouring orders may agree by chance while both are far off, as a short contact enters the harmonics by groups.
-    """
-    order = fold.cycle.order
-    rivals = [f.cycle.value for f in before if f.cycle.order >= 0.5 * order - 1.0]
-    return max((abs(fold.cycle.value / v - 1.0) for v in rivals), default=float("nan"))
-
-
-def _farthest(found: Sequence[Fold | None], sign: float) -> Fold | None:
-    there = [f for f in found if f is not None]
-    return min(there, key=lambda f: sign * f.cycle.value) if there else None
-
-
-def _inside(numbers: ParametricModel, cycle: Cycle, order: int, share: float) -> Cycle | None:
-    """A cycle of a higher order near one at its bound, away from the bound by a share of it; None if there is none.
-
-    At the bound itself the higher order may have no cycle at all.
-    """
-    value = cycle.value * (1.0 + share)
-    if not numbers.low <= value <= numbers.high:
-        return None
-    try:
-        Z = numbers.loop(value).continued(cycle.Z, cycle.omega, order)
-    except Unsettled:
-        return None
-    return balanced(numbers, value, Cycle(value, Z, cycle.omega))
-
-
-def _nearest(numbers: ParametricModel, cycle: Cycle, sign: float) -> Cycle:
-    """The last cycle towards the bound to which Newton's method comes, in steps that become smaller where it fails.
-
-    It takes the switches that the elements make; a programme is written anew for each of their sequences.
-    """
-    share = _STEP
-    for _ in range(_MOST_STEPS):
-        if share < _LEAST:
-            break
-        value = cycle.value - sign * share * abs(cycle.value)
-        true = balanced(numbers, value, cycle) if numbers.low <= value <= numbers.high else None
-        if true is None or abs(true.omega / cycle.omega - 1.0) > 2.0 * share:
-            share *= _SHORTER
-        else:
-            cycle = true
-    return cycle
-
-
-def raised(numbers: ParametricModel, cycle: Cycle, order: int) -> Cycle | None:
-    """The cycle in a higher order, by way of those between; None where Newton's method fails."""
-    loop, here = numbers.loop(cycle.value), cycle
-    for n in [*(n for n in (3, 5, 9) if cycle.order < n < order), order]:
-        try:
-            true = settled(loop, loop.continued(here.Z, here.omega, n), here.omega)
-        except Unsettled:
-            true = None
-        if true is not None:
-            here = Cycle(cycle.value, *true)
-    return here if here.order == order else None
+        return min(self.families, key=lambda f: sign * f.cycle.value, default=None)
