@@ -2,8 +2,8 @@
 
 One tuned parameter is bounded by cycles at each place of the others; the objective is that parameter itself, or what
 follows from all of them. Describing functions say on a grid where the best place lies, their programme goes on from
-there, exact folds say it. That optimum is put to the test like any bound: the exact search and runs on both sides. Families of
-cycles that a test finds on the safe side are added, and the best place is sought once more.
+there, exact folds say it. That optimum is put to the test like any bound: the exact search and runs on both sides.
+Families of cycles that a test finds on the safe side are added, and the best place is sought once more.
 """
 
 from __future__ import annotations
