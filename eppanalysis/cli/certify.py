@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eppanalysis.cli.common import NOTHING, Json, Settings, answer, check_output, file_option, load_case, print_table
+from eppanalysis.cli.common import (
+    NOTHING,
+    Json,
+    Settings,
+    answer,
+    check_output,
+    check_value,
+    file_option,
+    load_case,
+    named_range,
+    print_table,
+)
 from eppanalysis.errors import EppError
 from eppanalysis.methods.certificates.registry import Asked
 
@@ -30,6 +41,15 @@ Statement = Annotated[
         show_default=False,
     ),
 ]
+Within = Annotated[
+    str | None,
+    typer.Option(
+        "--within",
+        metavar='"FIELD RANGE"',
+        help='One proof of absence for all values of a gain, as in "loop.gain 0.8..2".',
+        show_default=False,
+    ),
+]
 File = Annotated[Path | None, file_option("Write the certificate (.json), or a picture.")]
 Checked = Annotated[
     Path | None,
@@ -42,6 +62,7 @@ Checked = Annotated[
 def certify(
     case: MaybeCase = None,
     statement: Statement = None,
+    within: Within = None,
     check: Checked = None,
     settings: Settings = NOTHING,
     as_json: Json = False,
@@ -49,7 +70,7 @@ def certify(
 ) -> None:
     """Prove what first order predicts, or which limit cycles a loop has, or none, in a file that is checked."""
     if check is not None:
-        _check(check, case, settings, [statement, as_json, output])
+        _check(check, case, settings, [statement, within, as_json, output])
         return
     if case is None:
         raise EppError("certify: there is no case; expected a case, or --check FILE.")
@@ -58,7 +79,10 @@ def certify(
 
     check_output(output, (".json", *PICTURES))
     found = load_case(case, settings)
-    result = prove(found, statement or Asked.ROOTS)
+    ranges = {} if within is None else dict([named_range("--within", within, found.parameters)])
+    for name, value in ((name, value) for name, both in ranges.items() for value in both):
+        check_value(found, "--within", name, value)
+    result = prove(found, statement or (Asked.ABSENCE if ranges else Asked.ROOTS), within=ranges or None)
     answer("certify", found, settings, as_json, result.to_dict, lambda: _show(result))
     if output is not None:
         _write(result, output)

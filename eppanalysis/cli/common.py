@@ -16,6 +16,7 @@ import typer
 from eppanalysis.cli.signs import has_all_signs
 from eppanalysis.errors import EppError
 from eppanalysis.progress import Progress, progress_bar
+from eppanalysis.readable import leading_name
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -185,6 +186,26 @@ def range_of(text: str) -> tuple[str, str] | None:
     between = ".." if ".." in text else ":"
     low, _, high = (part.strip() for part in text.partition(between))
     return (low, high) if low and high else None
+
+
+def named_range(option: str, text: str, fields: Iterable[str] = ()) -> tuple[str, tuple[str, str]]:
+    """Name and range of FIELD LOW..HIGH, where a name of these fields may hold spaces.
+
+    Raises
+    ------
+    EppError
+        If it is none.
+
+    Examples
+    --------
+    >>> named_range("--tune", "lock_pin.backlash 0.1 deg..5 deg")
+    ('lock_pin.backlash', ('0.1 deg', '5 deg'))
+    """
+    name, rest = leading_name(text, fields)
+    both = range_of(rest)
+    if both is None:
+        raise EppError(f'{option} {text}: is no field with a range; expected "FIELD LOW..HIGH", as in "Kp 1..10".')
+    return name, both
 
 
 def within_of(text: str | None) -> tuple[str, str] | None:

@@ -21,9 +21,9 @@ from eppanalysis.cli.common import (
     check_value,
     file_option,
     load_case,
+    named_range,
     print_table,
     progress,
-    range_of,
 )
 from eppanalysis.errors import EppError
 from eppanalysis.readable import DIGITS, count, leading_name, words
@@ -103,7 +103,7 @@ def design(
         raise EppError(f"design: {given} given; expected one of the two.")
     found = load_case(case, settings)
     fields = list(found.parameters)
-    ranges = by_name("--tune", (tuned(text, fields) for text in tune))
+    ranges = by_name("--tune", (named_range("--tune", text, fields) for text in tune))
     fronts = {} if front is None else dict([values_of(front, fields)])
     typed: dict[str, Mapping[str, Sequence[str]]] = {"--tune": ranges, "--front": fronts}
     for option, name in ((option, name) for option, fields in typed.items() for name in fields):
@@ -175,26 +175,6 @@ def design_columns(result: Design) -> Table:
 
     frame = result.to_frame()
     return Table.from_rows(frame.to_dict("records"), frame.attrs["units"])
-
-
-def tuned(text: str, fields: Iterable[str] = ()) -> tuple[str, tuple[str, str]]:
-    """Name and range of FIELD LOW..HIGH, where a name of these fields may hold spaces.
-
-    Raises
-    ------
-    EppError
-        If it is none.
-
-    Examples
-    --------
-    >>> tuned("lock_pin.backlash 0.1 deg..5 deg")
-    ('lock_pin.backlash', ('0.1 deg', '5 deg'))
-    """
-    name, rest = leading_name(text, fields)
-    both = range_of(rest)
-    if both is None:
-        raise EppError(f'--tune {text}: is no field with a range; expected "FIELD LOW..HIGH", as in "Kp 1..10".')
-    return name, both
 
 
 def tolerances_of(texts: Sequence[str], fields: Iterable[str] = ()) -> dict[str, str] | None:

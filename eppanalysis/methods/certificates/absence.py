@@ -1,4 +1,7 @@
-"""Finds a certificate of absence: the multiplier with which Popov's criterion, or the circle criterion, holds."""
+"""Finds a certificate of absence: the multiplier with which Popov's criterion, or the circle criterion, holds.
+
+One multiplier serves the loop of one numerator, or of both ends of a range.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,8 @@ from eppanalysis.methods.certificates.numbers import ROUNDING, middle_of
 from eppanalysis.methods.certificates.registry import sealed
 
 Polynomial = list[Fraction]
+#: Least and greatest y/x; without the one there is no bound, without both nothing is known of the element.
+Sector = tuple[Fraction | None, Fraction | None]
 
 #: How far beyond all turning points the ends of the frequency axis are looked at, as a factor.
 _FAR = Fraction(10) ** 20
@@ -23,8 +28,8 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     Parameters
     ----------
     loop : mapping
-        As :func:`~eppanalysis.methods.certificates.rational.rational_loop` gives it, or as
-        :func:`~eppanalysis.methods.certificates.elbow.find.rational_elbow` does.
+        As :func:`~eppanalysis.methods.certificates.rational.rational_loop` gives it, but for a list of numerators: one,
+        or the two ends of a range; or as :func:`~eppanalysis.methods.certificates.elbow.find.rational_elbow` does.
     sectors : int
         For play, of which no criterion holds: most sectors of a quarter plane in which a function is quadratic.
 
@@ -40,34 +45,49 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     reason = _not_covered(loop)
     if reason:
         return reason
-    num, den = ([number(c) for c in loop[name][::-1]] for name in ("num", "den"))
-    low, high = sector(loop["element"])
-    assert low is not None  # refused above
-    play = loop["element"]["kind"] == "play"
-    multiplier = _multiplier(num, den, low, high, remembers=play)
-    edges = [str(low), None if high is None else str(high)]
+    nums, den = [_ascending(row) for row in loop["num"]], _ascending(loop["den"])
+    play, (edges, reason) = loop["element"]["kind"] == "play", _sector(loop)
+    multiplier = None if reason else _multiplier(nums, den, edges, remembers=play)
+    if multiplier is None and not play:
+        edges, multiplier = (None, None), _sign(nums, den)
     if multiplier is None:
-        if play:
-            return _by_sectors(loop, sectors)
-        from eppanalysis.methods.certificates.cells.find import find as find_cells
-
-        found = find_cells(loop)
-        if not isinstance(found, str):
-            return found
-        shown = f"{float(low):.6g} to {'infinity' if high is None else f'{float(high):.6g}'}"
-        return (
-            f"neither the circle criterion nor Popov's holds for the sector from {shown}, so absence is "
-            f"undecided{found}."
-        )
-    polynomial = criterion(num, den, low, high, multiplier)
+        return _otherwise(loop, sectors, reason)
+    polynomials = [criterion(num, den, *edges, multiplier) for num in nums]
     return sealed(
         {
             "statement": check_absence.STATEMENT,
             "loop": dict(loop),
-            "claim": {"sector": edges, "multiplier": str(multiplier)},
-            "evidence": {"multiplier": str(multiplier), "polynomial": [str(c) for c in polynomial[::-1]]},
+            "claim": {
+                "sector": [None if edge is None else str(edge) for edge in edges],
+                "multiplier": str(multiplier),
+            },
+            "evidence": {
+                "multiplier": str(multiplier),
+                "polynomials": [[str(c) for c in polynomial[::-1]] for polynomial in polynomials],
+            },
         }
     )
+
+
+def _ascending(row: list[str]) -> Polynomial:
+    return [number(c) for c in row[::-1]]
+
+
+def _otherwise(loop: Mapping[str, Any], sectors: int, reason: str) -> dict[str, Any] | str:
+    """What proves absence where no criterion does, or why nothing does."""
+    if loop["element"]["kind"] == "play" and not reason:
+        return _by_sectors(loop, sectors)
+    if reason:
+        return reason
+    low, high = sector(loop["element"])
+    shown = f"{float(low):.6g} to {'infinity' if high is None else f'{float(high):.6g}'}"
+    why = f"neither the circle criterion nor Popov's holds for the sector from {shown}, so absence is undecided"
+    if len(loop["num"]) > 1:
+        return f"{why}."
+    from eppanalysis.methods.certificates.cells.find import find as find_cells
+
+    found = find_cells({**loop, "num": loop["num"][0]})
+    return found if not isinstance(found, str) else f"{why}{found}."
 
 
 def _by_sectors(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
@@ -81,73 +101,90 @@ def _by_sectors(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
 
 
 def _not_covered(loop: Mapping[str, Any]) -> str:
-    """Which hypothesis of the criteria a loop does not meet; empty where it meets all."""
+    """Which hypothesis of all criteria a loop does not meet; empty where it meets all."""
     if number(loop["delay"]) != 0:
         return "the criteria are checked for rational linear parts, and the loop has dead time."
     if loop["time_step"] is not None:
         return "the criteria are those of continuous time, and the loop is in discrete time."
-    if not any(number(c) for c in loop["num"]):
+    if not all(any(number(c) for c in row) for row in loop["num"]):
         return "the element's output does not reach its input."
-    if len(loop["num"]) >= len(loop["den"]):
+    if max(map(len, loop["num"])) >= len(loop["den"]):
         return "the linear part passes its input straight through."
+    if loop["element"]["kind"] not in check_absence.ELEMENTS:
+        return f"{loop['element']['kind']}: the criteria are those of memoryless elements, and of play."
+    return ""
+
+
+def _sector(loop: Mapping[str, Any]) -> tuple[Sector, str]:
+    """The sector of the element, and why the criteria that need one do not cover it; empty where they do."""
     try:
         low, high = sector(loop["element"])
     except Refused as error:
-        return f"{error}: the criteria are those of memoryless elements in a sector, and of play."
+        return (None, None), f"{error}: the criteria are those of memoryless elements in a sector, and of play."
     if low is None or low == high:
-        return "the element lies in no sector, or is linear."
-    num, den = (number(loop[name][-1]) for name in ("num", "den"))
+        return (None, None), "the element lies in no sector, or is linear."
+    if len(loop["num"]) > 1 and (low > 0 or (high is not None and high < 0)):
+        return (None, None), "ranges are proved of elements with zero in their sector."
     # The criteria know the loop by what the element sees: an integrator that cancels is beyond them
     # (docs/theory/proofs.md, No periodic motion).
-    unseen = num == 0 == den + low * num and loop["element"]["kind"] != "play"
-    return "the element does not see an integrator of the loop." if unseen else ""
+    lasts = [number(row[-1]) for row in loop["num"]]
+    unseen = number(loop["den"][-1]) == 0 >= lasts[0] * lasts[-1] and loop["element"]["kind"] != "play"
+    return (low, high), "the element does not see an integrator of the loop." if unseen else ""
 
 
-def _multiplier(
-    num: Polynomial, den: Polynomial, low: Fraction, high: Fraction | None, remembers: bool
-) -> Fraction | None:
+def _multiplier(nums: list[Polynomial], den: Polynomial, edges: Sector, remembers: bool) -> Fraction | None:
     """A multiplier with which the criterion holds, the circle criterion's zero first; None where none was found.
 
     An element that remembers has none but zero: the integral of its output times the rate of its input does not vanish.
     """
-    if _holds(num, den, low, high, Fraction(0)):
+    if _holds(nums, den, edges, Fraction(0)):
         return Fraction(0)
     # With memory the integral of w dx/dt over a period need not vanish, so that no multiplier but zero is allowed.
     if remembers:
         return None
     # The criterion is linear in its multiplier: two of them give the polynomial of any (docs/theory/proofs.md, No
     # periodic motion).
-    circle, tilted = (criterion(num, den, low, high, Fraction(r)) for r in (0, 1))
-    candidates = _candidates(circle, added(tilted, circle, Fraction(-1)))
-    return next((r for r in candidates if _holds(num, den, low, high, r)), None)
+    circles, tilted = ([criterion(num, den, *edges, Fraction(r)) for num in nums] for r in (0, 1))
+    tilts = [added(tilt, circle, Fraction(-1)) for tilt, circle in zip(tilted, circles, strict=True)]
+    return next((r for r in _candidates(circles, tilts) if _holds(nums, den, edges, r)), None)
 
 
-def _holds(num: Polynomial, den: Polynomial, low: Fraction, high: Fraction | None, multiplier: Fraction) -> bool:
-    """Whether the criterion holds for all linear parts that are the stated one but for rounding of its coefficients.
+def _sign(nums: list[Polynomial], den: Polynomial) -> Fraction | None:
+    """The sign of Re(j omega G) where it is the same at all frequencies."""
+    return next((r for r in (Fraction(1), Fraction(-1)) if _holds(nums, den, (None, None), r)), None)
+
+
+def _holds(nums: list[Polynomial], den: Polynomial, edges: Sector, multiplier: Fraction) -> bool:
+    """Whether the criterion holds for all linear parts that are the stated ones but for rounding of coefficients.
 
     A mode without damping that the element does not see cancels in G exactly, and after rounding hardly.
     """
-    sizes, dens = ([abs(c) for c in p] for p in (num, den))
-    dens = added(dens, sizes, abs(low))
-    terms = times([Fraction(1), abs(multiplier)], times(sizes, dens))
-    if high is not None:
-        terms = added(terms, times(dens, dens), 1 / (high - low))
-    # Each term has two rounded coefficients; those of omega squared come from even powers.
-    return positive(added(criterion(num, den, low, high, multiplier), terms[::2], -3 * ROUNDING))
+    low, high = edges
+    for num in nums:
+        sizes, dens = ([abs(c) for c in p] for p in (num, den))
+        dens = added(dens, sizes, abs(low or Fraction(0)))
+        terms = times([Fraction(low is not None), abs(multiplier)], times(sizes, dens))
+        if high is not None and low is not None:
+            terms = added(terms, times(dens, dens), 1 / (high - low))
+        # Each term has two rounded coefficients; those of omega squared come from even powers.
+        if not positive(added(criterion(num, den, low, high, multiplier), terms[::2], -3 * ROUNDING)):
+            return False
+    return True
 
 
-def _candidates(circle: Polynomial, tilt: Polynomial) -> list[Fraction]:
+def _candidates(circles: list[Polynomial], tilts: list[Polynomial]) -> list[Fraction]:
     """Multipliers r between all bounds that ``circle + r tilt > 0`` sets at the frequencies where they are tightest."""
-    # Each frequency bounds the multiplier by -circle/tilt; the tightest bounds are where that quotient turns.
-    turning = added(times(_slope(circle), tilt), times(circle, _slope(tilt)), Fraction(-1))
-    places = _positive_roots(turning) or [Fraction(1)]
     least, most = None, None
-    for u in [min(places) / _FAR, *places, max(places) * _FAR]:
-        size, lean = _at(circle, u), _at(tilt, u)
-        if lean > 0:
-            least = -size / lean if least is None else max(least, -size / lean)
-        elif lean < 0:
-            most = -size / lean if most is None else min(most, -size / lean)
+    for circle, tilt in zip(circles, tilts, strict=True):
+        # Each frequency bounds the multiplier by -circle/tilt; the tightest bounds are where that quotient turns.
+        turning = added(times(_slope(circle), tilt), times(circle, _slope(tilt)), Fraction(-1))
+        places = _positive_roots(turning) or [Fraction(1)]
+        for u in [min(places) / _FAR, *places, max(places) * _FAR]:
+            size, lean = _at(circle, u), _at(tilt, u)
+            if lean > 0:
+                least = -size / lean if least is None else max(least, -size / lean)
+            elif lean < 0:
+                most = -size / lean if most is None else min(most, -size / lean)
     if least is None and most is None:
         return []
     # Bounded on one side alone: a little beyond the bound, and far beyond it.

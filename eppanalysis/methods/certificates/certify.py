@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,10 @@ from eppanalysis.errors import ArgumentError, EppError, did_you_mean, require_pa
 from eppanalysis.methods.certificates.numbers import NotCovered
 from eppanalysis.methods.certificates.registry import STATEMENTS, Asked, Statement, of_text
 from eppanalysis.methods.certificates.result import Certificate, Check, enclosure, sentence
-from eppanalysis.methods.certificates.stated import another_loop, stated_loop
+from eppanalysis.methods.certificates.stated import another_loop, stated_loop, stated_range
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
-from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, standing
+from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, require_case, standing
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
 
@@ -27,7 +28,7 @@ from eppanalysis.results.provenance import Provenance
 _PATIENCE = 600.0
 _MOST_SECTORS = 200
 #: Absence of cycles is no stability: said where all motions may grow.
-_GROWS = " While the play moves, the loop is not stable: motions that do not rest may grow without bound."
+_GROWS = " While the play moves, {}: motions that do not rest may grow without bound."
 #: Why roots are not decided beside an undamped pole.
 _ALONE = (
     " At {} rad/s the linear part has a pole without damping: where the element's output is zero, it swings there at "
@@ -40,6 +41,7 @@ def certify(
     statement: str = "roots",
     *,
     box: Mapping[str, tuple[float, float]] | None = None,
+    within: Mapping[str, tuple[object, object]] | None = None,
     sectors: int = 48,
     operating_point: PointLike | None = None,
 ) -> Certificate:
@@ -53,18 +55,21 @@ def certify(
         element, play or relay with hysteresis with a bias, and rings of odd ones of these.
     statement : str, optional
         "roots": all roots of the balance ``1 + N(A) G(j omega) = 0`` in a box, none missed. "absence": no
-        periodic motion but rest; for a memoryless element in a sector by the circle criterion or Popov's, and for a
-        relay with dead zone around ``k/(s(s+p)(s+q))`` by cells of its return map; for play, whatever its gap and
-        the constant inputs, by ``Re G(j omega) > -1``, or by a function that falls along every
-        motion where G is of order 2, or of order 3 with one zero at most, with real poles; and for the elbow on its
-        side with a ball-bearing pulley and so small a gap that the drive's friction outweighs it. "cycles": these are
-        all limit cycles, with periods and stability, and nothing else is periodic but rest; for a relay with dead
-        zone around ``k/(s(s+p)(s+q))``.
+        periodic motion but rest; for a memoryless element in a sector by the circle criterion or Popov's, for any
+        memoryless element where ``Re j omega G(j omega)`` has one sign, and for a relay with dead zone around
+        ``k/(s(s+p)(s+q))`` by cells of its return map; for play, whatever its gap and the constant inputs, by
+        ``Re G(j omega) > -1``, or by a function that falls along every motion where G is of order 2, or of order 3 with
+        one zero at most, with real poles; and for the elbow on its side with a ball-bearing pulley and so small a gap
+        that the drive's friction outweighs it. "cycles": these are all limit cycles, with periods and stability, and
+        nothing else is periodic but rest; for a relay with dead zone around ``k/(s(s+p)(s+q))``.
     box : mapping of str to (float, float), optional
         Of "roots": "amplitude" at the element's input (of a ring, the first one with memory, or the first), "omega"
         [rad/s] and, where there is one, "bias", from and to; by default 1024 times beyond all scales of the loop and
         the cycles that :func:`predict_limit_cycles` lists (to one turn of its dead time, to half of its sampling
         frequency).
+    within : mapping of str to (quantity, quantity), optional
+        Of "absence", for a case: one parameter and its range, from and to. It may change nothing but the numerator of
+        the linear part, along a straight line, as gains do. One file then holds for all its values.
     sectors : int, optional
         Of "absence" with play: most sectors of a quarter plane in which the function is quadratic, 2 to 200; more of
         them come nearer to the exact onset of cycles.
@@ -79,8 +84,8 @@ def certify(
     Raises
     ------
     EppError
-        If `loop` is neither a case nor a loop, the statement or a side of the box is not known, `sectors` is out of
-        range, or python-flint or (for play) clarabel is missing, which the extra "proof" installs.
+        If `loop` is neither a case nor a loop, the statement, a side of the box or a parameter is not known, `sectors`
+        is out of range, or python-flint or (for play) clarabel is missing, which the extra "proof" installs.
 
     Notes
     -----
@@ -130,19 +135,24 @@ def certify(
         raise ArgumentError(
             "box", f" is given for {statement!r}, which is proved of all amplitudes; expected no box.", "certify"
         )
+    if within is not None and (asked is not Asked.ABSENCE or len(within) != 1):
+        raise ArgumentError("within", " is of absence; expected one parameter and its range.", "certify")
     require_packages("certify", "proof", "flint")
     system, at = standing(loop, operating_point, "certify")
     case = facts_of(loop)
-    settings = {"system": system.name, "statement": asked.value, "input": dict(at.inputs)}
+    settings = {"system": system.name, "statement": asked.value, "input": dict(at.inputs), "within": dict(within or {})}
     try:
-        stated, off = stated_loop(asked, system, at)
+        if within is None:
+            stated, off = stated_loop(asked, system, at)
+        else:
+            stated, off = stated_range(require_case(loop, "certify"), *next(iter(within.items())), operating_point)
         made_by = Provenance("certificate", settings, {"coefficients": off}, case=case)
         made = partial(Certificate, asked, provenance=made_by, operating_point=at)
         if asked is Asked.ROOTS:
             return _roots(system, stated, box, at, made)
         if asked is Asked.CYCLES:
             return _cycles(system, stated, made)
-        return _absence(system, stated, sectors, made)
+        return _absence(system.name, stated, sectors, within or {}, made)
     except NotCovered as error:
         made_by = Provenance("certificate", settings, case=case)
         message = f"Not covered: {error}"
@@ -170,18 +180,22 @@ def _roots(
     )
 
 
-def _absence(system: LureSystem, stated: dict[str, Any], sectors: int, made: Callable[..., Certificate]) -> Certificate:
+def _absence(
+    name: str,
+    stated: dict[str, Any],
+    sectors: int,
+    within: Mapping[str, tuple[object, object]],
+    made: Callable[..., Certificate],
+) -> Certificate:
     """The certificate of absence, checked, or why there is none."""
     from eppanalysis.methods.certificates import absence
 
-    play = stated.get("element", {}).get("kind") == "play"
     document = absence.find(stated, sectors)
     if isinstance(document, str):
         return made(Status.INCOMPLETE, f"Not decided: {document}")
     _accepted(document)
-    return made(
-        Status.CONVERGED, sentence(document, system.name) + (_GROWS if play and _grows(system) else ""), document
-    )
+    values = "".join(f" with {parameter} from {low} to {high}" for parameter, (low, high) in within.items())
+    return made(Status.CONVERGED, sentence(document, name, values) + _growth(stated), document)
 
 
 def _cycles(system: LureSystem, stated: dict[str, Any], made: Callable[..., Certificate]) -> Certificate:
@@ -197,9 +211,14 @@ def _cycles(system: LureSystem, stated: dict[str, Any], made: Callable[..., Cert
     return made(Status.CONVERGED, sentence(document, system.name), document)
 
 
-def _grows(system: LureSystem) -> bool:
-    """Whether the linear loop that stands for a play while it moves is not stable."""
-    return bool(np.max(np.linalg.eigvals(system.A + system.B @ system.C).real) >= 0.0)
+def _growth(stated: Mapping[str, Any]) -> str:
+    """That linear loops which stand for a play while it moves are not stable; empty where they are."""
+    if stated.get("element", {}).get("kind") != "play":
+        return ""
+    nums, den = ([[float(Fraction(c)) for c in row] for row in rows] for rows in (stated["num"], [stated["den"]]))
+    grows = [bool(np.max(np.roots(np.polyadd(num, den[0])).real) >= 0.0) for num in nums]
+    which = "the loop is not stable" if all(grows) else "some of the loops are not stable"
+    return _GROWS.format(which) if any(grows) else ""
 
 
 def _accepted(document: Mapping[str, Any]) -> None:

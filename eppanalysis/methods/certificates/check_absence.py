@@ -1,7 +1,8 @@
 """Checker of a certificate of absence: no periodic motion but rest, by the criterion of Popov or the circle criterion.
 
-It stands alone, ``python -I check_absence.py < certificate.json``, and computes with exact rationals (python-flint).
-Theory: docs/theory/proofs.md, "No periodic motion", and of play "By frequency".
+A file speaks of one numerator of the linear part, or of all on the straight line between two. The checker stands alone,
+``python -I check_absence.py < certificate.json``, and computes with exact rationals (python-flint). Theory:
+docs/theory/proofs.md, "No periodic motion", and of play "By frequency".
 """
 
 import sys
@@ -24,8 +25,8 @@ ELEMENTS: dict = {
     "play": {"gap": (Fraction,)},
 }
 FORM = {
-    "claim": {"sector": [(Fraction,), (Fraction, type(None))], "multiplier": (Fraction,)},
-    "evidence": {"multiplier": (Fraction,), "polynomial": [(Fraction,)]},
+    "claim": {"sector": [(Fraction, type(None))], "multiplier": (Fraction,)},
+    "evidence": {"multiplier": (Fraction,), "polynomials": [[(Fraction,)]]},
 }
 
 
@@ -164,12 +165,15 @@ def on_axis(p):
 
 
 def criterion(num, den, low, high, multiplier):
-    """``Re((1 + j omega r) num conj(D)) + |D|^2/(high - low)``, D = den + low num, as a polynomial in omega squared."""
-    den = added(den, num, low)
+    """``Re((1 + j omega r) num conj(D)) + |D|^2/(high - low)``, D = den + low num, as a polynomial in omega squared.
+
+    Without a sector (no `low`) it is ``Re(j omega r num conj(den))``.
+    """
+    den = added(den, num, low or Fraction(0))
     (a, b), (c, d), u = on_axis(num), on_axis(den), [Fraction(0), Fraction(1)]
     real, turn = added(times(a, c), times(u, times(b, d))), added(times(b, c), times(a, d), Fraction(-1))
     size = added(times(c, c), times(u, times(d, d)))
-    popov = added(real, times(u, turn), -multiplier)
+    popov = added([] if low is None else real, times(u, turn), -multiplier)
     return popov if high is None else added(popov, size, 1 / (high - low))
 
 
@@ -198,26 +202,37 @@ def positive(p):
 
 def verify(document):
     """What a certificate proves: the sector and the multiplier with which the criterion holds."""
-    loop_form = {"time_step": (str, type(None)), "num": [(Fraction,)], "den": [(Fraction,)], "delay": (Fraction,)}
+    loop_form = {"time_step": (str, type(None)), "num": [[(Fraction,)]], "den": [(Fraction,)], "delay": (Fraction,)}
     loop, said, evidence = opened(document, {**FORM, "loop": {**loop_form, "element": element_form}})
     require(loop["time_step"] is None, "a loop in discrete time is not covered")
     require(number(loop["delay"]) == 0, "a loop with dead time is not covered")
-    require(max(len(loop["num"]), len(loop["den"])) <= ORDER, "a linear part of too high an order")
-    rows = loop["num"], loop["den"], evidence["polynomial"]
+    require(0 < len(loop["num"]) <= 2, "numerators that are neither one nor the ends of a range")
+    require(max(map(len, [loop["den"], *loop["num"]])) <= ORDER, "a linear part of too high an order")
+    rows = [loop["den"], *loop["num"], *evidence["polynomials"]]
     require(max(sum(map(len, row)) for row in rows) <= SIZE, f"a polynomial of more than {SIZE} characters")
-    num, den = (trimmed([*map(number, loop[name][::-1])]) for name in ("num", "den"))
-    require(0 < len(num) < len(den), "a linear part that is zero, or passes its input straight through")
-    low, high = sector(loop["element"])
-    require(low is not None and (high is None or low < high), "an element without a sector")
+    den, *nums = (trimmed([*map(number, row[::-1])]) for row in rows[: 1 + len(loop["num"])])
+    require(nums[1:] != nums[:1], "a range with one end")
+    require(all(0 < len(num) < len(den) for num in nums), "a linear part that is zero, or passes its input through")
+    edges, multiplier = sector(loop["element"]), number(evidence["multiplier"])
     if loop["element"]["kind"] == "play":
-        require(number(evidence["multiplier"]) == 0, "a multiplier, where the element remembers")
+        require(multiplier == 0, "a multiplier, where the element remembers")
+    elif said["sector"] == [None, None]:
+        edges = None, None  # of any memoryless element, and of any constants: Re(j omega G) has one sign
     else:
-        require(num[0] != 0 or (den[0] + low * num[0]) != 0, "an integrator that the element does not see")
-    claim = {"sector": [str(low), None if high is None else str(high)], "multiplier": evidence["multiplier"]}
+        seen = den[0] != 0 or nums[0][0] * nums[-1][0] > 0
+        require(seen, "an integrator that the element does not see")
+    low, high = edges
+    bounded = low is not None and (high is None or low < high)
+    require(bounded or edges == (None, None), "an element without a sector")
+    # Between two numerators the criterion is not below the line between its values where zero is in the sector.
+    concave = low is None or low <= 0 and (high is None or high >= 0)
+    require(len(nums) == 1 or concave, "a range of gains, where zero is not in the sector")
+    claim = {"sector": [edge if edge is None else str(edge) for edge in edges], "multiplier": evidence["multiplier"]}
     require(said == claim, f"it claims {said}, its evidence shows {claim}")
-    polynomial = criterion(num, den, low, high, number(evidence["multiplier"]))
-    require([*map(number, evidence["polynomial"])] == polynomial[::-1], "a polynomial that is not the loop's")
-    require(positive(polynomial), "a polynomial that is not positive for all frequencies")
+    for num, given in zip(nums, evidence["polynomials"], strict=True):
+        polynomial = criterion(num, den, low, high, multiplier)
+        require([*map(number, given)] == polynomial[::-1], "a polynomial that is not the loop's")
+        require(positive(polynomial), "a polynomial that is not positive for all frequencies")
     return claim
 
 

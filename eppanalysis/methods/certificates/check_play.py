@@ -1,6 +1,7 @@
-"""Checker of a certificate that a loop with play has no periodic motion but rest, by a function quadratic in sectors.
+"""Checker of a certificate that loops with play have no periodic motion but rest, by a function quadratic in sectors.
 
-It stands alone, ``python -I check_play.py < certificate.json``, and computes with exact rationals throughout. Theory:
+A file speaks of one numerator of the linear part, or of all on the straight line between two. The checker stands alone,
+``python -I check_play.py < certificate.json``, and computes with exact rationals throughout. Theory:
 docs/theory/proofs.md; the numbers in brackets are its inequalities.
 """
 
@@ -16,18 +17,13 @@ STATEMENT = "no periodic motion but rest, for any gap of the play"
 ONE = Fraction(1)
 #: Most characters of a file, and of a number in it.
 LENGTH, DIGITS = 2_000_000, 1000
-FORMS, SIGNS = [[[(Fraction,)]]], {"forms": [[[(Fraction,)]]], "multipliers": [(Fraction,)], "rate": (Fraction,)}
+FORMS, SIGNS = [[[(Fraction,)]]], {"forms": [[[(Fraction,)]]], "multipliers": [[(Fraction,)]], "rate": (Fraction,)}
 EVIDENCE = {"poles": [(Fraction,)], "unit": (Fraction,), "rays": [[(Fraction,), (Fraction,)]], "stuck": [[(Fraction,)]]}
-EVIDENCE |= {"moving": FORMS, "moving_multipliers": [(Fraction,)], "decrease": (Fraction,)}
+EVIDENCE |= {"moving": FORMS, "moving_multipliers": [[(Fraction,)]], "decrease": (Fraction,)}
 EVIDENCE |= {"release_multipliers": [[(Fraction,), (Fraction,), (Fraction,)]]}
+LOOP = {"time_step": (str, type(None)), "num": [[(Fraction,)]], "den": [(Fraction,)], "delay": (Fraction,)}
 FORM = {
-    "loop": {
-        "time_step": (str, type(None)),
-        "num": [(Fraction,)],
-        "den": [(Fraction,)],
-        "delay": (Fraction,),
-        "element": {"kind": (str,), "gap": (Fraction,)},
-    },
+    "loop": {**LOOP, "element": {"kind": (str,), "gap": (Fraction,)}},
     "claim": {"sectors": (int,)},
     "evidence": lambda part: {**EVIDENCE, **({"signs": SIGNS} if type(part) is dict and "signs" in part else {})},
 }
@@ -177,15 +173,17 @@ def require_continuous(forms, rays):
         require(not any(jumps), "a function that jumps from sector to sector (2)")
 
 
-def require_signs(F, b, sectors, rays, given):
-    """(Z): with a zero, what is not positive where y_2 turns negative stays so, and y_3 <= 0 at the turning point."""
-    G, factors, growth = (rational(given[name]) for name in ("forms", "multipliers", "rate"))
-    require_forms(G, len(sectors), 3)
-    require_continuous(G, rays)
-    for form, (f, g), factor in zip(G, sectors, factors, strict=True):
-        grows = total((ONE, rate(form, F)), (growth, form), (factor, product(f, g)))
-        require(factor >= 0 and never_positive(grows), "a barrier of signs that does not hold in motion (Z)")
-    first, last, slope = G[0], G[-1], -b[1] / F[1][2]
+def require_falling(F, forms, sectors, factors, growth, decrease):
+    """(3), (Z): exp(growth t) y'Gy falls while the play moves, by at least as much as is claimed."""
+    speed = [ONE] + [Fraction(0)] * (len(F) - 1)
+    for form, (f, g), factor in zip(forms, sectors, factors, strict=True):
+        change = total((ONE, rate(form, F)), (growth, form), (factor, product(f, g)), (decrease, product(speed, speed)))
+        require(factor >= 0 and never_positive(change), "a function that does not fall while the play moves (3, Z)")
+
+
+def require_signs(G, slope):
+    """(Z): not positive where y_2 turns negative, and at the turning point so for y_3 <= 0 alone."""
+    first, last = G[0], G[-1]
     begins = first[2][2] == 0 <= first[0][2] and first[0][0] + 2 * first[0][2] * slope <= 0
     require(begins and last[2][2] == 0 <= last[1][1] and last[1][2] < 0, "a barrier without its signs (Z)")
 
@@ -196,27 +194,32 @@ def require_forms(forms, count, n):
     require(all(M[i][j] == M[j][i] for M in forms for i in range(n) for j in range(i)), "a form that is not symmetric")
 
 
-def falls(num, den, given):
-    """The function falls while the play moves, and never rises: inequalities (1) to (5); returns how many sectors."""
-    fields = ("poles", "unit", "rays", "stuck", "moving", "moving_multipliers", "release_multipliers", "decrease")
-    poles, unit, rays, Q, P, moving, release, decrease = (rational(given[name]) for name in fields)
-    A, b = contact_form(num, den, poles, unit)
-    n = len(A)
-    F = [[x + (b[i] if j == 0 else 0) for j, x in enumerate(row)] for i, row in enumerate(A)]
+def falls(nums, den, given):
+    """The function falls while the play moves, and never rises: inequalities (1) to (5); returns how many sectors.
+
+    The numerator is in (C), (3) and (Z) alone, which are affine in it: what holds at both ends holds between them.
+    """
+    poles, unit, rays, Q, P, moving, decrease, release = (rational(given[name]) for name in EVIDENCE)
+    contacts = [contact_form(num, den, poles, unit) for num in nums]
+    n, A = len(den) - 1, contacts[0][0]
+    flows = [[[x + (b[i] if j == 0 else 0) for j, x in enumerate(row)] for i, row in enumerate(A)] for _, b in contacts]
     sectors, middle = sectors_of(rays, n), rays.index([1, 0])
-    require(("signs" in given) == (n == 3 and b[1] < 0), "a barrier of signs that is missing or not needed (Z)")
+    lead = min(b[1] for _, b in contacts)
+    require(("signs" in given) == (n == 3 and lead < 0), "a barrier of signs that is missing or not needed (Z)")
     if "signs" in given:
-        require_signs(F, b, sectors[middle:], rays[middle + 1 : -1], given["signs"])
-    require_forms(P, len(sectors), n)
-    require_forms([Q], 1, n)
+        G, factors, growth = (rational(given["signs"][name]) for name in ("forms", "multipliers", "rate"))
+        require_forms(G, len(sectors) - middle, 3)
+        require_continuous(G, rays[middle + 1 : -1])
+        require_signs(G, -lead / unit)
+        for F, row in zip(flows, factors, strict=True):
+            require_falling(F, G, sectors[middle:], row, growth, Fraction(0))
+    require_forms([Q, *P], 1 + len(sectors), n)
     require_continuous(P, rays[1:-1])
-    require(min(moving + [x for row in release for x in row]) >= 0 < decrease, "a multiplier that is negative")
-    speed, third = ([Fraction(int(i == k)) for i in range(n)] for k in (0, 2))
+    require(min(x for row in release for x in row) >= 0 < decrease, "a multiplier that is negative")
     require(never_positive(rate(Q, A)), "a function that rises while the play rests (1)")
-    for form, (f, g), factor in zip(P, sectors, moving, strict=True):
-        change = total((ONE, rate(form, F)), (factor, product(f, g)), (decrease, product(speed, speed)))
-        require(never_positive(change), "a function that does not fall while the play moves (3)")
-    turn = total((ONE, Q), (-ONE, P[-1]))
+    for F, row in zip(flows, moving, strict=True):
+        require_falling(F, P, sectors, row, Fraction(0), decrease)
+    turn, third = total((ONE, Q), (-ONE, P[-1])), [Fraction(int(i == 2)) for i in range(n)]
     require(all(x <= 0 for row in turn[1:] for x in row[1:]), "a function that rises at a turning point (4)")
     for form, (f, g), (both, one, two) in zip(P[:middle], sectors[:middle], release, strict=True):
         facts = total((both, product(f, g)), (one, product(f, third)), (two, product(g, third)))
@@ -227,12 +230,12 @@ def falls(num, den, given):
 def verify(document):
     """What a certificate proves: of how many sectors the function is that falls along every motion."""
     loop, said, evidence = opened(document, FORM)
-    require(rational(loop["delay"]) == 0, "a loop with dead time is not covered")
-    require(loop["time_step"] is None, "a loop in discrete time is not covered")
+    require(rational(loop["delay"]) == 0 and loop["time_step"] is None, "dead time or discrete time is not covered")
     require(loop["element"]["kind"] == "play" and rational(loop["element"]["gap"]) > 0, "an element without a gap")
-    num, den = rational(loop["num"]), rational(loop["den"])
-    require(0 < len(num) < len(den) and den[0] == 1, "a linear part that is not strictly proper and monic")
-    claim = {"sectors": falls(num, den, evidence)}
+    nums, den = rational(loop["num"]), rational(loop["den"])
+    require(0 < len(nums) <= 2 and nums[1:] != nums[:1], "numerators that are neither one nor two ends of a range")
+    require(den[0] == 1 and all(0 < len(num) < len(den) for num in nums), "a linear part not strictly proper and monic")
+    claim = {"sectors": falls(nums, den, evidence)}
     require(said == claim, f"it claims {said}, its evidence shows {claim}")
     return claim
 

@@ -93,30 +93,29 @@ def _plot_cells(certificate: Certificate, ax: Axes) -> None:
 
 
 def _plot_popov(certificate: Certificate, ax: Axes) -> None:
-    """Popov's curve of the loop from the lower edge of the sector, and the line that it stays to the right of."""
+    """Popov's curves of the loops from the lower edge of the sector, and the line that they stay on one side of."""
     loop, claim = certificate.document["loop"], certificate.document["claim"]
-    num, den = (np.array([float(Fraction(c)) for c in loop[name]]) for name in ("num", "den"))
+    *nums, den = (np.array([float(Fraction(c)) for c in row]) for row in (*loop["num"], loop["den"]))
     low, high = (None if edge is None else float(Fraction(edge)) for edge in claim["sector"])
     rate, floor = float(Fraction(claim["multiplier"])), 0.0 if low is None else low
-    den = np.polyadd(den, floor * num)
-    sizes = np.abs(np.concatenate([np.roots(den), np.roots(num)]))
-    scales = sizes[sizes > 0] if np.any(sizes > 0) else np.ones(1)
-    omega = np.geomspace(scales.min() / 300.0, scales.max() * 300.0, 2000)
-    response = np.polyval(num, 1j * omega) / np.polyval(den, 1j * omega)
-    # Re[(1 + j omega r) G] + 1/k > 0 is x - r y > -1/k: one side
-    # of a line (docs/theory/proofs.md, No periodic motion).
-    x, y = response.real, omega * response.imag
-    edge = 0.0 if high is None else -1.0 / (high - floor)
-    ax.plot(x, y, color=BLUE, linewidth=1.6, label="Popov's curve")
-    heights = np.array([y.min(), y.max()])
-    ax.plot(
-        edge + rate * heights,
-        heights,
-        color=VERMILLION,
-        linewidth=1.0,
-        label=f"line that it stays to the right of (multiplier {number(rate)} s)",
-    )
-    ax.plot([edge], [0.0], "k+", markersize=10, label=f"{number(edge)}, the edge of the sector")
+    edge, curves = 0.0 if high is None else -1.0 / (high - floor), []
+    for num in nums:
+        shifted = np.polyadd(den, floor * num)
+        sizes = np.abs(np.concatenate([np.roots(shifted), np.roots(num)]))
+        scales = sizes[sizes > 0] if np.any(sizes > 0) else np.ones(1)
+        omega = np.geomspace(scales.min() / 300.0, scales.max() * 300.0, 2000)
+        response = np.polyval(num, 1j * omega) / np.polyval(shifted, 1j * omega)
+        curves.append((response.real, omega * response.imag))
+        ax.plot(*curves[-1], color=BLUE, linewidth=1.6, label="Popov's curve" if len(curves) == 1 else "")
+    if low is None:
+        ax.axhline(0.0, color=VERMILLION, linewidth=1.0, label="line that it stays on one side of")
+    else:
+        # Re[(1 + j omega r) G] + 1/k > 0 is x - r y > -1/k: one side
+        # of a line (docs/theory/proofs.md, No periodic motion).
+        heights = np.array([min(y.min() for _, y in curves), max(y.max() for _, y in curves)])
+        label = f"line that it stays to the right of (multiplier {number(rate)} s)"
+        ax.plot(edge + rate * heights, heights, color=VERMILLION, linewidth=1.0, label=label)
+        ax.plot([edge], [0.0], "k+", markersize=10, label=f"{number(edge)}, the edge of the sector")
     ax.set_xlabel("Re G(jω)")
     ax.set_ylabel("ω Im G(jω) [1/s]")
     put_legend(ax)

@@ -166,13 +166,15 @@ def enclosure(texts: Sequence[str]) -> Enclosure:
 UNNAMED = "the loop in the file"
 
 
-def sentence(document: Mapping[str, Any], name: str = UNNAMED) -> str:
+def sentence(document: Mapping[str, Any], name: str = UNNAMED, values: str = "") -> str:
     """What a certificate that its checker has accepted proves.
 
     Parameters
     ----------
     name : str, optional
         Of the loop, where it is known to be the one that the certificate states.
+    values : str, optional
+        Of the parameter over which it is known to state the loop.
 
     Examples
     --------
@@ -183,20 +185,13 @@ def sentence(document: Mapping[str, Any], name: str = UNNAMED) -> str:
     "Proved of servo: a claim of another kind; {'cycles': 1}."
     """
     statement, claim, known = document["statement"], document["claim"], name != UNNAMED
-    name = words(visible(name))
+    name = words(visible(name)) + (values if known else _range(document))
     if statement in (STATEMENTS[Asked.ROOTS].text, STATEMENTS["balance"].text):
         return _roots_sentence(name, claim, document["box"])
     if statement == STATEMENTS[Asked.ABSENCE].text:
-        low, high = claim["sector"]
-        multiplier = (
-            "the circle criterion"
-            if claim["multiplier"] == "0"
-            else f"Popov's criterion with a multiplier of {rounded(Fraction(claim['multiplier']), ROUND_HALF_EVEN)} s"
-        )
-        edges = f"{low} to {'infinity' if high is None else high}"
-        if document["loop"]["element"]["kind"] == "play":
-            return f"Proved: {name} has no periodic motion but rest, for any gap (Re G(jω) > -1)."
-        return f"Proved: {name} has no periodic motion but rest (sector {edges}; {multiplier})."
+        how = _criterion(claim)
+        gap, how = (", for any gap", "Re G(jω) > -1") if document["loop"]["element"]["kind"] == "play" else ("", how)
+        return f"Proved: {name} has no periodic motion but rest{gap} ({how})."
     if statement == STATEMENTS["absence_with_play"].text:
         how = f"a function that falls, quadratic in {claim['sectors']} sectors"
         return f"Proved: {name} has no periodic motion but rest, for any gap ({how})."
@@ -208,6 +203,24 @@ def sentence(document: Mapping[str, Any], name: str = UNNAMED) -> str:
     if statement == STATEMENTS["orbit"].text:
         return _orbit_sentence(name if known else "", claim)
     return f"Proved of {name}: {statement}; {claim}."
+
+
+def _range(document: Mapping[str, Any]) -> str:
+    """The numerators between which one lies, where a file speaks of many."""
+    ends = document["loop"].get("num", [])
+    if len(ends) != 2 or not isinstance(ends[0], list):
+        return ""
+    low, high = (" ".join(rounded(Fraction(c), ROUND_HALF_EVEN, 6) for c in row) for row in ends)
+    return f", with any numerator from {low} to {high},"
+
+
+def _criterion(claim: Mapping[str, Any]) -> str:
+    """The criterion that holds, with its sector."""
+    (low, high), multiplier = claim["sector"], Fraction(claim["multiplier"])
+    if low is None:
+        return f"whatever the element without memory; Re jωG(jω) {'<>'[multiplier > 0]} 0"
+    by = f"Popov's criterion with a multiplier of {rounded(multiplier, ROUND_HALF_EVEN)} s" if multiplier else ""
+    return f"sector {low} to {'infinity' if high is None else high}; {by or 'the circle criterion'}"
 
 
 def _gap(claim: Mapping[str, Any]) -> str:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import Any
 
-from eppanalysis.errors import shown
-from eppanalysis.methods.certificates.numbers import NotCovered
+from eppanalysis.errors import ArgumentError, shown
+from eppanalysis.methods.certificates.numbers import ROUNDING, NotCovered
 from eppanalysis.methods.certificates.registry import STATEMENTS, Asked
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 
 #: Which question a statement answers; an orbit's has a loop of its own kind.
 _ASKED = {
@@ -25,10 +27,14 @@ _ASKED = {
 }
 #: What the parts of a loop are called.
 _CALLED = {"num": "numerator", "den": "denominator", "delay": "dead time", "time_step": "time step"}
+#: Values within a range, as shares of it, at which the numerator is seen to lie between those at its ends.
+_SHARES = (0.0, 0.03, 0.17, 0.25, 0.41, 0.5, 0.68, 0.75, 0.93, 1.0)
 
 
 def stated_loop(asked: Asked, system: LureSystem, at: OperatingPoint) -> tuple[dict[str, Any], float]:
     """A loop as certificates of a statement state it, and how far its coefficients are off, relatively.
+
+    Of absence, with a list of numerators: here one, in a range of loops those at both ends.
 
     Raises
     ------
@@ -46,7 +52,43 @@ def stated_loop(asked: Asked, system: LureSystem, at: OperatingPoint) -> tuple[d
     # Of play it is proved for every constant input (docs/theory/proofs.md, What is claimed of play).
     if asked is Asked.CYCLES or stated["element"]["kind"] != "play":
         require_no_bias(system, at.vector(system))
-    return stated, off
+    return (stated | {"num": [stated["num"]]} if asked is Asked.ABSENCE else stated), off
+
+
+def stated_range(
+    case: CaseLike, name: str, ends: tuple[object, object], point: PointLike | None
+) -> tuple[dict[str, Any], float]:
+    """The loops of a case within a range of one parameter, as certificates of absence state them.
+
+    A file speaks of all numerators on the straight line between two. That those of the case lie on it is seen at some
+    values.
+
+    Raises
+    ------
+    ArgumentError
+        If the range has no low and high end.
+    NotCovered
+        If the parameter changes more than the numerator, or that not along a line.
+    """
+    low, high = (case.si(name, end) for end in ends)
+    if not low < high:
+        raise ArgumentError("within", f" is {name} {ends[0]} to {ends[1]}; expected low < high.", "certify")
+    made = [
+        stated_loop(Asked.ABSENCE, *standing(case.with_values({name: low + share * (high - low)}), point, "certify"))
+        for share in _SHARES
+    ]
+    (first, _), (last, _) = made[0], made[-1]
+    if "num" not in first:
+        raise NotCovered("ranges are proved of loops with one element of one input and output.")
+    rows = first["num"] + last["num"] if first["num"] != last["num"] else first["num"]
+    for loop, _ in made:
+        if {**loop, "num": rows} != {**first, "num": rows}:
+            raise NotCovered(
+                f"{name} changes more than the numerator of the linear part, and ranges are proved of that."
+            )
+        if not _lies_between(loop["num"][0], rows):
+            raise NotCovered(f"the numerator does not run along a line with {name}.")
+    return first | {"num": rows}, max(off for _, off in made)
 
 
 def _loop_of_roots(system: LureSystem, at: OperatingPoint) -> tuple[dict[str, Any], float]:
@@ -91,7 +133,25 @@ def another_loop(document: Mapping[str, Any], system: LureSystem, at: OperatingP
     if stated.keys() != given.keys():
         return "the file states a loop of another kind"
     for name, value in stated.items():
-        if given[name] != value:
+        if given[name] != value and not (name == "num" and _lies_between(value[0], given[name])):
             called = _CALLED.get(name, name.replace("_", " "))
             return f"its {called} is {shown(value)}, and that of the file {shown(given[name])}"
     return ""
+
+
+def _lies_between(row: list[str], ends: list[list[str]]) -> bool:
+    """Whether a numerator lies on the line between two, but for rounding of its coefficients; or is one of them."""
+    if row in ends or len(ends) != 2:
+        return row in ends
+    length = max(map(len, (row, *ends)))
+    low, high, here = ([Fraction(0)] * (length - len(one)) + [*map(Fraction, one)] for one in (*ends, row))
+    least, most = Fraction(0), Fraction(1)
+    for a, b, c in zip(low, high, here, strict=True):
+        room = ROUNDING * abs(c)
+        if a == b:
+            if abs(c - a) > room:
+                return False
+            continue
+        shares = sorted(((c - room - a) / (b - a), (c + room - a) / (b - a)))
+        least, most = max(least, shares[0]), min(most, shares[1])
+    return least <= most

@@ -105,7 +105,7 @@ def _others(part: Any) -> list[Any]:
 
 
 def _may_be_null(path: Path) -> bool:
-    return path[-1:] == ("time_step",) or path[-2:] == ("sector", 1)
+    return path[-1:] == ("time_step",) or path[-2:-1] == ("sector",)
 
 
 def _is_number(text: str) -> bool:

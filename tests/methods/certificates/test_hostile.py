@@ -79,12 +79,12 @@ def with_number(text: str) -> list[dict[str, Any]]:
     cells = {"claim": {"cells": 1, "cycles": []}, "evidence": {"cover": ".", "order": [0], "forms": []}}
     absence = {
         "claim": {"sector": ["0", "1"], "multiplier": "0"},
-        "evidence": {"multiplier": "0", "polynomial": [text]},
+        "evidence": {"multiplier": "0", "polynomials": [[text]]},
     }
     return [
         roots(loop={**FIRST_LAG, "num": [text], "element": {"kind": "cube", "scale": text}}),
         {"statement": STATEMENTS["cycles"].text, "loop": loop, **cells},
-        {"statement": "no periodic motion but rest", "loop": loop, **absence},
+        {"statement": "no periodic motion but rest", "loop": {**loop, "num": [["1"]]}, **absence},
     ]
 
 
@@ -136,9 +136,9 @@ def test_polynomials_of_many_digits_are_refused_at_once() -> None:
     element = {"kind": "odd_pieces", "slope": "0", "bends": [["1", "1"]], "jumps": []}
     document = {
         "statement": STATEMENTS[Asked.ABSENCE].text,
-        "loop": {**FIRST_LAG, "num": row, "den": [*row, "1"], "element": element},
+        "loop": {**FIRST_LAG, "num": [row], "den": [*row, "1"], "element": element},
         "claim": {"sector": ["0", "1"], "multiplier": "0"},
-        "evidence": {"multiplier": "0", "polynomial": row},
+        "evidence": {"multiplier": "0", "polynomials": [row]},
     }
     code, said, _ = run(of_text(document["statement"]).program, json.dumps(sealed(document)))
     assert code == 1 and "a polynomial of more than" in said["why"]

@@ -38,6 +38,11 @@ def _absence(loop: epp.LureSystem, sectors: int = 48) -> Callable[[], Document]:
     return lambda: dict(epp.certify(loop, "absence", sectors=sectors).document)
 
 
+def _range(loop: epp.LureSystem, low: float, high: float, sectors: int = 48) -> Callable[[], Document]:
+    within = {"loop.gain": (low, high)}
+    return lambda: dict(epp.certify(epp.Case.from_system(loop), "absence", within=within, sectors=sectors).document)
+
+
 def _orbit() -> Document:
     relay = L(([1.0], [1.0, 1.0]), epp.HysteresisRelay(lower=-0.5, upper=0.5))
     x, period = np.zeros(1), 2.0 * math.log(3.0)
@@ -90,6 +95,11 @@ MADE: dict[str, Callable[[], Document]] = {
     "absence, drag": _absence(L(([1.0, 1.0], [1.0, 3.0, 2.0]), epp.Drag(2.0))),
     "absence, play": _absence(L(([0.5], SERVO), epp.Play(gap=0.1))),
     "play": _absence(L(([1.5], SERVO), epp.Play(gap=1.0)), sectors=4),
+    "play, range": _range(L(([1.0], SERVO), epp.Play(gap=1.0)), 1.4, 1.6, sectors=4),
+    "play, range with a zero": _range(L(([0.3, 1.0], SERVO), epp.Play(gap=1.0)), 2.6, 3.0, sectors=6),
+    "absence, range": _range(L(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation()), 1.0, 5.9),
+    "absence, range with play": _range(L(([1.0], SERVO), epp.Play(gap=1.0)), 0.1, 0.8),
+    "absence, any element": _absence(L(([0.7, 1.0], [1.0, 0.0, 0.0]), epp.RelayDeadZone(threshold=0.5))),
     "orbit": _orbit,
     "elbow": _elbow,
     "cells": _cells,
@@ -97,9 +107,10 @@ MADE: dict[str, Callable[[], Document]] = {
 }
 #: Those of which changed values are tried in seconds; of each checker one whose names and kinds of values are changed.
 FAST = ("roots, dead zone", "roots, relay", "balance, relay", "absence, saturation", "absence, play", "play")
-FIRST = ("roots, dead zone", "balance, relay", "absence, saturation", "play", "orbit")
+FAST += ("play, range", "absence, range", "absence, range with play", "absence, any element")
+FIRST = ("roots, dead zone", "balance, relay", "absence, saturation", "play, range", "absence, any element", "orbit")
 #: Of which all of that takes a second or two.
-FASTEST = ("roots, dead zone", "absence, saturation")
+FASTEST = ("roots, dead zone", "absence, saturation", "absence, range", "absence, any element")
 
 
 @pytest.fixture(scope="module")
@@ -289,13 +300,21 @@ def newton(F: Callable[[np.ndarray], np.ndarray], x: np.ndarray, box: list[np.nd
     return None
 
 
+def between(loop: Document) -> list[np.ndarray]:
+    """Numerators of a file: the one, or some of the line between two."""
+    rows = [numbers(row) for row in loop["num"]]
+    return [np.polyadd((1.0 - t) * rows[0], t * rows[-1]) for t in (np.linspace(0.0, 1.0, 7) if rows[1:] else [0.0])]
+
+
 def no_cycle_by_frequency(document: Document) -> bool:
     """The criterion at many frequencies, with the sector of the element's own values."""
     loop, multiplier = document["loop"], float(Fraction(document["claim"]["multiplier"]))
     low, high = (None if edge is None else float(Fraction(edge)) for edge in document["claim"]["sector"])
-    s = 1j * np.geomspace(1e-4, 1e4, 4001)
-    G = np.polyval(numbers(loop["num"]), s) / np.polyval(numbers(loop["den"]), s)
-    G, room = G / (1 + low * G), 0.0 if high is None else 1.0 / (high - low)
+    s, room = 1j * np.geomspace(1e-4, 1e4, 4001), 0.0 if low is None or high is None else 1.0 / (high - low)
+    G = np.array([np.polyval(num, s) / np.polyval(numbers(loop["den"]), s) for num in between(loop)])
+    if low is None:  # of any memoryless element
+        return loop["element"]["kind"] != "play" and bool((multiplier * (s * G).real > 0.0).all())
+    G = G / (1 + low * G)
     holds = bool(np.all(((1 + multiplier * s) * G).real + room > -1e-9)) and loop["time_step"] is None
     if loop["element"]["kind"] == "play":
         return holds and (low, high, multiplier) == (0.0, 1.0, 0.0) and Fraction(loop["element"]["gap"]) > 0
@@ -305,9 +324,9 @@ def no_cycle_by_frequency(document: Document) -> bool:
 
 
 def no_cycle_with_play(document: Document) -> bool:
-    loop = document["loop"]
-    own = L((list(numbers(loop["num"])), list(numbers(loop["den"]))), epp.Play(float(Fraction(loop["element"]["gap"]))))
-    return len(epp.find_limit_cycles(own)) == 0
+    loop, gap = document["loop"], float(Fraction(document["loop"]["element"]["gap"]))
+    made = (L((list(num), list(numbers(loop["den"]))), epp.Play(gap)) for num in between(loop)[::3])
+    return all(len(epp.find_limit_cycles(own)) == 0 for own in made)
 
 
 def arcs_close(document: Document) -> bool:

@@ -10,15 +10,17 @@ from eppanalysis.methods.certificates.numbers import simplest_between
 from eppanalysis.methods.certificates.play.program import Vector
 
 
-def contact_poles(num: Vector, den: Vector) -> tuple[list[Vector], str]:
+def contact_poles(nums: list[Vector], den: Vector) -> tuple[list[Vector], str]:
     """Choices of the poles that make the contact coordinates, one less than the order; or why there are none.
+
+    They are the same for both numerators that end a range.
 
     The signs at a release are known for real poles only: see docs/theory/proofs.md, "Contact coordinates".
     """
     order = len(den) - 1
     if order not in (2, 3):
         return [], f"the linear part is of order {order}, and sectors cover orders 2 and 3"
-    if order == 3 and len(num) > 2:
+    if order == 3 and max(map(len, nums)) > 2:
         return [], "the linear part is of third order and has two zeros, and sectors cover one"
     roots = np.roots([float(c) for c in den])
     if np.any(np.abs(roots.imag) > 1e-9 * np.max(np.abs(roots))) or np.any(roots.real > 0):
@@ -29,10 +31,10 @@ def contact_poles(num: Vector, den: Vector) -> tuple[list[Vector], str]:
     first = next((pole for pole in exact if pole is not None), None)
     if first is None:
         return [], "no pole of the linear part is a rational of few digits"
-    return _with_second(num, den, first)
+    return _with_second(nums, den, first)
 
 
-def _with_second(num: Vector, den: Vector, first: Fraction) -> tuple[list[Vector], str]:
+def _with_second(nums: list[Vector], den: Vector, first: Fraction) -> tuple[list[Vector], str]:
     """Of third order, with the first pole: the second as slow as the zero allows; with a zero the fast one, too.
 
     The slow one tells most of a release, the fast one of a turning point.
@@ -43,10 +45,14 @@ def _with_second(num: Vector, den: Vector, first: Fraction) -> tuple[list[Vector
     fast, second = rest[1] - slow, slow
     # The last input, (n1 m3 - n0)/c^2, must not be positive, so that m3 is at most n0/n1
     # (docs/theory/proofs.md, Contact coordinates).
-    if len(num) == 2 and num[0] > 0:
-        second = max(slow, rest[1] - num[1] / num[0])
-    choices = [[first, pole] for pole in dict.fromkeys((second, fast) if len(num) == 2 else (second,))]
-    kept = [poles for poles in choices if _value(rest, -poles[1]) <= 0 >= _last_input(num, rest[1] - poles[1])]
+    with_zero = [num for num in nums if len(num) == 2]
+    second = max([slow, *(rest[1] - num[1] / num[0] for num in with_zero if num[0] > 0)])
+    choices = [[first, pole] for pole in dict.fromkeys((second, fast) if with_zero else (second,))]
+
+    def fits(pole: Fraction) -> bool:
+        return _value(rest, -pole) <= 0 >= max(_last_input(num, rest[1] - pole) for num in nums)
+
+    kept = [poles for poles in choices if fits(poles[1])]
     return kept, "" if kept else "the zero of the linear part is slower than its poles, or its gain is not positive"
 
 

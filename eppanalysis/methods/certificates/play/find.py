@@ -1,4 +1,4 @@
-"""Finds a certificate that a loop with play has no periodic motion but rest: a function that falls along every motion.
+"""Finds a certificate that loops with play have no periodic motion but rest: a function that falls along every motion.
 
 Few sectors are tried first, then more and more; whether one proves anything is asked of the checker's own function.
 """
@@ -27,7 +27,7 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     Parameters
     ----------
     loop : mapping
-        As :func:`~eppanalysis.methods.certificates.rational.rational_loop` gives it, with one play.
+        As :func:`~eppanalysis.methods.certificates.absence.find` takes it, with one play.
     sectors : int
 
     Returns
@@ -35,11 +35,11 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     dict or str
         Plain data: statement, loop, claim, evidence; or the end of a sentence.
     """
-    num, den = (check_play.rational(loop[name]) for name in ("num", "den"))
-    choices, reason = contact_poles(num, den)
+    nums, den = (check_play.rational(loop[name]) for name in ("num", "den"))
+    choices, reason = contact_poles(nums, den)
     if reason:
         return f"{reason}."
-    for found in _candidates(num, den, choices, sectors):
+    for found in _candidates(nums, den, choices, sectors):
         document = sealed(
             {
                 "statement": check_play.STATEMENT,
@@ -62,15 +62,15 @@ def _proves(document: Mapping[str, Any]) -> bool:
     return True
 
 
-def _candidates(num: Vector, den: Vector, choices: list[Vector], sectors: int) -> Iterator[dict[str, Any]]:
+def _candidates(nums: list[Vector], den: Vector, choices: list[Vector], sectors: int) -> Iterator[dict[str, Any]]:
     """What the search finds with more and more sectors, at the rate of the slowest lag and at that of the loop gain."""
     order = len(den) - 1
     lag = next((den[k] / den[k - 1] for k in range(order, 0, -1) if den[k]), Fraction(1))
-    gain = abs(float(num[-1])) ** (1.0 / order)
+    gain = max(abs(float(num[-1])) for num in nums) ** (1.0 / order)
     units = dict.fromkeys(Fraction(2) ** round(math.log2(float(rate))) for rate in (lag, gain) if rate > 0)
     for count in dict.fromkeys([*(c for c in _COUNTS if c < sectors), sectors]):
         for poles, unit in product(choices, units):
-            found = SectorSearch(num, den, poles, unit, count).candidate()
+            found = SectorSearch(nums, den, poles, unit, count).candidate()
             if found is not None:
                 yield found
 

@@ -1,4 +1,6 @@
-"""Looks for a function that falls along every motion of a loop with play: quadratic in each of many sectors.
+"""Looks for a function that falls along every motion of loops with play: quadratic in each of many sectors.
+
+One function serves the loop of one numerator, or of both ends of a range: nothing but (3) and (Z) knows the numerator.
 
 Floating point, by a semidefinite program; what comes out is rounded to rationals, and whether it proves anything is
 for `check_play` to say. The letters and numbers in brackets are those of docs/theory/proofs.md.
@@ -89,10 +91,10 @@ class _Unknowns:
 
 @dataclass(frozen=True)
 class SectorSearch:
-    """The search for one loop, in given contact coordinates and sectors."""
+    """The search for one loop or a range of loops, in given contact coordinates and sectors."""
 
-    #: num, den: of the linear part.
-    num: Vector
+    #: nums, den: of the linear part, one numerator or both ends of a range.
+    nums: list[Vector]
     den: Vector
     poles: Vector  # that make the contact coordinates
     unit: Fraction  # rate by which their derivatives are divided [1/s]
@@ -101,18 +103,19 @@ class SectorSearch:
     def candidate(self) -> dict[str, Any] | None:
         """What a certificate holds besides the loop, rationals that nothing has checked yet; None if there is none."""
         # In a time of which the rate is one: the solver's margins know no units.
-        A, b = contact_form(self.num, self.den, self.poles, self.unit)
-        A, b = [[x / self.unit for x in row] for row in A], [x / self.unit for x in b]
+        contacts = [contact_form(num, self.den, self.poles, self.unit) for num in self.nums]
+        A = [[x / self.unit for x in row] for row in contacts[0][0]]
+        inputs = [[x / self.unit for x in b] for _, b in contacts]
         n, rays = len(A), rays_of(self.count)
         sectors = sectors_of(rays, n)
         unknowns = _Unknowns(n, len(sectors), self.poles[0] == 0, _kept(A), rays)
-        signs = {} if n == 2 or b[1] >= 0 else signs_at_turning(A, b, rays)
-        solution = largest_margin(*_inequalities(unknowns, A, b, sectors), sum(unknowns.counts[:2]))
+        signs = {} if n == 2 or min(b[1] for b in inputs) >= 0 else signs_at_turning(A, inputs, rays)
+        solution = largest_margin(*_inequalities(unknowns, A, inputs, sectors), sum(unknowns.counts[:2]))
         if solution is None or signs is None:
             return None
         rounded, margin = solution
         Q, P = unknowns.forms(rounded[: unknowns.total])
-        moving, released = np.split(rounded[unknowns.total :], [len(sectors)])
+        moving, released = np.split(rounded[unknowns.total :], [len(inputs) * len(sectors)])
         release = [[x, *pair] for x, pair in zip(released, _pairs(Q, P, sectors), strict=False)]
         return {
             "poles": self.poles,
@@ -122,14 +125,15 @@ class SectorSearch:
             "decrease": self.unit * margin / 2,
             "stuck": Q.tolist(),
             "moving": [form.tolist() for form in P],
-            "moving_multipliers": (self.unit * moving).tolist(),
+            "moving_multipliers": (self.unit * moving).reshape(len(inputs), -1).tolist(),
             "release_multipliers": release,
             **({"signs": self._per_second(signs)} if signs else {}),
         }
 
     def _per_second(self, signs: dict[str, Any]) -> dict[str, Any]:
         """The barrier of signs in the unit of time of the loop."""
-        return signs | {"rate": self.unit * signs["rate"], "multipliers": [self.unit * x for x in signs["multipliers"]]}
+        factors = (self.unit * np.array(signs["multipliers"])).tolist()
+        return signs | {"rate": self.unit * signs["rate"], "multipliers": factors}
 
 
 def _kept(A: Matrix) -> Vector:
@@ -154,25 +158,25 @@ def _pairs(Q: Any, P: list[Any], sectors: list[tuple[Vector, Vector]]) -> Iterat
 
 
 def _inequalities(
-    unknowns: _Unknowns, A: Matrix, b: Vector, sectors: list[tuple[Vector, Vector]]
+    unknowns: _Unknowns, A: Matrix, inputs: list[Vector], sectors: list[tuple[Vector, Vector]]
 ) -> tuple[list[Array], list[Array]]:
     """Matrices and numbers that must not be negative, by the unknowns they depend on; the last one is the margin."""
-    n, count = unknowns.n, len(sectors)
+    n, count = unknowns.n, len(inputs) * len(sectors)
     n_released = sum(ray[1] >= 0 for ray in unknowns.rays[1:])
     eye = np.eye(unknowns.total + count + n_released + 1)
     margin = eye[-1]
     Q, P = unknowns.forms(eye[: unknowns.total])
     moving, released = eye[unknowns.total : unknowns.total + count], eye[unknowns.total + count : -1]
     stuck = np.array(A, dtype=float)
-    flow = stuck + np.outer(np.array(b, dtype=float), np.eye(n)[0])
 
     # (1), (4), (3) and (5) of docs/theory/proofs.md, The function and its inequalities; (2) is in the forms.
     quiet = falling(Q, stuck)
     matrices = [spare(quiet[1:, 1:] if unknowns.rests else quiet, margin)]
     numbers = [*moving, *released, (P[-1] - Q)[1, 1] - margin]
     products = products_of(sectors)
-    for form, product, factor in zip(P, products, moving, strict=True):
-        matrices.append(spare(falling(form, flow) - np.multiply.outer(product, factor), margin))
+    for flow, factors in zip(_flows(A, inputs), np.split(moving, len(inputs)), strict=True):
+        for form, product, factor in zip(P, products, factors, strict=True):
+            matrices.append(spare(falling(form, flow) - np.multiply.outer(product, factor), margin))
     for form, product, factor in zip(P, products, released, strict=False):
         matrices.append(spare((Q - form - np.multiply.outer(product, factor))[:2, :2], margin))
     if n == 3:
@@ -181,19 +185,24 @@ def _inequalities(
     return matrices, numbers
 
 
+def _flows(A: Matrix, inputs: list[Vector]) -> list[Array]:
+    """The matrix in motion of each loop, in floats."""
+    stuck = np.array(A, dtype=float)
+    return [stuck + np.outer(np.array(b, dtype=float), np.eye(len(A))[0]) for b in inputs]
+
+
 #: Rates at which the barrier of signs may grow, as shares of the sum of the poles.
 _GROWTH = (1.0, 0.75, 0.5, 0.25, 0.0)
 
 
-def signs_at_turning(A: Matrix, b: Vector, rays: Matrix) -> dict[str, Any] | None:
-    """The barrier that shows y_3 <= 0 at a turning point of a loop with a zero, see (Z); None if none is found."""
+def signs_at_turning(A: Matrix, inputs: list[Vector], rays: Matrix) -> dict[str, Any] | None:
+    """The barrier that shows y_3 <= 0 at a turning point of loops with a zero, see (Z); None if none is found."""
     lower = rays[rays.index([Fraction(1), Fraction(0)]) :]
     sectors = sectors_of(rays, 3)[-(len(lower) - 1) :]
-    count, borders, flow = len(sectors), lower[1:-1], np.array(A, dtype=float)
-    flow[:, 0] += np.array(b, dtype=float)
+    count, borders = len(inputs) * len(sectors), lower[1:-1]
     n_forms = 5 + 3 * len(borders)
     eye = np.eye(n_forms + count + 1)
-    margin, factors, slope = eye[-1], eye[n_forms:-1], float(-b[1] / A[1][2])
+    margin, factors, slope = eye[-1], eye[n_forms:-1], float(-min(b[1] for b in inputs) / A[1][2])
     forms = _barrier(eye[:n_forms], borders)
     first, last = forms[0], forms[-1]
     # The scale is free: the last product of y_2 and y_3 lies between -1 and minus the margin.
@@ -203,13 +212,14 @@ def signs_at_turning(A: Matrix, b: Vector, rays: Matrix) -> dict[str, Any] | Non
         growth = Fraction(round(-share * float(np.trace(np.array(A, dtype=float))) * 64), 64)
         matrices = [
             spare(falling(form, flow) - float(growth) * form - np.multiply.outer(product, factor), margin)
-            for form, product, factor in zip(forms, products_of(sectors), factors, strict=True)
+            for flow, own in zip(_flows(A, inputs), np.split(factors, len(inputs)), strict=True)
+            for form, product, factor in zip(forms, products_of(sectors), own, strict=True)
         ]
         solution = largest_margin(matrices, [*factors, *ends], 5)
         if solution is not None:
             rounded = solution[0]
             found = [form.tolist() for form in _barrier(rounded[:n_forms], borders)]
-            return {"rate": growth, "forms": found, "multipliers": rounded[n_forms:].tolist()}
+            return {"rate": growth, "forms": found, "multipliers": rounded[n_forms:].reshape(len(inputs), -1).tolist()}
     return None
 
 

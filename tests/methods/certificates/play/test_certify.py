@@ -66,7 +66,7 @@ def test_servo_of_third_order_is_proved_up_to_its_onset() -> None:
     began = time.process_time()
     check_play.verify(found.document)
     assert time.process_time() - began < 0.5
-    assert found.document["loop"]["num"] == ["207/20"] and found.document["loop"]["den"] == ["1", "6", "5", "0"]
+    assert found.document["loop"]["num"] == [["207/20"]] and found.document["loop"]["den"] == ["1", "6", "5", "0"]
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_coordinates_of_the_state_do_not_matter() -> None:
     loop = servo([1.9], THIRD)
     turned = in_coordinates(loop, orthogonal(3, 5))
     documents = [epp.certify(one, "absence", sectors=6).document for one in (loop, turned)]
-    assert documents[0]["loop"]["num"] == documents[1]["loop"]["num"] == ["19/2"]
+    assert documents[0]["loop"]["num"] == documents[1]["loop"]["num"] == [["19/2"]]
     assert documents[0]["loop"]["den"] == documents[1]["loop"]["den"] == ["1", "6", "5", "0"]
 
 

@@ -64,9 +64,9 @@ def of_loop(document: Document, **changed: object) -> Document:
 
 
 def test_the_gain_that_is_proved_is_the_one_of_the_file(proof: Document) -> None:
-    assert proof["loop"]["num"] == ["207/20"] and not refused(proof)
+    assert proof["loop"]["num"] == [["207/20"]] and not refused(proof)
     for gain in ("52/5", "11", "30"):
-        assert refused(of_loop(proof, num=[gain]))
+        assert refused(of_loop(proof, num=[[gain]]))
     for den in (["1", "6", "5", "1/1000"], ["1", "5", "5", "0"], ["1", "6", "4", "0"], ["2", "6", "5", "0"]):
         assert refused(of_loop(proof, den=den))
     assert refused(of_loop(proof, delay="1/10")) and refused(of_loop(proof, time_step="1/10"))
@@ -87,8 +87,7 @@ def test_every_single_number_that_is_changed_is_noticed(easy: Document) -> None:
                 assert refused(changed), (k, i, j)
     for field in ("moving_multipliers", "release_multipliers"):
         changed = copy_of(easy)
-        first = changed["evidence"][field][0]
-        changed["evidence"][field][0] = "-1" if isinstance(first, str) else ["-1", *first[1:]]
+        changed["evidence"][field][0][0] = "-1"
         assert refused(changed)
 
 
@@ -103,10 +102,12 @@ def test_every_single_number_that_is_changed_is_noticed(easy: Document) -> None:
         {"poles": ["0", "1/2"]},
         {"poles": ["0", "-1"]},
         {"poles": ["0"]},
-        {"num": ["-10"]},
-        {"num": ["5", "10"]},
-        {"num": ["1", "0", "10"]},
+        {"num": [["-10"]]},
+        {"num": [["5", "10"]]},
+        {"num": [["1", "0", "10"]]},
+        {"num": [[]]},
         {"num": []},
+        {"num": ["15/2"]},
         {"moving": []},
         {"moving_multipliers": []},
         {"release_multipliers": []},
@@ -139,7 +140,7 @@ def test_signs_with_a_zero_are_checked_as_well(with_zero: Document) -> None:
                 other = str(Fraction(value) * Fraction("1.1") + (Fraction(value) == 0))
                 changed["evidence"]["signs"]["forms"][k][i][j] = other
                 assert refused(changed), (k, i, j)
-    for name, wrong in (("rate", "-50"), ("rate", "50"), ("multipliers", ["-1"] * 4), ("multipliers", ["1"] * 3)):
+    for name, wrong in (("rate", "-50"), ("rate", "50"), ("multipliers", [["-1"] * 4]), ("multipliers", [["1"] * 3])):
         changed = copy_of(with_zero)
         changed["evidence"]["signs"][name] = wrong
         assert refused(changed)
@@ -153,8 +154,12 @@ def test_signs_with_a_zero_are_checked_as_well(with_zero: Document) -> None:
 @pytest.mark.parametrize("drop", [0, 3, -1])
 def test_sectors_that_leave_a_gap_are_refused(easy: Document, drop: int) -> None:
     changed = copy_of(easy)
-    for field in ("rays", "moving", "moving_multipliers"):
-        del changed["evidence"][field][drop]
+    for rows in (
+        changed["evidence"]["rays"],
+        changed["evidence"]["moving"],
+        changed["evidence"]["moving_multipliers"][0],
+    ):
+        del rows[drop]
     assert refused(changed)
     turned = copy_of(easy)
     rays = turned["evidence"]["rays"]
@@ -213,10 +218,10 @@ def test_play_has_no_multiplier_but_zero() -> None:
     document = copy_of(epp.certify(loop, "absence").document)
     check_absence.verify(document)
     document["claim"]["multiplier"] = document["evidence"]["multiplier"] = "1/10"
-    num, den = ([Fraction(c) for c in document["loop"][name][::-1]] for name in ("num", "den"))
+    num, den = ([Fraction(c) for c in row[::-1]] for row in (document["loop"]["num"][0], document["loop"]["den"]))
     turned = criterion(num, den, Fraction(0), Fraction(1), Fraction(1, 10))
     assert positive(turned)
-    document["evidence"]["polynomial"] = [str(c) for c in turned[::-1]]
+    document["evidence"]["polynomials"] = [[str(c) for c in turned[::-1]]]
     with pytest.raises(check_absence.Refused, match="remembers"):
         check_absence.verify(sealed(document))
     document["loop"]["element"]["gap"] = "0"
