@@ -17,11 +17,13 @@ STATEMENT = "no periodic motion but rest, for any gap of the play"
 ONE = Fraction(1)
 #: Most characters of a file, and of a number in it.
 LENGTH, DIGITS = 2_000_000, 1000
-FORMS, SIGNS = [[[(Fraction,)]]], {"forms": [[[(Fraction,)]]], "multipliers": [[(Fraction,)]], "rate": (Fraction,)}
-EVIDENCE = {"poles": [(Fraction,)], "unit": (Fraction,), "rays": [[(Fraction,), (Fraction,)]], "stuck": [[(Fraction,)]]}
-EVIDENCE |= {"moving": FORMS, "moving_multipliers": [[(Fraction,)]], "decrease": (Fraction,)}
-EVIDENCE |= {"release_multipliers": [[(Fraction,), (Fraction,), (Fraction,)]]}
-LOOP = {"time_step": (str, type(None)), "num": [[(Fraction,)]], "den": [(Fraction,)], "delay": (Fraction,)}
+ROWS = [[(Fraction,)]]
+EVIDENCE = {"poles": [(Fraction,)], "unit": (Fraction,), "rays": [[(Fraction,), (Fraction,)]], "stuck": [ROWS]}
+EVIDENCE |= {"moving": [[ROWS]], "moving_multipliers": ROWS, "decrease": (Fraction,), "release_multipliers": [ROWS]}
+SIGNS = {"forms": [[ROWS]], "multipliers": ROWS, "rate": (Fraction,)}
+#: By the number of ends of a range: which flow and which form make up each Bernstein coefficient of their product.
+MIXED = {1: [[(0, 0)]], 2: [[(0, 0)], [(0, 1), (1, 0)], [(1, 1)]]}
+LOOP = {"time_step": (str, type(None)), "num": ROWS, "den": [(Fraction,)], "delay": (Fraction,)}
 FORM = {
     "loop": {**LOOP, "element": {"kind": (str,), "gap": (Fraction,)}},
     "claim": {"sectors": (int,)},
@@ -163,67 +165,64 @@ def sectors_of(rays, n):
     return [([b, -a, *none], [-d, c, *none]) for (a, b), (c, d) in pairs]
 
 
-def require_continuous(forms, rays):
-    """(2): forms of neighbouring sectors have the same values on the border between them."""
-    n = len(forms[0])
+def require_forms(forms, borders, n):
+    """(2): symmetric matrices of one size, of which neighbours have the same values on the border between them."""
+    require(len(forms) == 1 + len(borders) and all(len(M) == n == len(r) for M in forms for r in M), "forms amiss")
+    require(all(M[i][j] == M[j][i] for M in forms for i in range(n) for j in range(i)), "a form that is not symmetric")
     third = [Fraction(int(i == 2)) for i in range(n)]
-    for form, after, ray in zip(forms[:-1], forms[1:], rays, strict=True):
+    for form, after, ray in zip(forms[:-1], forms[1:], borders, strict=True):
         step, border = total((ONE, after), (-ONE, form)), [ray + [Fraction(0)] * (n - 2), third]
         jumps = [sum(p[i] * step[i][j] * q[j] for i in range(n) for j in range(n)) for p in border for q in border]
         require(not any(jumps), "a function that jumps from sector to sector (2)")
 
 
-def require_falling(F, forms, sectors, factors, growth, decrease):
-    """(3), (Z): exp(growth t) y'Gy falls while the play moves, by at least as much as is claimed."""
-    speed = [ONE] + [Fraction(0)] * (len(F) - 1)
-    for form, (f, g), factor in zip(forms, sectors, factors, strict=True):
-        change = total((ONE, rate(form, F)), (growth, form), (factor, product(f, g)), (decrease, product(speed, speed)))
-        require(factor >= 0 and never_positive(change), "a function that does not fall while the play moves (3, Z)")
+def require_falling(flows, ends, sectors, multipliers, growth, decrease):
+    """(3), (Z): exp(growth t) y'Gy falls while the play moves, by what is claimed; of a range: for all within (R)."""
+    speed = [ONE] + [Fraction(0)] * (len(flows[0]) - 1)
+    for pairs, factors in zip(MIXED[len(flows)], multipliers, strict=True):
+        for k, ((f, g), factor) in enumerate(zip(sectors, factors, strict=True)):
+            terms = [term for i, j in pairs for term in ((ONE, rate(ends[j][k], flows[i])), (growth, ends[j][k]))]
+            mean = [(share / len(pairs), form) for share, form in terms]
+            change = total(*mean, (factor, product(f, g)), (decrease, product(speed, speed)))
+            require(factor >= 0 and never_positive(change), "a function that does not fall while the play moves (3, Z)")
 
 
-def require_signs(G, slope):
+def require_signs(flows, slopes, sectors, borders, given):
     """(Z): not positive where y_2 turns negative, and at the turning point so for y_3 <= 0 alone."""
-    first, last = G[0], G[-1]
-    begins = first[2][2] == 0 <= first[0][2] and first[0][0] + 2 * first[0][2] * slope <= 0
-    require(begins and last[2][2] == 0 <= last[1][1] and last[1][2] < 0, "a barrier without its signs (Z)")
-
-
-def require_forms(forms, count, n):
-    """So many symmetric matrices of one size."""
-    require(len(forms) == count and all(len(M) == n and all(len(r) == n for r in M) for M in forms), "forms amiss")
-    require(all(M[i][j] == M[j][i] for M in forms for i in range(n) for j in range(i)), "a form that is not symmetric")
+    ends, factors, growth = (rational(given[name]) for name in SIGNS)
+    for forms in ends:
+        require_forms(forms, borders, 3)
+        first, last = forms[0], forms[-1]
+        signs = first[2][2] == 0 <= first[0][2] and last[2][2] == 0 <= last[1][1] and last[1][2] < 0
+        require(signs, "a barrier without its signs (Z)")
+    for pairs in MIXED[len(flows)]:
+        begins = sum(ends[j][0][0][0] + 2 * ends[j][0][0][2] * slopes[i] for i, j in pairs) <= 0
+        require(begins, "a barrier that is positive where y_2 turns negative (Z)")
+    require_falling(flows, ends, sectors, factors, growth, Fraction(0))
 
 
 def falls(nums, den, given):
-    """The function falls while the play moves, and never rises: inequalities (1) to (5); returns how many sectors.
-
-    The numerator is in (C), (3) and (Z) alone, which are affine in it: what holds at both ends holds between them.
-    """
-    poles, unit, rays, Q, P, moving, decrease, release = (rational(given[name]) for name in EVIDENCE)
-    contacts = [contact_form(num, den, poles, unit) for num in nums]
-    n, A = len(den) - 1, contacts[0][0]
+    """The function falls while the play moves and never rises: (1) to (5), of a range (R); returns how many sectors."""
+    poles, unit, rays, stuck, moving, factors, decrease, releases = (rational(given[name]) for name in EVIDENCE)
+    contacts, n = [contact_form(num, den, poles, unit) for num in nums], len(den) - 1
+    A, slopes, third = contacts[0][0], [-b[1] / unit for _, b in contacts], [Fraction(int(i == 2)) for i in range(n)]
     flows = [[[x + (b[i] if j == 0 else 0) for j, x in enumerate(row)] for i, row in enumerate(A)] for _, b in contacts]
     sectors, middle = sectors_of(rays, n), rays.index([1, 0])
-    lead = min(b[1] for _, b in contacts)
-    require(("signs" in given) == (n == 3 and lead < 0), "a barrier of signs that is missing or not needed (Z)")
+    for Q, P, release in zip(stuck, moving, releases, strict=True):
+        require_forms([Q], [], n)
+        require_forms(P, rays[1:-1], n)
+        require(never_positive(rate(Q, A)), "a function that rises while the play rests (1)")
+        turn = total((ONE, Q), (-ONE, P[-1]))
+        require(all(x <= 0 for row in turn[1:] for x in row[1:]), "a function that rises at a turning point (4)")
+        for form, (f, g), (both, one, two) in zip(P[:middle], sectors[:middle], release, strict=True):
+            facts = total((both, product(f, g)), (one, product(f, third)), (two, product(g, third)))
+            holds = min(both, one, two) >= 0 and never_positive(total((ONE, form), (-ONE, Q), (ONE, facts)))
+            require(holds, "a function that rises at a release (5)")
+    require(decrease > 0, "a function that need not fall (3)")
+    require_falling(flows, moving, sectors, factors, Fraction(0), decrease)
+    require(("signs" in given) == (n == 3 and max(slopes) > 0), "a barrier of signs that is missing or not needed (Z)")
     if "signs" in given:
-        G, factors, growth = (rational(given["signs"][name]) for name in ("forms", "multipliers", "rate"))
-        require_forms(G, len(sectors) - middle, 3)
-        require_continuous(G, rays[middle + 1 : -1])
-        require_signs(G, -lead / unit)
-        for F, row in zip(flows, factors, strict=True):
-            require_falling(F, G, sectors[middle:], row, growth, Fraction(0))
-    require_forms([Q, *P], 1 + len(sectors), n)
-    require_continuous(P, rays[1:-1])
-    require(min(x for row in release for x in row) >= 0 < decrease, "a multiplier that is negative")
-    require(never_positive(rate(Q, A)), "a function that rises while the play rests (1)")
-    for F, row in zip(flows, moving, strict=True):
-        require_falling(F, P, sectors, row, Fraction(0), decrease)
-    turn, third = total((ONE, Q), (-ONE, P[-1])), [Fraction(int(i == 2)) for i in range(n)]
-    require(all(x <= 0 for row in turn[1:] for x in row[1:]), "a function that rises at a turning point (4)")
-    for form, (f, g), (both, one, two) in zip(P[:middle], sectors[:middle], release, strict=True):
-        facts = total((both, product(f, g)), (one, product(f, third)), (two, product(g, third)))
-        require(never_positive(total((ONE, form), (-ONE, Q), (ONE, facts))), "a function that rises at a release (5)")
+        require_signs(flows, slopes, sectors[middle:], rays[middle + 1 : -1], given["signs"])
     return len(sectors)
 
 

@@ -44,7 +44,7 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
             {
                 "statement": check_play.STATEMENT,
                 "loop": dict(loop),
-                "claim": {"sectors": len(found["moving"])},
+                "claim": {"sectors": len(found["moving"][0])},
                 "evidence": _text(found),
             }
         )

@@ -20,8 +20,11 @@ def _floats(value: Any) -> Any:
 
 
 def plot_level(given: Mapping[str, Any], ax: Axes) -> None:
-    """Where the function has one value on the plane of y_1 and y_2, with y_3 = 0, while the play moves and rests."""
-    rays, forms, stuck = (_floats(given[name]) for name in ("rays", "moving", "stuck"))
+    """Where the function has one value on the plane of y_1 and y_2, with y_3 = 0, while the play moves and rests.
+
+    Of a range the function at its last end.
+    """
+    rays, forms, stuck = map(_floats, (given["rays"], given["moving"][-1], given["stuck"][-1]))
     angles = np.arctan2(rays[:, 1], rays[:, 0])
     fine = np.linspace(angles[0], angles[-1], 721)
     sector = np.clip(np.searchsorted(-angles, -fine, side="right") - 1, 0, len(forms) - 1)

@@ -1,6 +1,6 @@
 """Looks for a function that falls along every motion of loops with play: quadratic in each of many sectors.
 
-One function serves the loop of one numerator, or of both ends of a range: nothing but (3) and (Z) knows the numerator.
+Of a range of loops a function is sought for either end, such that their means serve all loops between (R).
 
 Floating point, by a semidefinite program; what comes out is rounded to rationals, and whether it proves anything is
 for `check_play` to say. The letters and numbers in brackets are those of docs/theory/proofs.md.
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.arrays import Array
-from eppanalysis.methods.certificates.check_play import contact_form, sectors_of
+from eppanalysis.methods.certificates.check_play import MIXED, contact_form, sectors_of
 from eppanalysis.methods.certificates.play.program import (
     Matrix,
     Vector,
@@ -84,9 +84,9 @@ class _Unknowns:
         return Q, continued(first_form, z[second:third], self.rays[1:-1])
 
     @property
-    def total(self) -> int:
-        """Number of unknowns of the forms."""
-        return sum(self.counts)
+    def sizes(self) -> tuple[int, int]:
+        """How many of the unknowns are bounded, and how many are not."""
+        return sum(self.counts[:2]), self.counts[2]
 
 
 @dataclass(frozen=True)
@@ -109,23 +109,29 @@ class SectorSearch:
         n, rays = len(A), rays_of(self.count)
         sectors = sectors_of(rays, n)
         unknowns = _Unknowns(n, len(sectors), self.poles[0] == 0, _kept(A), rays)
-        signs = {} if n == 2 or min(b[1] for b in inputs) >= 0 else signs_at_turning(A, inputs, rays)
-        solution = largest_margin(*_inequalities(unknowns, A, inputs, sectors), sum(unknowns.counts[:2]))
+        flows = [np.array(A, dtype=float) + np.outer(np.array(b, dtype=float), np.eye(n)[0]) for b in inputs]
+        slopes = [float(-b[1] / A[0][1]) for b in inputs]
+        poles = -float(sum(A[i][i] for i in range(n)))
+        signs = {} if n == 2 or max(slopes) <= 0 else signs_at_turning(flows, slopes, rays, poles)
+        solution = largest_margin(*_inequalities(unknowns, A, flows, sectors), len(flows) * unknowns.sizes[0])
         if solution is None or signs is None:
             return None
         rounded, margin = solution
-        Q, P = unknowns.forms(rounded[: unknowns.total])
-        moving, released = np.split(rounded[unknowns.total :], [len(inputs) * len(sectors)])
-        release = [[x, *pair] for x, pair in zip(released, _pairs(Q, P, sectors), strict=False)]
+        ends, (moving, released) = _split(rounded, len(flows), unknowns.sizes, len(sectors))
+        functions = [unknowns.forms(z) for z in ends]
+        release = [
+            [[x, *pair] for x, pair in zip(row, _pairs(Q, P, sectors), strict=False)]
+            for row, (Q, P) in zip(released.reshape(len(flows), -1), functions, strict=True)
+        ]
         return {
             "poles": self.poles,
             "unit": self.unit,
             "rays": rays,
             # Half of the margin is what V falls by, the other half is room for rounding to rationals.
             "decrease": self.unit * margin / 2,
-            "stuck": Q.tolist(),
-            "moving": [form.tolist() for form in P],
-            "moving_multipliers": (self.unit * moving).reshape(len(inputs), -1).tolist(),
+            "stuck": [Q.tolist() for Q, _ in functions],
+            "moving": [[form.tolist() for form in P] for _, P in functions],
+            "moving_multipliers": (self.unit * moving).tolist(),
             "release_multipliers": release,
             **({"signs": self._per_second(signs)} if signs else {}),
         }
@@ -157,69 +163,84 @@ def _pairs(Q: Any, P: list[Any], sectors: list[tuple[Vector, Vector]]) -> Iterat
         yield [(x * g2 - y * g1) / across, (f1 * y - f2 * x) / across]
 
 
+def _split(z: Any, n_ends: int, sizes: tuple[int, int], count: int) -> tuple[list[Any], tuple[Any, Any]]:
+    """The unknowns of each end of a range, the factors of sectors in each Bernstein coefficient, and what follows.
+
+    Of all ends those that are bounded come first.
+    """
+    bounded, free = sizes
+    heads, tails, factors, rest = np.split(z, np.cumsum((n_ends * bounded, n_ends * free, len(MIXED[n_ends]) * count)))
+    ends = zip(np.split(heads, n_ends), np.split(tails, n_ends), strict=True)
+    return [np.concatenate(end) for end in ends], (factors.reshape(-1, count, *z.shape[1:]), rest)
+
+
+def _falling(flows: list[Array], ends: list[list[Array]], growth: float = 0.0) -> Iterator[list[Array]]:
+    """By how much forms fall in motion beside a growth, in each sector, for each Bernstein coefficient, see (R)."""
+    for pairs in MIXED[len(flows)]:
+        parts = [[falling(form, flows[i]) - growth * form for form in ends[j]] for i, j in pairs]
+        yield [sum(part) / len(pairs) for part in zip(*parts, strict=True)]
+
+
 def _inequalities(
-    unknowns: _Unknowns, A: Matrix, inputs: list[Vector], sectors: list[tuple[Vector, Vector]]
+    unknowns: _Unknowns, A: Matrix, flows: list[Array], sectors: list[tuple[Vector, Vector]]
 ) -> tuple[list[Array], list[Array]]:
     """Matrices and numbers that must not be negative, by the unknowns they depend on; the last one is the margin."""
-    n, count = unknowns.n, len(inputs) * len(sectors)
+    count, n_ends, products = len(sectors), len(flows), products_of(sectors)
     n_released = sum(ray[1] >= 0 for ray in unknowns.rays[1:])
-    eye = np.eye(unknowns.total + count + n_released + 1)
+    eye = np.eye(n_ends * (sum(unknowns.sizes) + n_released) + len(MIXED[n_ends]) * count + 1)
     margin = eye[-1]
-    Q, P = unknowns.forms(eye[: unknowns.total])
-    moving, released = eye[unknowns.total : unknowns.total + count], eye[unknowns.total + count : -1]
-    stuck = np.array(A, dtype=float)
+    ends, (moving, released) = _split(eye[:-1], n_ends, unknowns.sizes, count)
+    functions = [unknowns.forms(z) for z in ends]
 
     # (1), (4), (3) and (5) of docs/theory/proofs.md, The function and its inequalities; (2) is in the forms.
-    quiet = falling(Q, stuck)
-    matrices = [spare(quiet[1:, 1:] if unknowns.rests else quiet, margin)]
-    numbers = [*moving, *released, (P[-1] - Q)[1, 1] - margin]
-    products = products_of(sectors)
-    for flow, factors in zip(_flows(A, inputs), np.split(moving, len(inputs)), strict=True):
-        for form, product, factor in zip(P, products, factors, strict=True):
-            matrices.append(spare(falling(form, flow) - np.multiply.outer(product, factor), margin))
-    for form, product, factor in zip(P, products, released, strict=False):
-        matrices.append(spare((Q - form - np.multiply.outer(product, factor))[:2, :2], margin))
-    if n == 3:
-        numbers.append((P[-1] - Q)[1, 2])
-        numbers += [x - margin for pair in list(_pairs(Q, P, sectors))[:n_released] for x in pair]
+    matrices, numbers = [], [*moving.reshape(-1, len(eye)), *released]
+    for falls, factors in zip(_falling(flows, [P for _, P in functions]), moving, strict=True):
+        for fall, product, factor in zip(falls, products, factors, strict=True):
+            matrices.append(spare(fall - np.multiply.outer(product, factor), margin))
+    for (Q, P), factors in zip(functions, np.split(released, n_ends), strict=True):
+        quiet = falling(Q, np.array(A, dtype=float))
+        matrices.append(spare(quiet[1:, 1:] if unknowns.rests else quiet, margin))
+        numbers.append((P[-1] - Q)[1, 1] - margin)
+        for form, product, factor in zip(P, products, factors, strict=False):
+            matrices.append(spare((Q - form - np.multiply.outer(product, factor))[:2, :2], margin))
+        if unknowns.n == 3:
+            numbers.append((P[-1] - Q)[1, 2])
+            numbers += [x - margin for pair in list(_pairs(Q, P, sectors))[:n_released] for x in pair]
     return matrices, numbers
-
-
-def _flows(A: Matrix, inputs: list[Vector]) -> list[Array]:
-    """The matrix in motion of each loop, in floats."""
-    stuck = np.array(A, dtype=float)
-    return [stuck + np.outer(np.array(b, dtype=float), np.eye(len(A))[0]) for b in inputs]
 
 
 #: Rates at which the barrier of signs may grow, as shares of the sum of the poles.
 _GROWTH = (1.0, 0.75, 0.5, 0.25, 0.0)
 
 
-def signs_at_turning(A: Matrix, inputs: list[Vector], rays: Matrix) -> dict[str, Any] | None:
+def signs_at_turning(flows: list[Array], slopes: list[float], rays: Matrix, poles: float) -> dict[str, Any] | None:
     """The barrier that shows y_3 <= 0 at a turning point of loops with a zero, see (Z); None if none is found."""
     lower = rays[rays.index([Fraction(1), Fraction(0)]) :]
     sectors = sectors_of(rays, 3)[-(len(lower) - 1) :]
-    count, borders = len(inputs) * len(sectors), lower[1:-1]
-    n_forms = 5 + 3 * len(borders)
-    eye = np.eye(n_forms + count + 1)
-    margin, factors, slope = eye[-1], eye[n_forms:-1], float(-min(b[1] for b in inputs) / A[1][2])
-    forms = _barrier(eye[:n_forms], borders)
-    first, last = forms[0], forms[-1]
+    count, borders, n_ends = len(sectors), lower[1:-1], len(flows)
+    sizes = 5, 3 * len(borders)
+    eye = np.eye(n_ends * sum(sizes) + len(MIXED[n_ends]) * count + 1)
+    margin, (ends, (factors, _)) = eye[-1], _split(eye[:-1], n_ends, sizes, count)
+    forms = [_barrier(z, borders) for z in ends]
     # The scale is free: the last product of y_2 and y_3 lies between -1 and minus the margin.
-    ends = [first[0, 2] - margin, -first[0, 0] - 2 * slope * first[0, 2] - margin, last[1, 1] - margin]
-    ends.append(-last[1, 2] - margin)
+    numbers = [*factors.reshape(-1, len(eye))]
+    for first, last in ((row[0], row[-1]) for row in forms):
+        numbers += [first[0, 2] - margin, last[1, 1] - margin, -last[1, 2] - margin]
+    for pairs in MIXED[n_ends]:
+        starts = [-forms[j][0][0, 0] - 2 * slopes[i] * forms[j][0][0, 2] for i, j in pairs]
+        numbers.append(sum(starts) / len(pairs) - margin)
     for share in _GROWTH:
-        growth = Fraction(round(-share * float(np.trace(np.array(A, dtype=float))) * 64), 64)
+        growth = Fraction(round(share * poles * 64), 64)
         matrices = [
-            spare(falling(form, flow) - float(growth) * form - np.multiply.outer(product, factor), margin)
-            for flow, own in zip(_flows(A, inputs), np.split(factors, len(inputs)), strict=True)
-            for form, product, factor in zip(forms, products_of(sectors), own, strict=True)
+            spare(fall - np.multiply.outer(product, factor), margin)
+            for falls, row in zip(_falling(flows, forms, float(growth)), factors, strict=True)
+            for fall, product, factor in zip(falls, products_of(sectors), row, strict=True)
         ]
-        solution = largest_margin(matrices, [*factors, *ends], 5)
+        solution = largest_margin(matrices, numbers, n_ends * sizes[0])
         if solution is not None:
-            rounded = solution[0]
-            found = [form.tolist() for form in _barrier(rounded[:n_forms], borders)]
-            return {"rate": growth, "forms": found, "multipliers": rounded[n_forms:].reshape(len(inputs), -1).tolist()}
+            found, (rows, _) = _split(solution[0], n_ends, sizes, count)
+            made = [[form.tolist() for form in _barrier(z, borders)] for z in found]
+            return {"rate": growth, "forms": made, "multipliers": rows.tolist()}
     return None
 
 

@@ -32,18 +32,20 @@ def proof() -> Document:
 
 @pytest.fixture(scope="module")
 def easy() -> Document:
-    """That of the same servo far from its onset, with few sectors: wrong numbers have room in it."""
-    pytest.importorskip("clarabel")
-    loop = epp.LureSystem.from_tf(([1.5], THIRD), epp.Play(gap=1.0))
-    return epp.certify(loop, "absence", sectors=4).document
+    """That of a range of the same servo far from its onset, with few sectors: wrong numbers have room in it."""
+    return of_range([1.0], 1.2, 1.5)
 
 
 @pytest.fixture(scope="module")
 def with_zero() -> Document:
-    """That of a servo with a zero, whose signs at a turning point are proved by a barrier."""
+    """That of a range of a servo with a zero, whose signs at a turning point are proved by a barrier."""
+    return of_range([0.3, 1.0], 2.5, 3.0)
+
+
+def of_range(num: list[float], low: float, high: float) -> Document:
     pytest.importorskip("clarabel")
-    loop = epp.LureSystem.from_tf(([0.9, 3.0], THIRD), epp.Play(gap=1.0))
-    return epp.certify(loop, "absence", sectors=4).document
+    servo = epp.Case.from_system(epp.LureSystem.from_tf((num, THIRD), epp.Play(gap=1.0)))
+    return epp.certify(servo, "absence", within={"loop.gain": (low, high)}, sectors=4).document
 
 
 def copy_of(document: Document) -> Any:
@@ -79,15 +81,16 @@ def test_the_gain_that_is_proved_is_the_one_of_the_file(proof: Document) -> None
 
 def test_every_single_number_that_is_changed_is_noticed(easy: Document) -> None:
     """Forms are continuous by an equation, so that none of them may change alone; the others have their signs."""
-    for k, form in enumerate(easy["evidence"]["moving"]):
-        for i, row in enumerate(form):
-            for j, value in enumerate(row):
-                changed = copy_of(easy)
-                changed["evidence"]["moving"][k][i][j] = str(Fraction(value) * Fraction("1.1") + (Fraction(value) == 0))
-                assert refused(changed), (k, i, j)
+    moving = easy["evidence"]["moving"]
+    assert len(moving) == 2
+    for e, k, i, j in np.ndindex(2, len(moving[0]), 3, 3):
+        changed, value = copy_of(easy), moving[e][k][i][j]
+        changed["evidence"]["moving"][e][k][i][j] = str(Fraction(value) * Fraction("1.1") + (Fraction(value) == 0))
+        assert refused(changed), (e, k, i, j)
     for field in ("moving_multipliers", "release_multipliers"):
         changed = copy_of(easy)
-        changed["evidence"][field][0][0] = "-1"
+        row = changed["evidence"][field][1]
+        row[0] = "-1" if field == "moving_multipliers" else ["-1", *row[0][1:]]
         assert refused(changed)
 
 
@@ -102,17 +105,20 @@ def test_every_single_number_that_is_changed_is_noticed(easy: Document) -> None:
         {"poles": ["0", "1/2"]},
         {"poles": ["0", "-1"]},
         {"poles": ["0"]},
-        {"num": [["-10"]]},
-        {"num": [["5", "10"]]},
-        {"num": [["1", "0", "10"]]},
-        {"num": [[]]},
+        {"num": [["6"], ["-10"]]},
+        {"num": [["6"], ["5", "10"]]},
+        {"num": [["6"], ["1", "0", "10"]]},
+        {"num": [["15/2"]] * 2},
+        {"num": [["6"], ["7"], ["15/2"]]},
+        {"num": [["15/2"]]},
+        {"num": [[], ["15/2"]]},
         {"num": []},
-        {"num": ["15/2"]},
+        {"num": ["6", "15/2"]},
         {"moving": []},
         {"moving_multipliers": []},
         {"release_multipliers": []},
         {"rays": [["0", "1"], ["0", "-1"]]},
-        {"stuck": [["1", "0"], ["0", "1"]]},
+        {"stuck": [[["1", "0"], ["0", "1"]]] * 2},
         {"statement": "another"},
         {"stuck": None},
         {"stuck": "1/0"},
@@ -133,38 +139,62 @@ def test_signs_with_a_zero_are_checked_as_well(with_zero: Document) -> None:
     without = copy_of(with_zero)
     del without["evidence"]["signs"]
     assert refused(without)
-    for k, form in enumerate(with_zero["evidence"]["signs"]["forms"]):
-        for i, row in enumerate(form):
-            for j, value in enumerate(row):
-                changed = copy_of(with_zero)
-                other = str(Fraction(value) * Fraction("1.1") + (Fraction(value) == 0))
-                changed["evidence"]["signs"]["forms"][k][i][j] = other
-                assert refused(changed), (k, i, j)
-    for name, wrong in (("rate", "-50"), ("rate", "50"), ("multipliers", [["-1"] * 4]), ("multipliers", [["1"] * 3])):
+    forms = with_zero["evidence"]["signs"]["forms"]
+    for e, k, i, j in np.ndindex(2, len(forms[0]), 3, 3):
+        changed, value = copy_of(with_zero), forms[e][k][i][j]
+        other = str(Fraction(value) * Fraction("1.1") + (Fraction(value) == 0))
+        changed["evidence"]["signs"]["forms"][e][k][i][j] = other
+        assert refused(changed), (e, k, i, j)
+    ones = [["1"] * 4] * 3
+    for name, wrong in (
+        ("rate", "-50"),
+        ("rate", "50"),
+        ("multipliers", [["-1"] * 4, *ones[1:]]),
+        ("multipliers", ones[1:]),
+    ):
         changed = copy_of(with_zero)
         changed["evidence"]["signs"][name] = wrong
         assert refused(changed)
     for sign in (-1, 0):  # what is nowhere above zero holds no motion back
         changed = copy_of(with_zero)
         signs = changed["evidence"]["signs"]
-        signs["forms"] = [[[str(sign * Fraction(x)) for x in row] for row in form] for form in signs["forms"]]
+        signs["forms"] = [
+            [[[str(sign * Fraction(x)) for x in row] for row in form] for form in end] for end in signs["forms"]
+        ]
         assert refused(changed)
 
 
 @pytest.mark.parametrize("drop", [0, 3, -1])
 def test_sectors_that_leave_a_gap_are_refused(easy: Document, drop: int) -> None:
     changed = copy_of(easy)
-    for rows in (
-        changed["evidence"]["rays"],
-        changed["evidence"]["moving"],
-        changed["evidence"]["moving_multipliers"][0],
-    ):
+    evidence = changed["evidence"]
+    for rows in (evidence["rays"], *evidence["moving"], *evidence["moving_multipliers"]):
         del rows[drop]
     assert refused(changed)
     turned = copy_of(easy)
     rays = turned["evidence"]["rays"]
     rays[1], rays[2] = rays[2], rays[1]
     assert refused(turned)
+
+
+def test_a_range_is_proved_between_its_ends_and_no_farther(easy: Document, with_zero: Document) -> None:
+    """At each end alone it is a proof, too; ends farther apart, or a middle that does not fall, are none."""
+    for document, beyond in ((easy, ["11"]), (with_zero, ["6", "20"])):
+        low, high = document["loop"]["num"]
+        assert not refused(of_loop(document, num=[low, high])) and refused(of_loop(document, num=[low, beyond]))
+        single = copy_of(document)
+        single["loop"]["num"] = [high]
+        assert refused(single)
+        for name in ("stuck", "moving", "release_multipliers", "moving_multipliers"):
+            single["evidence"][name] = single["evidence"][name][-1:]
+        if "signs" in single["evidence"]:
+            for name in ("forms", "multipliers"):
+                single["evidence"]["signs"][name] = single["evidence"]["signs"][name][-1:]
+        assert not refused(single)
+        between = copy_of(document)
+        rows = between["evidence"]["moving_multipliers"]
+        rows[1] = [str(Fraction(x) + 1000) for x in rows[1]]
+        assert refused(between)
 
 
 small = st.integers(-3, 3)
