@@ -1,7 +1,7 @@
 """What is proved beside a bound: that no limit cycle exists at a value on its free side, and that one does beyond.
 
-A certificate holds at the value that it was made for and at no other, however near. The nearest values at which the
-proofs succeed stand on both sides of the bound; between them nothing is proved.
+The nearest values at which the proofs succeed stand on both sides of the bound; between them nothing is proved. Of a
+gain one proof of absence holds for all values from the free end of the range on, where it succeeds.
 """
 
 from __future__ import annotations
@@ -57,13 +57,14 @@ def _sides(question: BoundProblem, bound: float, sign: float, tested: float, nea
     if not math.isfinite(bound):
         return ProvedSides(message="Nothing is proved: the bound is not exact.")
     free, absence, why_no_absence = _nearest(_absences(question, bound, sign))
+    start, absence = _over_range(question, sign, free, absence)
     cycle, orbit, why_no_orbit = _nearest(_orbits(question, bound, sign, tested, near))
     reasons = []
     if absence is None:
         reasons.append(f"Absence of cycles is not proved. {why_no_absence}")
     if orbit is None:
         reasons.append(f"A cycle is not proved. {why_no_orbit}")
-    return ProvedSides(free, cycle, abs(cycle - free) / abs(bound), absence, orbit, " ".join(reasons))
+    return ProvedSides(free, cycle, abs(cycle - free) / abs(bound), absence, orbit, " ".join(reasons), start)
 
 
 def _nearest(tried: Iterator[tuple[float, T | None, str]]) -> tuple[float, T | None, str]:
@@ -83,6 +84,17 @@ def _absences(question: BoundProblem, bound: float, sign: float) -> Iterator[tup
         if question.low <= value <= question.high:
             found = certify(question.case_at(value), "absence")
             yield value, found if found.proved else None, found.message
+
+
+def _over_range(
+    question: BoundProblem, sign: float, free: float, absence: Certificate | None
+) -> tuple[float, Certificate | None]:
+    """The proof of absence for all values from the free end of the range to the one where it is proved, if there is one."""
+    end = question.low if sign > 0.0 else question.high
+    if absence is None or end == free:
+        return free, absence
+    found = certify(question.case, "absence", within={question.limit: (min(end, free), max(end, free))})
+    return (end, found) if found.proved else (free, absence)
 
 
 def _orbits(

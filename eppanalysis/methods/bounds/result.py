@@ -134,11 +134,13 @@ class ProvedSides(Brief):
     gap : float
         How far the two are apart, relative to the bound.
     absence : Certificate or None
-        The proof at `free`.
+        The proof at `free`, or from `free_from` to `free`.
     orbit : CertifiedOrbit or None
         The proof at `cycle`.
     message : str
         Why there is no proof on a side, or none nearer.
+    free_from : float
+        The other end of the values for which `absence` holds, `free` itself where it is of that alone [SI].
     """
 
     free: float = _NAN
@@ -147,8 +149,9 @@ class ProvedSides(Brief):
     absence: Certificate | None = None
     orbit: CertifiedOrbit | None = None
     message: str = ""
+    free_from: float = _NAN
 
-    in_json = "free cycle gap message"
+    in_json = "free free_from cycle gap message"
 
 
 def write_proofs(folder: str | Path, named: Sequence[tuple[str, ProvedSides]], why: str) -> list[Path]:
@@ -443,6 +446,8 @@ class DesignBounds(Listing[BoundCell]):
         if both:
             said[0] += f", {percent(max(p.gap for p in both))} apart at most"
         said += [f"{sum(math.isfinite(p.free) for _, p in proofs)} with absence of cycles alone"] * (not both)
+        n_ranges = sum(p.free_from != p.free for _, p in proofs if math.isfinite(p.free))
+        said += [f"{n_ranges} with one proof for all values on the free side"] * (n_ranges > 0)
         why = dict.fromkeys(p.message for _, p in proofs if p.message)
         return " ".join([f"{'; '.join(said)}.", *why])
 
