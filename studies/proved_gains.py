@@ -1,7 +1,8 @@
 """Between which gains nothing is proved of servos with play: proved free up to the one, proved to cycle from the other.
 
-Each gain is that of a certificate, with the digits that are shown. Run it: ``python -m studies.proved_gains``. It takes
-some minutes, so that its result is kept in ``_static/proved_gains.md``.
+One certificate of absence holds for all gains from a tenth of the onset on. Each gain is that of a certificate, with
+the digits that are shown. Run it: ``python -m studies.proved_gains``. It takes some minutes, so that its result is kept
+in ``_static/proved_gains.md``.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ LOOPS: dict[str, tuple[list[float], list[float]]] = {
 }
 #: Gains tried upward for a first cycle; significant digits of a gain; how near the bisection goes, relative to it.
 _UPWARD, _DIGITS, _NEAR = 1.3, 5, 1e-3
-#: Shares of the least gain with a cycle at which absence is tried in turn.
-_BELOW = (0.995, 0.99, 0.985, 0.98, 0.97, 0.95, 0.9, 0.8)
+#: Shares of the least gain with a cycle from which, and up to which in turn, absence is tried.
+_FROM, _BELOW = 0.1, (0.995, 0.99, 0.985, 0.98, 0.97, 0.95, 0.9, 0.8)
 _SECTORS = 48
 #: Where the first runs begin, beyond the gap, and their length [s].
 _FAR, _LENGTH = 30.0, 2000.0
@@ -48,15 +49,16 @@ class ProvedGains(PlainData):
     Attributes
     ----------
     loop : str
-    free, cycle : float
-        The largest gain found at which absence of cycles is proved, and the smallest at which a cycle is.
+    start, free, cycle : float
+        From where to where absence of cycles is proved, and the smallest gain at which a cycle is.
     sectors : int
-        Of the function that falls, at the one.
+        Of the function that falls.
     period : float
-        Of the cycle, at the other [s].
+        Of the cycle [s].
     """
 
     loop: str
+    start: float
     free: float
     cycle: float
     sectors: int
@@ -90,12 +92,13 @@ def proved_gains(name: str) -> ProvedGains:
     while not cycles(gain):
         free, gain = gain, _shown(_UPWARD * gain)
     cycle = _last(gain, free, cycles)
+    case, start = epp.Case.from_system(servo(name, 1.0)), _shown(_FROM * cycle)
     for share in _BELOW:
         free = _shown(share * cycle)
-        proof = epp.certify(servo(name, free), "absence", sectors=_SECTORS)
+        proof = epp.certify(case, "absence", within={"loop.gain": (start, free)}, sectors=_SECTORS)
         if proof.proved:
-            return ProvedGains(name, free, cycle, proof.document["claim"].get("sectors", 0), known[cycle].period)
-    return ProvedGains(name, float("nan"), cycle, 0, known[cycle].period)
+            return ProvedGains(name, start, free, cycle, proof.document["claim"]["sectors"], known[cycle].period)
+    return ProvedGains(name, float("nan"), float("nan"), cycle, 0, known[cycle].period)
 
 
 def _last(holds_at: float, beyond: float, holds: Callable[[float], bool]) -> float:
@@ -126,13 +129,12 @@ def _cycle_from(loop: epp.LureSystem) -> epp.LimitCycle | None:
 def table(found: tuple[ProvedGains, ...]) -> str:
     """The loops in Markdown."""
     lines = [
-        "| L(s) | proved free up to | proved to cycle from | apart | sectors | period of the cycle [s] |",
+        "| L(s) | one proof of absence for k | proved to cycle from | apart | sectors | period of the cycle [s] |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
-    lines += [
-        f"| {r.loop} | {r.free:.5g} | {r.cycle:.5g} | {100.0 * r.gap:.2f} % | {r.sectors} | {r.period:.4g} |"
-        for r in found
-    ]
+    for r in found:
+        ends = f"{r.start:.5g} to {r.free:.5g} | {r.cycle:.5g} | {100.0 * r.gap:.2f} %"
+        lines.append(f"| {r.loop} | {ends} | {r.sectors} | {r.period:.4g} |")
     return "\n".join(lines) + "\n"
 
 

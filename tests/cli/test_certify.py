@@ -57,6 +57,16 @@ def test_absence_with_play_is_written_checked_and_drawn(tmp_path: Path) -> None:
     assert code == 1 and "refused: a file that was changed" in text
 
 
+def test_one_file_for_a_range_of_gains(tmp_path: Path) -> None:
+    file = tmp_path / "range.json"
+    code, text = run("backlash_servo", "--within", "loop.gain 0.01..0.5", "-o", str(file))
+    assert code == 0 and "backlash servo with loop.gain from 0.01 to 0.5 has no periodic motion" in text.replace(
+        "\n", " "
+    )
+    for gain, expected in (("0.3", 0), ("0.51", 1)):
+        assert run("backlash_servo", "--set", f"loop.gain={gain}", "--check", str(file))[0] == expected
+
+
 def test_what_is_not_decided_is_a_result_but_no_file(tmp_path: Path) -> None:
     code, text = run("sat_am165", "--statement", "absence")
     assert code == 0 and "Not decided" in text
@@ -82,6 +92,12 @@ def test_json_and_pictures(tmp_path: Path) -> None:
         (["sat_am165", "--json", "--check", "x.json"], "expected it alone"),
         (["sat_am165", "--statement", "roots", "--check", "x.json"], "expected it alone"),
         (["--set", "loop.gain=1", "--check", "x.json"], "--set is given without a case"),
+        (["sat_am165", "--within", "loop.gain"], 'expected "FIELD LOW..HIGH"'),
+        (["sat_am165", "--within", "loop.gian 1..2"], "did you mean 'loop.gain'"),
+        (["sat_am165", "--within", "loop.gain 1 m..2 m"], "--within"),
+        (["sat_am165", "--within", "loop.gain 2..1"], "expected low < high"),
+        (["sat_am165", "--statement", "roots", "--within", "loop.gain 1..2"], "within is of absence"),
+        (["sat_am165", "--within", "loop.gain 1..2", "--check", "x.json"], "expected it alone"),
         (["--check", "nowhere.json"], "expected the file of a certificate"),
         (["sat_am165", "-o", "roots.csv"], "roots.csv"),
     ],

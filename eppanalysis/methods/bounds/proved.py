@@ -89,7 +89,7 @@ def _absences(question: BoundProblem, bound: float, sign: float) -> Iterator[tup
 def _over_range(
     question: BoundProblem, sign: float, free: float, absence: Certificate | None
 ) -> tuple[float, Certificate | None]:
-    """The proof of absence for all values from the free end of the range to the one where it is proved, if there is one."""
+    """The proof of absence from the free end of the range to the value where it is proved, if there is one for all."""
     end = question.low if sign > 0.0 else question.high
     if absence is None or end == free:
         return free, absence

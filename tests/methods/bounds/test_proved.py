@@ -46,6 +46,9 @@ def test_the_files_hold_for_the_values_they_name(bounds, valve, tmp_path) -> Non
     values = bounds[0].proved.free, bounds[0].proved.cycle
     said = [epp.check_certificate(path, valve.with_values({GAIN: v})) for path, v in zip(paths, values, strict=True)]
     assert all(check.accepted and check.about for check in said)
+    between = bounds[0].proved.free_from, 0.5 * (bounds[0].proved.free_from + bounds[0].proved.free)
+    assert between[0] == 1.0 and "1 with one proof for all values on the free side" in str(bounds)
+    assert all(epp.check_certificate(paths[0], valve.with_values({GAIN: v})).about for v in between)
     assert "no periodic motion but rest" in str(said[0]) and "has a limit cycle" in str(said[1])
     swapped = [
         epp.check_certificate(path, valve.with_values({GAIN: v})) for path, v in zip(paths, values[::-1], strict=True)

@@ -203,6 +203,55 @@ def test_a_relay_that_cannot_oscillate_is_certified_for_all_gains() -> None:
     assert found.proved and found.document["claim"]["sector"] == ["0", None]
 
 
+ANY = {
+    "saturation": epp.Saturation(),
+    "relay": epp.Relay(),
+    "dead zone": epp.DeadZone(-0.4, 0.7, 2.0),
+    "falls": epp.PiecewiseLinear([-1.0, 1.0], [1.0, -2.0, 1.0], [0.0, 0.0, 0.0]),
+    "misses the origin": epp.PiecewiseLinear([0.5], [1.0, 2.0], [0.3, -0.2]),
+}
+
+
+@pytest.mark.parametrize("name", ANY)
+def test_one_sign_of_the_imaginary_part_leaves_no_cycle_whatever_the_element(name: str) -> None:
+    """A PD controller before a double integrator, of either sign: energy falls. No sector helps there."""
+    for num in ([0.7, 1.0], [-0.7, 1.0]):
+        found = epp.certify(epp.LureSystem.from_tf((num, [1.0, 0.0, 0.0]), ANY[name], name="pd"), "absence")
+        assert found.proved and "whatever the element without memory; Re jωG(jω)" in str(found)
+        assert found.document["claim"] == {"sector": [None, None], "multiplier": "1" if num[0] > 0 else "-1"}
+        assert found.plot().get_lines()
+    undamped = epp.LureSystem.from_tf(([1.0], [1.0, 0.0, 0.0]), ANY[name])
+    lagged = epp.LureSystem.from_tf(([9.0], [1.0, 3.0, 3.0, 1.0]), ANY[name])
+    assert not epp.certify(undamped, "absence").proved and not epp.certify(lagged, "absence").proved
+
+
+def test_an_element_that_remembers_is_not_any_element() -> None:
+    for element in (epp.Play(0.5), epp.HysteresisRelay(-0.1, 0.1), epp.JumpAndFollow(1.0, 0.5)):
+        assert not epp.certify(epp.LureSystem.from_tf(([0.7, 1.0], [1.0, 0.0, 0.0]), element), "absence").proved
+    document = epp.certify(epp.LureSystem.from_tf(([0.7, 1.0], [1.0, 0.0, 0.0]), epp.Saturation()), "absence").document
+    remembers = {**document, "loop": {**document["loop"], "element": {"kind": "play", "gap": "1"}}}
+    with pytest.raises(Refused, match="remembers"):
+        check_absence.verify(sealed(remembers))
+
+
+@pytest.mark.parametrize(("low", "high", "proved"), [(0.01, 5.99, True), (0.01, 6.001, False), (6.0, 7.0, False)])
+def test_a_range_of_gains_ends_at_the_border(low: float, high: float, proved: bool) -> None:
+    case = epp.Case.from_system(limited(1.0, [1.0, 3.0, 2.0, 0.0]))
+    found = epp.certify(case, "absence", within={"loop.gain": (low, high)})
+    assert found.proved == proved and (not proved or len(found.document["loop"]["num"]) == 2)
+
+
+def test_a_range_needs_zero_in_the_sector() -> None:
+    """Else the criterion may fail between two gains at which it holds."""
+    bent = epp.Case.from_system(limited(1.0, [1.0, 3.0, 3.0, 1.0], epp.PiecewiseLinear([-1, 1], [1, 2, 1], [-1, 0, 1])))
+    found = epp.certify(bent, "absence", within={"loop.gain": (0.1, 0.2)})
+    assert not found.proved and "zero in their sector" in str(found) and epp.certify(bent, "absence").proved
+    document = json.loads(json.dumps(epp.certify(bent, "absence").document))
+    document["loop"]["num"].append(["1/2"])
+    with pytest.raises(Refused, match="zero is not in the sector"):
+        check_absence.verify(sealed(document))
+
+
 @pytest.mark.parametrize(
     ("loop", "why"),
     [

@@ -25,6 +25,8 @@ def contact_poles(nums: list[Vector], den: Vector) -> tuple[list[Vector], str]:
     roots = np.roots([float(c) for c in den])
     if np.any(np.abs(roots.imag) > 1e-9 * np.max(np.abs(roots))) or np.any(roots.real > 0):
         return [], "sectors need a linear part with real poles, none of them unstable"
+    if not any(den[-2:]):
+        return [], "the linear part has two integrators, and sectors cover one"
     if order == 2:
         return [[_slower_pole(den)]], ""
     exact = (_exact_pole(den, root) for root in sorted(-roots.real))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from importlib import util
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -90,6 +91,98 @@ def test_bounds_stand_within_two_per_cent_of_the_onset(
     assert not epp.certify(servo(above, den), "absence", sectors=10).proved
 
 
+def gains(num: Coefficients, den: Coefficients, low: float, high: float, sectors: int = 48) -> epp.Certificate:
+    case = epp.Case.from_system(servo(num, den), name="slack")
+    return epp.certify(case, "absence", within={"loop.gain": (low, high)}, sectors=sectors)
+
+
+def test_one_file_holds_for_a_range_of_gains(tmp_path: Path) -> None:
+    began = time.process_time()
+    found = gains([1.0], THIRD, 0.8, 2.07)
+    assert found.proved and time.process_time() - began < 5.0
+    began = time.process_time()
+    check_play.verify(found.document)
+    assert time.process_time() - began < 0.5
+    assert str(found).startswith(
+        "Proved: slack with loop.gain from 0.8 to 2.07 has no periodic motion but rest, for any"
+    )
+    file = found.write(tmp_path / "range.json")
+    about = {k: epp.check_certificate(file, servo([k], THIRD)).about for k in (0.79999, 0.8, 1.234567, 2.07, 2.07001)}
+    assert list(about.values()) == [False, True, True, True, False]
+    assert not epp.check_certificate(file, servo([0.001, 1.0], THIRD)).about
+    assert "the loop in the file, with any numerator from 4 to 10.35, has no" in str(epp.check_certificate(file))
+
+
+@pytest.mark.parametrize(
+    ("num", "den", "low", "high"),
+    mostly_slow(
+        [
+            ([1.0], THIRD, 1.5, 3.0),
+            ([1.0], [1.0, 1.0, 0.0], 2.0, 4.0),
+            ([0.3, 1.0], THIRD, 1.0, 5.0),
+            ([0.1, 1.0], [1.0, 1.0, 0.0], 2.0, 20.0),
+        ],
+        [([1.0], THIRD, 1.5, 3.0)],
+    ),
+)
+def test_ranges_reach_from_near_zero_to_the_onset_and_not_beyond(
+    num: Coefficients, den: Coefficients, low: float, high: float
+) -> None:
+    exact = onset(num, den, low, high)
+    assert gains(num, den, 0.02 * exact, 0.98 * exact, sectors=24).proved
+    for start in (0.02, 0.9, 1.0005):
+        assert not gains(num, den, start * exact, 1.001 * exact, sectors=16).proved
+
+
+def test_a_line_of_numerators_is_no_box_of_them(tmp_path: Path) -> None:
+    found = gains([0.3, 1.0], THIRD, 1.0, 3.0, sectors=10)
+    file = found.write(tmp_path / "range.json")
+    about = [epp.check_certificate(file, servo(n, THIRD)).about for n in ([0.6, 2.0], [0.3, 2.0], [0.6000001, 2.0])]
+    assert about == [True, False, False]
+
+
+def test_ranges_that_are_not_covered_are_said(tmp_path: Path) -> None:
+    case = epp.Case.from_system(servo([1.0], THIRD))
+    for within, words in (
+        ({"play.gap": (1.0, 2.0)}, "changes more than the numerator"),
+        ({"loop.delay": (0.0, 0.1)}, "changes more than the numerator"),
+    ):
+        found = epp.certify(case, "absence", within=within)
+        assert not found.proved and str(found).startswith("Not covered") and words in str(found)
+    for statement, within, words in (
+        ("roots", {"loop.gain": (1.0, 2.0)}, "within is of absence"),
+        ("absence", {"loop.gain": (2.0, 1.0)}, "expected low < high"),
+        ("absence", {}, "expected one parameter"),
+        ("absence", {"loop.gains": (1.0, 2.0)}, "loop.gain"),
+    ):
+        with pytest.raises(EppError, match=words):
+            epp.certify(case, statement, within=within)
+    with pytest.raises(EppError, match="from_system"):
+        epp.certify(servo([1.0], THIRD), "absence", within={"loop.gain": (1.0, 2.0)})
+
+
+def test_a_numerator_that_leaves_its_line_is_not_covered(tmp_path: Path) -> None:
+    """Equal at both ends, it bulges between: nothing would be proved of that."""
+    path = tmp_path / "bulge.toml"
+    parts = """
+kind = "diagram"
+title = "bulge"
+connect = ["- gear -> plant", "plant -> gear"]
+[parameters]
+k = 0.5
+[blocks.plant]
+kind = "transfer_function"
+num = ["k", "k + 4 * (k - 0.5) * (1 - k)"]
+den = [0.2, 1.2, 1, 0]
+[elements.gear]
+kind = "play"
+gap = 1.0
+"""
+    path.write_text(parts, encoding="utf-8")
+    found = epp.certify(epp.read_case(path), "absence", within={"k": (0.5, 1.0)})
+    assert not found.proved and "does not run along a line with k" in str(found)
+
+
 @pytest.mark.parametrize("gain", [2.08, 2.3, 5.0])
 def test_nothing_is_proved_where_an_exact_orbit_is(gain: float) -> None:
     found = epp.certify(servo([gain], THIRD), "absence", sectors=24)
@@ -121,6 +214,8 @@ def test_random_servos_are_proved_below_their_onset_and_never_above(seed: int) -
     den = [1.0, a + b, a * b, 0.0]
     exact = onset([1.0], den, 1e-3, 0.999 * a * b * (a + b))
     above, below = rng.uniform(1.002, 2.0), rng.uniform(0.5, 0.95)
+    assert not gains([1.0], den, 0.5 * exact, 1.002 * exact, sectors=6).proved
+    assert gains([1.0], den, 0.1 * exact, below * exact, sectors=12).proved
     assert not epp.certify(servo([above * exact], den), "absence", sectors=6).proved
     assert epp.certify(servo([below * exact], den), "absence", sectors=12).proved
 
@@ -172,6 +267,8 @@ def test_what_is_not_covered_is_said() -> None:
     assert not slow.proved and "slower than its poles" in str(slow)
     two = epp.certify(servo([8.0, 0.1, 30.0], [1.0, 3.0, 2.0, 0.0]), "absence")
     assert not two.proved and "two zeros" in str(two)
+    drifting = epp.certify(servo([0.7, 1.0], [1.0, 0.0, 0.0]), "absence")
+    assert not drifting.proved and "two integrators" in str(drifting)
     swinging = epp.certify(servo([3.0], [1.0, 0.2, 1.0, 0.0]), "absence")
     assert not swinging.proved and "real poles" in str(swinging)
     fourth = epp.certify(servo([3.0], [1.0, 4.0, 6.0, 4.0, 0.0]), "absence")
