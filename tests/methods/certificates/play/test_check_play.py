@@ -197,6 +197,29 @@ def test_a_range_is_proved_between_its_ends_and_no_farther(easy: Document, with_
         assert refused(between)
 
 
+def mixed(shares: list[Fraction], parts: list[Any]) -> Any:
+    """The sum of nested lists of numbers with shares."""
+    if isinstance(parts[0], list):
+        return [mixed(shares, list(inner)) for inner in zip(*parts, strict=True)]
+    return str(sum((s * Fraction(x) for s, x in zip(shares, parts, strict=True)), Fraction(0)))
+
+
+@pytest.mark.parametrize("t", [Fraction(1, 7), Fraction(1, 2), Fraction(19, 20)])
+def test_every_gain_of_a_range_has_a_function_that_falls(easy: Document, with_zero: Document, t: Fraction) -> None:
+    """What the file of a range says of a gain between its ends is a file of that gain alone, which is checked as one."""
+    line, square = [1 - t, t], [(1 - t) ** 2, 2 * t * (1 - t), t**2]
+    for document in (easy, with_zero):
+        single, given = copy_of(document), document["evidence"]
+        single["loop"]["num"] = [mixed(line, document["loop"]["num"])]
+        for name in ("stuck", "moving", "release_multipliers"):
+            single["evidence"][name] = [mixed(line, given[name])]
+        single["evidence"]["moving_multipliers"] = [mixed(square, given["moving_multipliers"])]
+        if "signs" in given:
+            single["evidence"]["signs"]["forms"] = [mixed(line, given["signs"]["forms"])]
+            single["evidence"]["signs"]["multipliers"] = [mixed(square, given["signs"]["multipliers"])]
+        assert not refused(single)
+
+
 small = st.integers(-3, 3)
 
 
