@@ -12,6 +12,7 @@ from eppanalysis.cli.common import (
     Json,
     Settings,
     answer,
+    by_name,
     check_output,
     check_value,
     file_option,
@@ -42,12 +43,11 @@ Statement = Annotated[
     ),
 ]
 Within = Annotated[
-    str | None,
+    list[str],
     typer.Option(
         "--within",
         metavar='"FIELD RANGE"',
-        help='One proof of absence for all values of a gain, as in "loop.gain 0.8..2".',
-        show_default=False,
+        help='One proof of absence for all values of a parameter, as in "loop.gain 0.8..2"; repeatable.',
     ),
 ]
 File = Annotated[Path | None, file_option("Write the certificate (.json), or a picture.")]
@@ -62,7 +62,7 @@ Checked = Annotated[
 def certify(
     case: MaybeCase = None,
     statement: Statement = None,
-    within: Within = None,
+    within: Within = NOTHING,
     check: Checked = None,
     settings: Settings = NOTHING,
     as_json: Json = False,
@@ -79,7 +79,7 @@ def certify(
 
     check_output(output, (".json", *PICTURES))
     found = load_case(case, settings)
-    ranges = {} if within is None else dict([named_range("--within", within, found.parameters)])
+    ranges = by_name("--within", (named_range("--within", text, found.parameters) for text in within))
     for name, value in ((name, value) for name, both in ranges.items() for value in both):
         check_value(found, "--within", name, value)
     result = prove(found, statement or (Asked.ABSENCE if ranges else Asked.ROOTS), within=ranges or None)

@@ -1,20 +1,23 @@
 """Finds a certificate of absence: the multiplier with which Popov's criterion, or the circle criterion, holds.
 
-One multiplier serves the loop of one numerator, or of both ends of a range.
+One multiplier serves one loop, or all loops of a range or box.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from fractions import Fraction
+from itertools import zip_longest
 from typing import Any
 
 from eppanalysis.methods.certificates import check_absence
-from eppanalysis.methods.certificates.check_absence import Refused, added, criterion, number, positive, sector, times
+from eppanalysis.methods.certificates.check_absence import Refused, added, coefficients, number, positive, sector, times
 from eppanalysis.methods.certificates.numbers import ROUNDING, middle_of
 from eppanalysis.methods.certificates.registry import sealed
 
 Polynomial = list[Fraction]
+#: Numerators and denominators of one loop, or of those at the corners of a box.
+Corners = list[tuple[Polynomial, Polynomial]]
 #: Least and greatest y/x; without the one there is no bound, without both nothing is known of the element.
 Sector = tuple[Fraction | None, Fraction | None]
 
@@ -28,8 +31,9 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     Parameters
     ----------
     loop : mapping
-        As :func:`~eppanalysis.methods.certificates.rational.rational_loop` gives it, but for a list of numerators: one,
-        or the two ends of a range; or as :func:`~eppanalysis.methods.certificates.elbow.find.rational_elbow` does.
+        As :func:`~eppanalysis.methods.certificates.rational.rational_loop` gives it, but for lists of numerators and
+        denominators: one, or those at the corners of a box; or as
+        :func:`~eppanalysis.methods.certificates.elbow.find.rational_elbow` does.
     sectors : int
         For play, of which no criterion holds: most sectors of a quarter plane in which a function is quadratic.
 
@@ -45,14 +49,15 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     reason = _not_covered(loop)
     if reason:
         return reason
-    nums, den = [_ascending(row) for row in loop["num"]], _ascending(loop["den"])
+    nums, dens = ([[number(c) for c in row[::-1]] for row in loop[name]] for name in ("num", "den"))
+    corners = [*zip(nums, dens, strict=True)]
     play, (edges, reason) = loop["element"]["kind"] == "play", _sector(loop)
-    multiplier = None if reason else _multiplier(nums, den, edges, remembers=play)
+    multiplier = None if reason else _multiplier(corners, edges, remembers=play)
     if multiplier is None and not play:
-        edges, multiplier = (None, None), _sign(nums, den)
+        edges, multiplier = (None, None), _sign(corners)
     if multiplier is None:
         return _otherwise(loop, sectors, reason)
-    polynomials = [criterion(num, den, *edges, multiplier) for num in nums]
+    polynomials = coefficients(corners, edges, multiplier)
     return sealed(
         {
             "statement": check_absence.STATEMENT,
@@ -69,10 +74,6 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     )
 
 
-def _ascending(row: list[str]) -> Polynomial:
-    return [number(c) for c in row[::-1]]
-
-
 def _otherwise(loop: Mapping[str, Any], sectors: int, reason: str) -> dict[str, Any] | str:
     """What proves absence where no criterion does, or why nothing does."""
     if loop["element"]["kind"] == "play" and not reason:
@@ -86,7 +87,7 @@ def _otherwise(loop: Mapping[str, Any], sectors: int, reason: str) -> dict[str, 
         return f"{why}."
     from eppanalysis.methods.certificates.cells.find import find as find_cells
 
-    found = find_cells({**loop, "num": loop["num"][0]})
+    found = find_cells({**loop, **{name: loop[name][0] for name in ("num", "den")}})
     return found if not isinstance(found, str) else f"{why}{found}."
 
 
@@ -108,7 +109,7 @@ def _not_covered(loop: Mapping[str, Any]) -> str:
         return "the criteria are those of continuous time, and the loop is in discrete time."
     if not all(any(number(c) for c in row) for row in loop["num"]):
         return "the element's output does not reach its input."
-    if max(map(len, loop["num"])) >= len(loop["den"]):
+    if max(map(len, loop["num"])) >= min(map(len, loop["den"])):
         return "the linear part passes its input straight through."
     if loop["element"]["kind"] not in check_absence.ELEMENTS:
         return f"{loop['element']['kind']}: the criteria are those of memoryless elements, and of play."
@@ -123,53 +124,51 @@ def _sector(loop: Mapping[str, Any]) -> tuple[Sector, str]:
         return (None, None), f"{error}: the criteria are those of memoryless elements in a sector, and of play."
     if low is None or low == high:
         return (None, None), "the element lies in no sector, or is linear."
-    if len(loop["num"]) > 1 and (low > 0 or (high is not None and high < 0)):
-        return (None, None), "ranges are proved of elements with zero in their sector."
     # The criteria know the loop by what the element sees: an integrator that cancels is beyond them
     # (docs/theory/proofs.md, No periodic motion).
-    lasts = [number(row[-1]) for row in loop["num"]]
-    unseen = number(loop["den"][-1]) == 0 >= lasts[0] * lasts[-1] and loop["element"]["kind"] != "play"
-    return (low, high), "the element does not see an integrator of the loop." if unseen else ""
+    lasts = [[number(row[-1]) for row in loop[name]] for name in ("num", "den")]
+    seen = any(min(row) > 0 or max(row) < 0 for row in lasts) or loop["element"]["kind"] == "play"
+    return (low, high), "" if seen else "the element does not see an integrator of the loop."
 
 
-def _multiplier(nums: list[Polynomial], den: Polynomial, edges: Sector, remembers: bool) -> Fraction | None:
+def _multiplier(corners: Corners, edges: Sector, remembers: bool) -> Fraction | None:
     """A multiplier with which the criterion holds, the circle criterion's zero first; None where none was found.
 
     An element that remembers has none but zero: the integral of its output times the rate of its input does not vanish.
     """
-    if _holds(nums, den, edges, Fraction(0)):
+    if _holds(corners, edges, Fraction(0)):
         return Fraction(0)
     # With memory the integral of w dx/dt over a period need not vanish, so that no multiplier but zero is allowed.
     if remembers:
         return None
     # The criterion is linear in its multiplier: two of them give the polynomial of any (docs/theory/proofs.md, No
     # periodic motion).
-    circles, tilted = ([criterion(num, den, *edges, Fraction(r)) for num in nums] for r in (0, 1))
+    circles, tilted = (coefficients(corners, edges, Fraction(r)) for r in (0, 1))
     tilts = [added(tilt, circle, Fraction(-1)) for tilt, circle in zip(tilted, circles, strict=True)]
-    return next((r for r in _candidates(circles, tilts) if _holds(nums, den, edges, r)), None)
+    return next((r for r in _candidates(circles, tilts) if _holds(corners, edges, r)), None)
 
 
-def _sign(nums: list[Polynomial], den: Polynomial) -> Fraction | None:
+def _sign(corners: Corners) -> Fraction | None:
     """The sign of Re(j omega G) where it is the same at all frequencies."""
-    return next((r for r in (Fraction(1), Fraction(-1)) if _holds(nums, den, (None, None), r)), None)
+    return next((r for r in (Fraction(1), Fraction(-1)) if _holds(corners, (None, None), r)), None)
 
 
-def _holds(nums: list[Polynomial], den: Polynomial, edges: Sector, multiplier: Fraction) -> bool:
+def _holds(corners: Corners, edges: Sector, multiplier: Fraction) -> bool:
     """Whether the criterion holds for all linear parts that are the stated ones but for rounding of coefficients.
 
     A mode without damping that the element does not see cancels in G exactly, and after rounding hardly.
     """
     low, high = edges
-    for num in nums:
-        sizes, dens = ([abs(c) for c in p] for p in (num, den))
-        dens = added(dens, sizes, abs(low or Fraction(0)))
-        terms = times([Fraction(low is not None), abs(multiplier)], times(sizes, dens))
-        if high is not None and low is not None:
-            terms = added(terms, times(dens, dens), 1 / (high - low))
-        # Each term has two rounded coefficients; those of omega squared come from even powers.
-        if not positive(added(criterion(num, den, low, high, multiplier), terms[::2], -3 * ROUNDING)):
-            return False
-    return True
+    sizes, dens = (
+        [max(map(abs, c)) for c in zip_longest(*p, fillvalue=Fraction(0))] for p in zip(*corners, strict=True)
+    )
+    dens = added(dens, sizes, abs(low or Fraction(0)))
+    terms = times([Fraction(low is not None), abs(multiplier)], times(sizes, dens))
+    if high is not None and low is not None:
+        terms = added(terms, times(dens, dens), 1 / (high - low))
+    # Each term has two rounded coefficients; those of omega squared come from even powers.
+    room = [3 * ROUNDING * c for c in terms[::2]]
+    return all(positive(added(p, room, Fraction(-1))) for p in coefficients(corners, edges, multiplier))
 
 
 def _candidates(circles: list[Polynomial], tilts: list[Polynomial]) -> list[Fraction]:

@@ -17,7 +17,7 @@ from eppanalysis.errors import ArgumentError, EppError, did_you_mean, require_pa
 from eppanalysis.methods.certificates.numbers import NotCovered
 from eppanalysis.methods.certificates.registry import STATEMENTS, Asked, Statement, of_text
 from eppanalysis.methods.certificates.result import Certificate, Check, enclosure, sentence
-from eppanalysis.methods.certificates.stated import another_loop, stated_loop, stated_range
+from eppanalysis.methods.certificates.stated import another_loop, stated_box, stated_loop
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, require_case, standing
@@ -68,8 +68,9 @@ def certify(
         the cycles that :func:`predict_limit_cycles` lists (to one turn of its dead time, to half of its sampling
         frequency).
     within : mapping of str to (quantity, quantity), optional
-        Of "absence", for a case: one parameter and its range, from and to. It may change nothing but the numerator of
-        the linear part, along a straight line, as gains do. One file then holds for all its values.
+        Of "absence", for a case: up to three parameters and their ranges, from and to. Along each of them the
+        coefficients of the linear part run along straight lines, as they do with gains. By sectors it is one parameter,
+        which changes nothing but the numerator. One file then holds for all values.
     sectors : int, optional
         Of "absence" with play: most sectors of a quarter plane in which the function is quadratic, 2 to 200; more of
         them come nearer to the exact onset of cycles.
@@ -135,8 +136,8 @@ def certify(
         raise ArgumentError(
             "box", f" is given for {statement!r}, which is proved of all amplitudes; expected no box.", "certify"
         )
-    if within is not None and (asked is not Asked.ABSENCE or len(within) != 1):
-        raise ArgumentError("within", " is of absence; expected one parameter and its range.", "certify")
+    if within is not None and (asked is not Asked.ABSENCE or not 1 <= len(within) <= 3):
+        raise ArgumentError("within", " is of absence; expected one to three parameters and their ranges.", "certify")
     require_packages("certify", "proof", "flint")
     system, at = standing(loop, operating_point, "certify")
     case = facts_of(loop)
@@ -145,7 +146,7 @@ def certify(
         if within is None:
             stated, off = stated_loop(asked, system, at)
         else:
-            stated, off = stated_range(require_case(loop, "certify"), *next(iter(within.items())), operating_point)
+            stated, off = stated_box(require_case(loop, "certify"), within, operating_point)
         made_by = Provenance("certificate", settings, {"coefficients": off}, case=case)
         made = partial(Certificate, asked, provenance=made_by, operating_point=at)
         if asked is Asked.ROOTS:
@@ -194,8 +195,10 @@ def _absence(
     if isinstance(document, str):
         return made(Status.INCOMPLETE, f"Not decided: {document}")
     _accepted(document)
-    values = "".join(f" with {parameter} from {low} to {high}" for parameter, (low, high) in within.items())
-    return made(Status.CONVERGED, sentence(document, name, values) + _growth(stated), document)
+    values = " and ".join(f"{parameter} from {low} to {high}" for parameter, (low, high) in within.items())
+    return made(
+        Status.CONVERGED, sentence(document, name, f" with {values}" * bool(within)) + _growth(stated), document
+    )
 
 
 def _cycles(system: LureSystem, stated: dict[str, Any], made: Callable[..., Certificate]) -> Certificate:
@@ -215,8 +218,8 @@ def _growth(stated: Mapping[str, Any]) -> str:
     """That linear loops which stand for a play while it moves are not stable; empty where they are."""
     if stated.get("element", {}).get("kind") != "play":
         return ""
-    nums, den = ([[float(Fraction(c)) for c in row] for row in rows] for rows in (stated["num"], [stated["den"]]))
-    grows = [bool(np.max(np.roots(np.polyadd(num, den[0])).real) >= 0.0) for num in nums]
+    nums, dens = ([[float(Fraction(c)) for c in row] for row in rows] for rows in (stated["num"], stated["den"]))
+    grows = [bool(np.max(np.roots(np.polyadd(*pair)).real) >= 0.0) for pair in zip(nums, dens, strict=True)]
     which = "the loop is not stable" if all(grows) else "some of the loops are not stable"
     return _GROWS.format(which) if any(grows) else ""
 

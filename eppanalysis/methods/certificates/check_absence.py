@@ -1,8 +1,8 @@
 """Checker of a certificate of absence: no periodic motion but rest, by the criterion of Popov or the circle criterion.
 
-A file speaks of one numerator of the linear part, or of all on the straight line between two. The checker stands alone,
-``python -I check_absence.py < certificate.json``, and computes with exact rationals (python-flint). Theory:
-docs/theory/proofs.md, "No periodic motion", and of play "By frequency".
+A file speaks of one linear part, of all on the straight line between two, or of a box with 4 or 8 at its corners. The
+checker stands alone, ``python -I check_absence.py < certificate.json``, and computes with exact rationals
+(python-flint). Theory: docs/theory/proofs.md, "No periodic motion", and of play "By frequency".
 """
 
 import sys
@@ -177,6 +177,27 @@ def criterion(num, den, low, high, multiplier):
     return popov if high is None else added(popov, size, 1 / (high - low))
 
 
+def coefficients(corners, edges, multiplier):
+    """The Bernstein coefficients of the criterion over a box, of degree 2 along each side, from products of corners.
+
+    Bit i of a corner's place says at which end of side i it is.
+    """
+    low, high = edges
+    alone = [criterion(num, den, low, high, multiplier) for num, den in corners]
+    found: dict = {}
+    for a, (num, den) in enumerate(corners):
+        for b, (other, below) in enumerate(corners):
+            both = criterion(added(num, other), added(den, below), low, high, multiplier)
+            product = added(added(both, alone[a], Fraction(-1)), alone[b], Fraction(-1))
+            found.setdefault(tuple((a >> i & 1) + (b >> i & 1) for i in range(3)), []).append(product)
+    means: list = []
+    for _, products in sorted(found.items()):
+        means.append([])
+        for product in products:
+            means[-1] = added(means[-1], product, Fraction(1, 2 * len(products)))
+    return means
+
+
 def changes(signs):
     """How often the sign changes, zeros left out."""
     signs = [s for s in signs if s]
@@ -202,35 +223,34 @@ def positive(p):
 
 def verify(document):
     """What a certificate proves: the sector and the multiplier with which the criterion holds."""
-    loop_form = {"time_step": (str, type(None)), "num": [[(Fraction,)]], "den": [(Fraction,)], "delay": (Fraction,)}
+    loop_form = {"time_step": (str, type(None)), "num": [[(Fraction,)]], "den": [[(Fraction,)]], "delay": (Fraction,)}
     loop, said, evidence = opened(document, {**FORM, "loop": {**loop_form, "element": element_form}})
     require(loop["time_step"] is None, "a loop in discrete time is not covered")
     require(number(loop["delay"]) == 0, "a loop with dead time is not covered")
-    require(0 < len(loop["num"]) <= 2, "numerators that are neither one nor the ends of a range")
-    require(max(map(len, [loop["den"], *loop["num"]])) <= ORDER, "a linear part of too high an order")
-    rows = [loop["den"], *loop["num"], *evidence["polynomials"]]
+    count = len(loop["num"])
+    require(count == len(loop["den"]) and count in (1, 2, 4, 8), "linear parts that are no point, line or box")
+    rows = [*loop["num"], *loop["den"], *evidence["polynomials"]]
+    require(max(map(len, rows[: 2 * count])) <= ORDER, "a linear part of too high an order")
     require(max(sum(map(len, row)) for row in rows) <= SIZE, f"a polynomial of more than {SIZE} characters")
-    den, *nums = (trimmed([*map(number, row[::-1])]) for row in rows[: 1 + len(loop["num"])])
-    require(nums[1:] != nums[:1], "a range with one end")
-    require(all(0 < len(num) < len(den) for num in nums), "a linear part that is zero, or passes its input through")
+    read_in = [[*map(number, row[::-1])] for row in rows[: 2 * count]]
+    corners = [*zip(map(trimmed, read_in[:count]), read_in[count:], strict=True)]
+    monic = all(0 < len(num) < len(den) == len(read_in[-1]) and den[-1] == 1 for num, den in corners)
+    require(monic, "a linear part that is zero, passes its input through, or is not monic")
     edges, multiplier = sector(loop["element"]), number(evidence["multiplier"])
     if loop["element"]["kind"] == "play":
         require(multiplier == 0, "a multiplier, where the element remembers")
     elif said["sector"] == [None, None]:
         edges = None, None  # of any memoryless element, and of any constants: Re(j omega G) has one sign
     else:
-        seen = den[0] != 0 or nums[0][0] * nums[-1][0] > 0
+        lasts = [[p[0] for p in row] for row in zip(*corners, strict=True)]
+        seen = any(min(row) > 0 or max(row) < 0 for row in lasts)
         require(seen, "an integrator that the element does not see")
     low, high = edges
     bounded = low is not None and (high is None or low < high)
     require(bounded or edges == (None, None), "an element without a sector")
-    # Between two numerators the criterion is not below the line between its values where zero is in the sector.
-    concave = low is None or low <= 0 and (high is None or high >= 0)
-    require(len(nums) == 1 or concave, "a range of gains, where zero is not in the sector")
     claim = {"sector": [edge if edge is None else str(edge) for edge in edges], "multiplier": evidence["multiplier"]}
     require(said == claim, f"it claims {said}, its evidence shows {claim}")
-    for num, given in zip(nums, evidence["polynomials"], strict=True):
-        polynomial = criterion(num, den, low, high, multiplier)
+    for polynomial, given in zip(coefficients(corners, edges, multiplier), evidence["polynomials"], strict=True):
         require([*map(number, given)] == polynomial[::-1], "a polynomial that is not the loop's")
         require(positive(polynomial), "a polynomial that is not positive for all frequencies")
     return claim

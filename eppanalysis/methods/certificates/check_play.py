@@ -23,7 +23,7 @@ EVIDENCE |= {"moving": [[ROWS]], "moving_multipliers": ROWS, "decrease": (Fracti
 SIGNS = {"forms": [[ROWS]], "multipliers": ROWS, "rate": (Fraction,)}
 #: By the number of ends of a range: which flow and which form make up each Bernstein coefficient of their product.
 MIXED = {1: [[(0, 0)]], 2: [[(0, 0)], [(0, 1), (1, 0)], [(1, 1)]]}
-LOOP = {"time_step": (str, type(None)), "num": ROWS, "den": [(Fraction,)], "delay": (Fraction,)}
+LOOP = {"time_step": (str, type(None)), "num": ROWS, "den": ROWS, "delay": (Fraction,)}
 FORM = {
     "loop": {**LOOP, "element": {"kind": (str,), "gap": (Fraction,)}},
     "claim": {"sectors": (int,)},
@@ -231,8 +231,9 @@ def verify(document):
     loop, said, evidence = opened(document, FORM)
     require(rational(loop["delay"]) == 0 and loop["time_step"] is None, "dead time or discrete time is not covered")
     require(loop["element"]["kind"] == "play" and rational(loop["element"]["gap"]) > 0, "an element without a gap")
-    nums, den = rational(loop["num"]), rational(loop["den"])
+    nums, (den, *others) = rational(loop["num"]), rational(loop["den"])
     require(0 < len(nums) <= 2 and nums[1:] != nums[:1], "numerators that are neither one nor two ends of a range")
+    require([den, *others] == [den] * len(nums), "denominators that differ")
     require(den[0] == 1 and all(0 < len(num) < len(den) for num in nums), "a linear part not strictly proper and monic")
     claim = {"sectors": falls(nums, den, evidence)}
     require(said == claim, f"it claims {said}, its evidence shows {claim}")

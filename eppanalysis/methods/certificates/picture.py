@@ -95,11 +95,11 @@ def _plot_cells(certificate: Certificate, ax: Axes) -> None:
 def _plot_popov(certificate: Certificate, ax: Axes) -> None:
     """Popov's curves of the loops from the lower edge of the sector, and the line that they stay on one side of."""
     loop, claim = certificate.document["loop"], certificate.document["claim"]
-    *nums, den = (np.array([float(Fraction(c)) for c in row]) for row in (*loop["num"], loop["den"]))
+    nums, dens = ([np.array([float(Fraction(c)) for c in row]) for row in loop[name]] for name in ("num", "den"))
     low, high = (None if edge is None else float(Fraction(edge)) for edge in claim["sector"])
     rate, floor = float(Fraction(claim["multiplier"])), 0.0 if low is None else low
     edge, curves = 0.0 if high is None else -1.0 / (high - floor), []
-    for num in nums:
+    for num, den in zip(nums, dens, strict=True):
         shifted = np.polyadd(den, floor * num)
         sizes = np.abs(np.concatenate([np.roots(shifted), np.roots(num)]))
         scales = sizes[sizes > 0] if np.any(sizes > 0) else np.ones(1)

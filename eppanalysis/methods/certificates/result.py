@@ -206,10 +206,12 @@ def sentence(document: Mapping[str, Any], name: str = UNNAMED, values: str = "")
 
 
 def _range(document: Mapping[str, Any]) -> str:
-    """The numerators between which one lies, where a file speaks of many."""
+    """The linear parts between which one lies, where a file speaks of many."""
     ends = document["loop"].get("num", [])
-    if len(ends) != 2 or not isinstance(ends[0], list):
+    if len(ends) < 2 or not isinstance(ends[0], list):
         return ""
+    if len(ends) > 2 or document["loop"]["den"][0] != document["loop"]["den"][1]:
+        return f", with any linear part between the {len(ends)} that it lists,"
     low, high = (" ".join(rounded(Fraction(c), ROUND_HALF_EVEN, 6) for c in row) for row in ends)
     return f", with any numerator from {low} to {high},"
 

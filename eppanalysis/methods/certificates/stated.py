@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from fractions import Fraction
+from itertools import product
 from typing import Any
+
+import numpy as np
 
 from eppanalysis.errors import ArgumentError, shown
 from eppanalysis.methods.certificates.numbers import ROUNDING, NotCovered
@@ -27,14 +30,18 @@ _ASKED = {
 }
 #: What the parts of a loop are called.
 _CALLED = {"num": "numerator", "den": "denominator", "delay": "dead time", "time_step": "time step"}
-#: Values within a range, as shares of it, at which the numerator is seen to lie between those at its ends.
-_SHARES = (0.0, 0.03, 0.17, 0.25, 0.41, 0.5, 0.68, 0.75, 0.93, 1.0)
+#: What of a loop may change within a box.
+_ROWS = ("num", "den")
+#: Most steps of Newton's method.
+_STEPS = 30
+#: Values within a range, as shares of it, at which the coefficients are seen to lie between those at its ends.
+_SHARES = (0.03, 0.17, 0.25, 0.41, 0.5, 0.68, 0.75, 0.93)
 
 
 def stated_loop(asked: Asked, system: LureSystem, at: OperatingPoint) -> tuple[dict[str, Any], float]:
     """A loop as certificates of a statement state it, and how far its coefficients are off, relatively.
 
-    Of absence, with a list of numerators: here one, in a range of loops those at both ends.
+    Of absence, with lists of numerators and denominators: here of one, of a box of loops those at the corners.
 
     Raises
     ------
@@ -52,43 +59,54 @@ def stated_loop(asked: Asked, system: LureSystem, at: OperatingPoint) -> tuple[d
     # Of play it is proved for every constant input (docs/theory/proofs.md, What is claimed of play).
     if asked is Asked.CYCLES or stated["element"]["kind"] != "play":
         require_no_bias(system, at.vector(system))
-    return (stated | {"num": [stated["num"]]} if asked is Asked.ABSENCE else stated), off
+    if asked is Asked.ABSENCE:
+        stated |= {name: [stated[name]] for name in _ROWS}
+    return stated, off
 
 
-def stated_range(
-    case: CaseLike, name: str, ends: tuple[object, object], point: PointLike | None
+def stated_box(
+    case: CaseLike, within: Mapping[str, tuple[object, object]], point: PointLike | None
 ) -> tuple[dict[str, Any], float]:
-    """The loops of a case within a range of one parameter, as certificates of absence state them.
+    """The loops of a case within ranges of parameters, as certificates of absence state them.
 
-    A file speaks of all numerators on the straight line between two. That those of the case lie on it is seen at some
-    values.
+    A file speaks of all linear parts between those at the corners. That those of the case are among them is seen at
+    some values.
 
     Raises
     ------
     ArgumentError
-        If the range has no low and high end.
+        If a range has no low and high end.
     NotCovered
-        If the parameter changes more than the numerator, or that not along a line.
+        If a parameter changes more than the linear part, or the coefficients do not run along a straight line with it.
     """
-    low, high = (case.si(name, end) for end in ends)
-    if not low < high:
-        raise ArgumentError("within", f" is {name} {ends[0]} to {ends[1]}; expected low < high.", "certify")
-    made = [
-        stated_loop(Asked.ABSENCE, *standing(case.with_values({name: low + share * (high - low)}), point, "certify"))
-        for share in _SHARES
-    ]
-    (first, _), (last, _) = made[0], made[-1]
+    sides = []
+    for name, ends in within.items():
+        low, high = (case.si(name, end) for end in ends)
+        if not low < high:
+            raise ArgumentError("within", f" is {name} {ends[0]} to {ends[1]}; expected low < high.", "certify")
+        sides.append((low, high))
+
+    def at(shares: Iterable[float]) -> tuple[dict[str, Any], float]:
+        values = {n: low + t * (high - low) for n, (low, high), t in zip(within, sides, shares, strict=True)}
+        return stated_loop(Asked.ABSENCE, *standing(case.with_values(values), point, "certify"))
+
+    # Bit i of a corner's place says at which end of side i it is.
+    made = [at(corner[::-1]) for corner in product((0.0, 1.0), repeat=len(sides))]
+    made += [at(shares) for shares in zip(*(_SHARES[i:] + _SHARES[:i] for i in range(len(sides))), strict=True)]
+    first = made[0][0]
     if "num" not in first:
         raise NotCovered("ranges are proved of loops with one element of one input and output.")
-    rows = first["num"] + last["num"] if first["num"] != last["num"] else first["num"]
+    family = first | {name: [loop[name][0] for loop, _ in made[: 2 ** len(sides)]] for name in _ROWS}
     for loop, _ in made:
-        if {**loop, "num": rows} != {**first, "num": rows}:
+        if any(loop[name] != first[name] for name in first if name not in _ROWS):
+            raise NotCovered(f"{' or '.join(within)} changes more than the linear part, and ranges are proved of that.")
+        if not _lies_within(loop, family):
             raise NotCovered(
-                f"{name} changes more than the numerator of the linear part, and ranges are proved of that."
+                f"coefficients of the linear part do not run along straight lines with {' or '.join(within)}."
             )
-        if not _lies_between(loop["num"][0], rows):
-            raise NotCovered(f"the numerator does not run along a line with {name}.")
-    return first | {"num": rows}, max(off for _, off in made)
+    if all(family[name] == family[name][:1] * len(family[name]) for name in _ROWS):
+        family = first
+    return family, max(off for _, off in made)
 
 
 def _loop_of_roots(system: LureSystem, at: OperatingPoint) -> tuple[dict[str, Any], float]:
@@ -125,33 +143,60 @@ def another_loop(document: Mapping[str, Any], system: LureSystem, at: OperatingP
         from eppanalysis.methods.certificates.orbits.document import other_arcs
 
         return other_arcs(document["loop"], system, at)
+    asked = _ASKED[document["statement"]]
     try:
-        stated, _ = stated_loop(_ASKED[document["statement"]], system, at)
+        stated, _ = stated_loop(asked, system, at)
     except NotCovered as reason:
         return f"no such certificate covers it ({str(reason).rstrip('.')})"
     given = document["loop"]
     if stated.keys() != given.keys():
         return "the file states a loop of another kind"
     for name, value in stated.items():
-        if given[name] != value and not (name == "num" and _lies_between(value[0], given[name])):
+        among = asked is Asked.ABSENCE and name in _ROWS and _lies_within(stated, given)
+        if given[name] != value and not among:
             called = _CALLED.get(name, name.replace("_", " "))
             return f"its {called} is {shown(value)}, and that of the file {shown(given[name])}"
     return ""
 
 
-def _lies_between(row: list[str], ends: list[list[str]]) -> bool:
-    """Whether a numerator lies on the line between two, but for rounding of its coefficients; or is one of them."""
-    if row in ends or len(ends) != 2:
-        return row in ends
-    length = max(map(len, (row, *ends)))
-    low, high, here = ([Fraction(0)] * (length - len(one)) + [*map(Fraction, one)] for one in (*ends, row))
-    least, most = Fraction(0), Fraction(1)
-    for a, b, c in zip(low, high, here, strict=True):
-        room = ROUNDING * abs(c)
-        if a == b:
-            if abs(c - a) > room:
-                return False
-            continue
-        shares = sorted(((c - room - a) / (b - a), (c + room - a) / (b - a)))
-        least, most = max(least, shares[0]), min(most, shares[1])
-    return least <= most
+def _lies_within(loop: Mapping[str, Any], family: Mapping[str, Any]) -> bool:
+    """Whether a linear part is one of those between the corners, but for rounding of its coefficients.
+
+    The shares along the sides are found by Newton's method; what they give is compared exactly.
+    """
+    points = [_coefficients(*parts) for parts in zip(*(family[name] for name in _ROWS), strict=True)]
+    here, count = _coefficients(*(loop[name][0] for name in _ROWS)), len(points).bit_length() - 1
+    if len(points) == 1 or len({len(row) for row in (here, *points)}) > 1:
+        return points == [here]
+    sizes = np.array([max(map(abs, column)) or 1 for column in zip(here, *points, strict=True)], dtype=float)
+    shares = [Fraction(1, 2)] * count
+    for _ in range(_STEPS):
+        off = [a - b for a, b in zip(_between(points, shares), here, strict=True)]
+        if all(abs(x) <= ROUNDING * abs(c) for x, c in zip(off, here, strict=True)):
+            return all(0 <= t <= 1 for t in shares)
+        slopes = [
+            np.array(
+                [a - b for a, b in zip(*(_between(points, _with(shares, i, t)) for t in (1, 0)), strict=True)], float
+            )
+            for i in range(count)
+        ]
+        step = np.linalg.lstsq(np.array(slopes).T / sizes[:, None], np.array(off, dtype=float) / sizes, rcond=None)[0]
+        shares = [min(max(t - Fraction(float(d)), Fraction(0)), Fraction(1)) for t, d in zip(shares, step, strict=True)]
+    return False
+
+
+def _coefficients(num: list[str], den: list[str]) -> list[Fraction]:
+    """Of a linear part, those of the numerator from the order of the denominator on."""
+    return [Fraction(0)] * (len(den) - len(num)) + [*map(Fraction, num), *map(Fraction, den)]
+
+
+def _with(shares: list[Fraction], i: int, share: int) -> list[Fraction]:
+    return [*shares[:i], Fraction(share), *shares[i + 1 :]]
+
+
+def _between(points: list[list[Fraction]], shares: list[Fraction]) -> list[Fraction]:
+    """What lies at shares of the sides of a box; bit i of a corner's place says at which end of side i it is."""
+    if not shares:
+        return points[0]
+    low, high = (_between(points[bit::2], shares[1:]) for bit in (0, 1))
+    return [a + shares[0] * (b - a) for a, b in zip(low, high, strict=True)]

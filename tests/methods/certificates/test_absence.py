@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from hypothesis import given, settings, strategies as st
 
 import eppanalysis as epp
 from eppanalysis.methods.certificates import check_absence
-from eppanalysis.methods.certificates.check_absence import Refused, criterion, positive, sector, times
+from eppanalysis.methods.certificates.check_absence import Refused, coefficients, criterion, positive, sector, times
 from eppanalysis.methods.certificates.rational import element_data
 from eppanalysis.methods.certificates.registry import sealed
 from tests.shared import mostly_slow
@@ -241,15 +242,81 @@ def test_a_range_of_gains_ends_at_the_border(low: float, high: float, proved: bo
     assert found.proved == proved and (not proved or len(found.document["loop"]["num"]) == 2)
 
 
-def test_a_range_needs_zero_in_the_sector() -> None:
-    """Else the criterion may fail between two gains at which it holds."""
-    bent = epp.Case.from_system(limited(1.0, [1.0, 3.0, 3.0, 1.0], epp.PiecewiseLinear([-1, 1], [1, 2, 1], [-1, 0, 1])))
-    found = epp.certify(bent, "absence", within={"loop.gain": (0.1, 0.2)})
-    assert not found.proved and "zero in their sector" in str(found) and epp.certify(bent, "absence").proved
-    document = json.loads(json.dumps(epp.certify(bent, "absence").document))
-    document["loop"]["num"].append(["1/2"])
-    with pytest.raises(Refused, match="zero is not in the sector"):
-        check_absence.verify(sealed(document))
+def test_a_range_between_whose_ends_the_loop_swings_is_not_proved() -> None:
+    """Of (s + 1)^2/s^3 the linear loop swings at a gain of 1/2; the criterion holds far below, and far above it."""
+    bent = epp.PiecewiseLinear([-1.0, 1.0], [1.0, 1.2, 1.0], [-0.2, 0.0, 0.2])
+    case = epp.Case.from_system(epp.LureSystem.from_tf(([1.0, 2.0, 1.0], [1.0, 0.0, 0.0, 0.0]), bent))
+
+    def proved(low: float, high: float) -> bool:
+        return epp.certify(case, "absence", within={"loop.gain": (low, high)}).proved
+
+    assert proved(0.05, 0.1) and proved(2.0, 20.0) and not proved(0.05, 20.0) and not proved(0.05, 0.47)
+    low, high = (epp.certify(case.with_values({"loop.gain": k}), "absence").document for k in (0.05, 20.0))
+    assert low["claim"]["sector"] == high["claim"]["sector"] == ["1", "6/5"]
+    forged = json.loads(json.dumps(low))
+    forged["loop"] |= {name: low["loop"][name] + high["loop"][name] for name in ("num", "den")}
+    nums, dens = ([[Fraction(c) for c in row[::-1]] for row in forged["loop"][name]] for name in ("num", "den"))
+    multiplier = Fraction(low["claim"]["multiplier"])
+    sums = coefficients([*zip(nums, dens, strict=True)], (Fraction(1), Fraction(6, 5)), multiplier)
+    forged["evidence"]["polynomials"] = [[str(c) for c in p[::-1]] for p in sums]
+    assert len(sums) == 3
+    with pytest.raises(Refused, match="not positive"):
+        check_absence.verify(sealed(forged))
+
+
+def tuned(path: Path, integral: float = 0.5) -> epp.Case:
+    """A PI controller with a saturated drive before a damped mass."""
+    path.write_text(
+        f"""
+kind = "diagram"
+title = "tuned"
+connect = ["- plant -> control", "control -> drive", "drive -> plant"]
+[parameters]
+Kp = 2.0
+Ki = {integral}
+damping = 1.0
+[blocks.control]
+kind = "transfer_function"
+num = ["Kp", "Ki"]
+den = [1, 0]
+[blocks.plant]
+kind = "transfer_function"
+num = [1]
+den = [1, "1 + damping", "damping"]
+[elements.drive]
+kind = "saturation"
+""",
+        encoding="utf-8",
+    )
+    return epp.read_case(path)
+
+
+def test_a_box_of_parameters_is_proved_by_one_file(tmp_path: Path) -> None:
+    case = tuned(tmp_path / "tuned.toml")
+    box = {"Kp": (1.0, 3.0), "Ki": (0.1, 0.9), "damping": (0.8, 1.2)}
+    found = epp.certify(case, "absence", within=box)
+    assert found.proved and "with Kp from 1.0 to 3.0 and Ki from 0.1 to 0.9 and damping from 0.8 to 1.2" in str(found)
+    assert len(found.document["loop"]["num"]) == 8 and len(found.document["evidence"]["polynomials"]) == 27
+    file = found.write(tmp_path / "box.json")
+    assert (
+        "any linear part between the 8 that it lists" in str(epp.check_certificate(file)) and found.plot().get_lines()
+    )
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        values = {name: float(rng.uniform(low, high)) for name, (low, high) in box.items()}
+        assert epp.check_certificate(file, case.with_values(values)).about
+        name = str(rng.choice(list(box)))
+        outside = case.with_values(values | {name: box[name][1] * 1.0001})
+        assert epp.check_certificate(file, outside).about is False
+        assert epp.certify(case.with_values(values), "absence").proved
+
+
+def test_a_box_that_reaches_a_loop_with_a_cycle_is_not_proved(tmp_path: Path) -> None:
+    """At an integral gain of (1 + d)(d + Kp) the linear loop swings without damping."""
+    case = tuned(tmp_path / "tuned.toml")
+    inside, beyond = ({"Kp": (1.0, 1.2), "Ki": (0.1, top), "damping": (0.9, 1.0)} for top in (3.5, 3.62))
+    assert epp.certify(case, "absence", within=inside).proved
+    assert not epp.certify(case, "absence", within=beyond).proved
 
 
 @pytest.mark.parametrize(
@@ -311,7 +378,7 @@ def tampered() -> list[tuple[str, dict]]:
 
     change("gain", lambda d: d["loop"].update(num=[["59000000001/10000000000"]]))
     change("gain beyond the border", lambda d: d["loop"].update(num=[["61/10"]]))
-    change("pole", lambda d: d["loop"]["den"].__setitem__(1, "2.9"))
+    change("pole", lambda d: d["loop"]["den"][0].__setitem__(1, "29/10"))
     change("slope", lambda d: d["loop"]["element"].update(slope="2"))
     change("bend", lambda d: d["loop"]["element"]["bends"][0].__setitem__(1, "1"))
     change("dead time", lambda d: d["loop"].update(delay="1/10"))

@@ -84,7 +84,7 @@ def with_number(text: str) -> list[dict[str, Any]]:
     return [
         roots(loop={**FIRST_LAG, "num": [text], "element": {"kind": "cube", "scale": text}}),
         {"statement": STATEMENTS["cycles"].text, "loop": loop, **cells},
-        {"statement": "no periodic motion but rest", "loop": {**loop, "num": [["1"]]}, **absence},
+        {"statement": "no periodic motion but rest", "loop": {**loop, "num": [["1"]], "den": [loop["den"]]}, **absence},
     ]
 
 
@@ -136,7 +136,7 @@ def test_polynomials_of_many_digits_are_refused_at_once() -> None:
     element = {"kind": "odd_pieces", "slope": "0", "bends": [["1", "1"]], "jumps": []}
     document = {
         "statement": STATEMENTS[Asked.ABSENCE].text,
-        "loop": {**FIRST_LAG, "num": [row], "den": [*row, "1"], "element": element},
+        "loop": {**FIRST_LAG, "num": [row], "den": [["1", *row]], "element": element},
         "claim": {"sector": ["0", "1"], "multiplier": "0"},
         "evidence": {"multiplier": "0", "polynomials": [row]},
     }

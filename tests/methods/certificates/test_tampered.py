@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import json
 import math
+import tempfile
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +23,7 @@ from eppanalysis.methods.certificates.registry import STATEMENTS, of_text, seale
 from eppanalysis.methods.certificates.result import sentence
 from eppanalysis.results import LimitCycle, Status
 from tests.methods.certificates.tampering import Edit, another_form, another_size, twice
+from tests.methods.certificates.test_absence import tuned
 from tests.shared import mostly_slow
 
 pytest.importorskip("flint")
@@ -41,6 +45,12 @@ def _absence(loop: epp.LureSystem, sectors: int = 48) -> Callable[[], Document]:
 def _range(loop: epp.LureSystem, low: float, high: float, sectors: int = 48) -> Callable[[], Document]:
     within = {"loop.gain": (low, high)}
     return lambda: dict(epp.certify(epp.Case.from_system(loop), "absence", within=within, sectors=sectors).document)
+
+
+def _box() -> Document:
+    with tempfile.TemporaryDirectory() as folder:
+        case = tuned(Path(folder) / "tuned.toml")
+        return dict(epp.certify(case, "absence", within={"Kp": (1.0, 3.0), "damping": (0.8, 1.2)}).document)
 
 
 def _orbit() -> Document:
@@ -99,6 +109,7 @@ MADE: dict[str, Callable[[], Document]] = {
     "play, range with a zero": _range(L(([0.3, 1.0], SERVO), epp.Play(gap=1.0)), 2.6, 3.0, sectors=6),
     "absence, range": _range(L(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation()), 1.0, 5.9),
     "absence, range with play": _range(L(([1.0], SERVO), epp.Play(gap=1.0)), 0.1, 0.8),
+    "absence, box": _box,
     "absence, any element": _absence(L(([0.7, 1.0], [1.0, 0.0, 0.0]), epp.RelayDeadZone(threshold=0.5))),
     "orbit": _orbit,
     "elbow": _elbow,
@@ -107,10 +118,10 @@ MADE: dict[str, Callable[[], Document]] = {
 }
 #: Those of which changed values are tried in seconds; of each checker one whose names and kinds of values are changed.
 FAST = ("roots, dead zone", "roots, relay", "balance, relay", "absence, saturation", "absence, play", "play")
-FAST += ("play, range", "absence, range", "absence, range with play", "absence, any element")
+FAST += ("play, range", "absence, range", "absence, box", "absence, range with play", "absence, any element")
 FIRST = ("roots, dead zone", "balance, relay", "absence, saturation", "play, range", "absence, any element", "orbit")
 #: Of which all of that takes a second or two.
-FASTEST = ("roots, dead zone", "absence, saturation", "absence, range", "absence, any element")
+FASTEST = ("roots, dead zone", "absence, saturation", "absence, range", "absence, box", "absence, any element")
 
 
 @pytest.fixture(scope="module")
@@ -300,10 +311,18 @@ def newton(F: Callable[[np.ndarray], np.ndarray], x: np.ndarray, box: list[np.nd
     return None
 
 
-def between(loop: Document) -> list[np.ndarray]:
-    """Numerators of a file: the one, or some of the line between two."""
-    rows = [numbers(row) for row in loop["num"]]
-    return [np.polyadd((1.0 - t) * rows[0], t * rows[-1]) for t in (np.linspace(0.0, 1.0, 7) if rows[1:] else [0.0])]
+def between(loop: Document) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Numerators and denominators of a file: the one, or some of the line or box between several."""
+    sides = len(loop["num"]).bit_length() - 1
+    found = []
+    for shares in np.random.default_rng(0).uniform(size=(7, sides)) if sides else [np.zeros(0)]:
+        weights = [math.prod(t if k >> i & 1 else 1.0 - t for i, t in enumerate(shares)) for k in range(2**sides)]
+        sums = [
+            functools.reduce(np.polyadd, (w * numbers(row) for w, row in zip(weights, loop[n], strict=True)))
+            for n in ("num", "den")
+        ]
+        found.append((sums[0], sums[1]))
+    return found
 
 
 def no_cycle_by_frequency(document: Document) -> bool:
@@ -311,7 +330,7 @@ def no_cycle_by_frequency(document: Document) -> bool:
     loop, multiplier = document["loop"], float(Fraction(document["claim"]["multiplier"]))
     low, high = (None if edge is None else float(Fraction(edge)) for edge in document["claim"]["sector"])
     s, room = 1j * np.geomspace(1e-4, 1e4, 4001), 0.0 if low is None or high is None else 1.0 / (high - low)
-    G = np.array([np.polyval(num, s) / np.polyval(numbers(loop["den"]), s) for num in between(loop)])
+    G = np.array([np.polyval(num, s) / np.polyval(den, s) for num, den in between(loop)])
     if low is None:  # of any memoryless element
         return loop["element"]["kind"] != "play" and bool((multiplier * (s * G).real > 0.0).all())
     G = G / (1 + low * G)
@@ -325,7 +344,7 @@ def no_cycle_by_frequency(document: Document) -> bool:
 
 def no_cycle_with_play(document: Document) -> bool:
     loop, gap = document["loop"], float(Fraction(document["loop"]["element"]["gap"]))
-    made = (L((list(num), list(numbers(loop["den"]))), epp.Play(gap)) for num in between(loop)[::3])
+    made = (L((list(num), list(den)), epp.Play(gap)) for num, den in between(loop)[::3])
     return all(len(epp.find_limit_cycles(own)) == 0 for own in made)
 
 

@@ -35,7 +35,9 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     dict or str
         Plain data: statement, loop, claim, evidence; or the end of a sentence.
     """
-    nums, den = (check_play.rational(loop[name]) for name in ("num", "den"))
+    nums, (den, *others) = (check_play.rational(loop[name]) for name in ("num", "den"))
+    if len(nums) > 2 or any(other != den for other in others):
+        return "sectors take one parameter, of the numerator."
     choices, reason = contact_poles(nums, den)
     if reason:
         return f"{reason}."

@@ -67,7 +67,7 @@ def test_servo_of_third_order_is_proved_up_to_its_onset() -> None:
     began = time.process_time()
     check_play.verify(found.document)
     assert time.process_time() - began < 0.5
-    assert found.document["loop"]["num"] == [["207/20"]] and found.document["loop"]["den"] == ["1", "6", "5", "0"]
+    assert found.document["loop"]["num"] == [["207/20"]] and found.document["loop"]["den"] == [["1", "6", "5", "0"]]
 
 
 @pytest.mark.parametrize(
@@ -143,16 +143,13 @@ def test_a_line_of_numerators_is_no_box_of_them(tmp_path: Path) -> None:
 
 def test_ranges_that_are_not_covered_are_said(tmp_path: Path) -> None:
     case = epp.Case.from_system(servo([1.0], THIRD))
-    for within, words in (
-        ({"play.gap": (1.0, 2.0)}, "changes more than the numerator"),
-        ({"loop.delay": (0.0, 0.1)}, "changes more than the numerator"),
-    ):
+    for within in ({"play.gap": (1.0, 2.0)}, {"loop.delay": (0.0, 0.1)}):
         found = epp.certify(case, "absence", within=within)
-        assert not found.proved and str(found).startswith("Not covered") and words in str(found)
+        assert not found.proved and str(found).startswith("Not covered: ") and "more than the linear part" in str(found)
     for statement, within, words in (
         ("roots", {"loop.gain": (1.0, 2.0)}, "within is of absence"),
         ("absence", {"loop.gain": (2.0, 1.0)}, "expected low < high"),
-        ("absence", {}, "expected one parameter"),
+        ("absence", {}, "expected one to three parameters"),
         ("absence", {"loop.gains": (1.0, 2.0)}, "loop.gain"),
     ):
         with pytest.raises(EppError, match=words):
@@ -180,7 +177,7 @@ gap = 1.0
 """
     path.write_text(parts, encoding="utf-8")
     found = epp.certify(epp.read_case(path), "absence", within={"k": (0.5, 1.0)})
-    assert not found.proved and "does not run along a line with k" in str(found)
+    assert not found.proved and "do not run along straight lines with k" in str(found)
 
 
 @pytest.mark.parametrize("gain", [2.08, 2.3, 5.0])
@@ -242,7 +239,7 @@ def test_coordinates_of_the_state_do_not_matter() -> None:
     turned = in_coordinates(loop, orthogonal(3, 5))
     documents = [epp.certify(one, "absence", sectors=6).document for one in (loop, turned)]
     assert documents[0]["loop"]["num"] == documents[1]["loop"]["num"] == [["19/2"]]
-    assert documents[0]["loop"]["den"] == documents[1]["loop"]["den"] == ["1", "6", "5", "0"]
+    assert documents[0]["loop"]["den"] == documents[1]["loop"]["den"] == [["1", "6", "5", "0"]]
 
 
 @pytest.mark.parametrize("bias", [0.0, 0.7])

@@ -70,7 +70,7 @@ def test_the_gain_that_is_proved_is_the_one_of_the_file(proof: Document) -> None
     for gain in ("52/5", "11", "30"):
         assert refused(of_loop(proof, num=[[gain]]))
     for den in (["1", "6", "5", "1/1000"], ["1", "5", "5", "0"], ["1", "6", "4", "0"], ["2", "6", "5", "0"]):
-        assert refused(of_loop(proof, den=den))
+        assert refused(of_loop(proof, den=[den]))
     assert refused(of_loop(proof, delay="1/10")) and refused(of_loop(proof, time_step="1/10"))
     assert refused(of_loop(proof, element={"kind": "play", "gap": "0"}))
     assert refused(of_loop(proof, element={"kind": "jump_and_follow", "gap": "1"}))
@@ -113,6 +113,8 @@ def test_every_single_number_that_is_changed_is_noticed(easy: Document) -> None:
         {"num": [["15/2"]]},
         {"num": [[], ["15/2"]]},
         {"num": []},
+        {"den": [["1", "6", "5", "0"]]},
+        {"den": [["1", "6", "5", "0"], ["1", "6", "51/10", "0"]]},
         {"num": ["6", "15/2"]},
         {"moving": []},
         {"moving_multipliers": []},
@@ -129,7 +131,9 @@ def test_every_single_number_that_is_changed_is_noticed(easy: Document) -> None:
 def test_what_is_not_of_the_form_is_refused(easy: Document, wrong: dict[str, object]) -> None:
     assert not refused(copy_of(easy))
     changed = copy_of(easy)
-    place = changed["loop"] if "num" in wrong else changed if "statement" in wrong else changed["evidence"]
+    place = (
+        changed["loop"] if wrong.keys() & {"num", "den"} else changed if "statement" in wrong else changed["evidence"]
+    )
     place.update(wrong)
     assert refused(changed)
 
@@ -183,7 +187,7 @@ def test_a_range_is_proved_between_its_ends_and_no_farther(easy: Document, with_
         low, high = document["loop"]["num"]
         assert not refused(of_loop(document, num=[low, high])) and refused(of_loop(document, num=[low, beyond]))
         single = copy_of(document)
-        single["loop"]["num"] = [high]
+        single["loop"].update(num=[high], den=document["loop"]["den"][:1])
         assert refused(single)
         for name in ("stuck", "moving", "release_multipliers", "moving_multipliers"):
             single["evidence"][name] = single["evidence"][name][-1:]
@@ -206,11 +210,11 @@ def mixed(shares: list[Fraction], parts: list[Any]) -> Any:
 
 @pytest.mark.parametrize("t", [Fraction(1, 7), Fraction(1, 2), Fraction(19, 20)])
 def test_every_gain_of_a_range_has_a_function_that_falls(easy: Document, with_zero: Document, t: Fraction) -> None:
-    """What the file of a range says of a gain between its ends is a file of that gain alone, which is checked as one."""
+    """What the file of a range says of a gain between its ends makes a file of that gain alone."""
     line, square = [1 - t, t], [(1 - t) ** 2, 2 * t * (1 - t), t**2]
     for document in (easy, with_zero):
         single, given = copy_of(document), document["evidence"]
-        single["loop"]["num"] = [mixed(line, document["loop"]["num"])]
+        single["loop"].update(num=[mixed(line, document["loop"]["num"])], den=document["loop"]["den"][:1])
         for name in ("stuck", "moving", "release_multipliers"):
             single["evidence"][name] = [mixed(line, given[name])]
         single["evidence"]["moving_multipliers"] = [mixed(square, given["moving_multipliers"])]
@@ -271,7 +275,7 @@ def test_play_has_no_multiplier_but_zero() -> None:
     document = copy_of(epp.certify(loop, "absence").document)
     check_absence.verify(document)
     document["claim"]["multiplier"] = document["evidence"]["multiplier"] = "1/10"
-    num, den = ([Fraction(c) for c in row[::-1]] for row in (document["loop"]["num"][0], document["loop"]["den"]))
+    num, den = ([Fraction(c) for c in row[::-1]] for row in (document["loop"]["num"][0], document["loop"]["den"][0]))
     turned = criterion(num, den, Fraction(0), Fraction(1), Fraction(1, 10))
     assert positive(turned)
     document["evidence"]["polynomials"] = [[str(c) for c in turned[::-1]]]
