@@ -87,7 +87,7 @@ def stated_box(
         sides.append((low, high))
 
     def at(shares: Iterable[float]) -> tuple[dict[str, Any], float]:
-        values = {n: low + t * (high - low) for n, (low, high), t in zip(within, sides, shares, strict=True)}
+        values = {n: (1.0 - t) * low + t * high for n, (low, high), t in zip(within, sides, shares, strict=True)}
         return stated_loop(Asked.ABSENCE, *standing(case.with_values(values), point, "certify"))
 
     # Bit i of a corner's place says at which end of side i it is.
@@ -162,7 +162,7 @@ def another_loop(document: Mapping[str, Any], system: LureSystem, at: OperatingP
 def _lies_within(loop: Mapping[str, Any], family: Mapping[str, Any]) -> bool:
     """Whether a linear part is one of those between the corners, but for rounding of its coefficients.
 
-    The shares along the sides are found by Newton's method; what they give is compared exactly.
+    The shares along the sides, from 0 to 1, are found by Newton's method; what they give is compared exactly.
     """
     points = [_coefficients(*parts) for parts in zip(*(family[name] for name in _ROWS), strict=True)]
     here, count = _coefficients(*(loop[name][0] for name in _ROWS)), len(points).bit_length() - 1
@@ -173,7 +173,7 @@ def _lies_within(loop: Mapping[str, Any], family: Mapping[str, Any]) -> bool:
     for _ in range(_STEPS):
         off = [a - b for a, b in zip(_between(points, shares), here, strict=True)]
         if all(abs(x) <= ROUNDING * abs(c) for x, c in zip(off, here, strict=True)):
-            return all(0 <= t <= 1 for t in shares)
+            return True
         slopes = [
             np.array(
                 [a - b for a, b in zip(*(_between(points, _with(shares, i, t)) for t in (1, 0)), strict=True)], float
