@@ -55,6 +55,9 @@ class Varied(Protocol):
     def t_end(self) -> float:
         """Length of its run [s]."""
 
+    def held(self, name: str) -> Any:
+        """What the file holds in a field."""
+
 
 @dataclass(frozen=True)
 class Variation(ABC):
@@ -82,6 +85,10 @@ class Variation(ABC):
     @abstractmethod
     def branch(self, name: str) -> tuple[float, float, float]:
         """Where a branch over a parameter starts, with a cycle at hand and without one, and where it stops [SI]."""
+
+    def places(self) -> dict[str, str]:
+        """Inputs that a part may be put before, with what drives them; none but in a diagram."""
+        return {}
 
     @abstractmethod
     def axes(self, points: int = 9) -> dict[str, str]:
