@@ -347,6 +347,30 @@ class Trajectory(Result):
         return self.drawn("plot_trajectory", ax, signals)
 
 
+class Notice(str):
+    """A warning that names a cause of motion.
+
+    Attributes
+    ----------
+    cause : str
+        Why the loop moves, in a clause.
+    sure : bool
+        Whether it does, or only may.
+    """
+
+    cause: str
+    sure: bool
+
+    def __new__(cls, sentence: str, cause: str, sure: bool = True) -> Notice:
+        """The sentence, with its cause."""
+        made = super().__new__(cls, sentence)
+        made.cause, made.sure = cause, sure
+        return made
+
+    def __getnewargs__(self) -> tuple[Any, ...]:
+        return str(self), self.cause, self.sure
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction(Listing[LimitCycle]):
     """Limit cycles that describing functions with bias predict; behaves as a sequence of LimitCycle.
