@@ -45,7 +45,7 @@ _HALVINGS = 12
 _PERIODS = 20.0
 #: Sizes of a part that is put in, in half swings of the signal and in times of a radian of the oscillation; zero over
 #: pole of a lead; and after how many factors parts are tried where the loop can rest.
-_SIZES, _LEAD, _AFTER = (0.5, 1.0, 1.5, 2.0, 4.0), 10.0, 2
+_SIZES, _LEAD, _AFTER = (0.5, 1.0, 1.5, 2.0, 4.0), 10.0, 4
 #: Samples of the signal in the period in which its swing is measured.
 _SAMPLES = 400
 #: The kinds of parts, a signal that no file has, and what joins a part and its place.
@@ -286,7 +286,7 @@ class _Tried:
         """Changes that end it, the smallest first; of each field the first that does."""
         done: set[str] = set()
         steps: list[_Part | _Factor] = [_Factor(name, factor) for factor in FACTORS for name in self.names]
-        # A loop that hunts is let rest by a dead band; of others values come first.
+        # A dead band lets a loop rest that hunts: parts come first there, and elsewhere behind the nearer values.
         at = 0 if self.hunts else _AFTER * len(self.names)
         every = [*steps[:at], *self.parts(), *steps[at:]]
         for k, step in enumerate(every):
@@ -308,12 +308,12 @@ class _Tried:
                 raise BudgetExceeded
 
     def parts(self) -> Iterator[_Part]:
-        """Parts before the controllers, the smallest first: dead bands as the signal swings, leads, low passes."""
+        """Parts before the controllers, the smallest first: leads, low passes, and where it hunts dead bands."""
         places = variation_of(self.case).places()
         swings = {driven: self._swing(driven) for driven in dict.fromkeys(places.values())}
         radian = self.cycle.period / (2.0 * np.pi) if self.cycle else 0.0
         for size in _SIZES:
-            for port, driven in places.items():
+            for port, driven in places.items() if self.hunts else ():
                 swing, unit = swings[driven]
                 if swing:
                     width = _typed(size * swing, unit)

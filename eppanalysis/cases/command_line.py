@@ -98,7 +98,7 @@ def _bases(case: Case) -> Iterator[tuple[str, Case]]:
 
 
 def _settings(base: Case, case: Case) -> Iterator[tuple[str, Any]]:
-    """Parts that another case lacks, and fields that are not as they are there, with what stands in them."""
+    """Parts that another case lacks, and fields that are not as they are there, with what is in them."""
     added = [
         f"{section}.{name}"
         for section in ("blocks", "elements")
@@ -241,6 +241,6 @@ def _word(word: str) -> str:
 
 
 def commands_in(texts: Sequence[str]) -> list[str]:
-    """The commands in texts: each stands at the end of a line."""
+    """The commands in texts: each is at the end of a line."""
     found = re.finditer(r"\beppanalysis (?=[a-z]+ )[^\n]*$", "\n".join(texts), re.MULTILINE)
     return [match.group() for match in found]

@@ -90,7 +90,7 @@ class DiagramKind(Kind):
             raise _refused(error, raw) from None
         known = units_along_wires(diagram, diagram.units, reader.with_units, raw)
         for place, table in reader.tables.items():
-            check_fields(table, place, raw)  # what stands in lists, which no wire has seen
+            check_fields(table, place, raw)  # what is in lists, which no wire has seen
         system = replace(system, signals=system.signals.in_units(known))
         parameters = {**{name: named.parameter for name, named in reader.named.items()}, **reader.given}
         units = {name: level.unit for name, level in levels.items()}

@@ -529,7 +529,7 @@ class Case(ShownCase):
         return CaseError(error.source, error.field, typed, error.expected, error.fault, error.also)
 
     def _path(self, name: str) -> list[str | int]:
-        """Where a field stands in the file, whatever word for it is used."""
+        """Where a field is in the file, whatever word for it is used."""
         path = KINDS[self.kind].path(name, self._raw.data)
         if len(path) > 2:
             path[-1] = our_word(self._raw.typed(".".join(map(str, path[:-1]))), str(path[-1]))

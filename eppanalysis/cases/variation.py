@@ -63,7 +63,7 @@ class Varied(Protocol):
 class Variation(ABC):
     """What is worth varying in a case of one kind."""
 
-    #: The parameter that guidelines run over and the one that they bound, where nothing else is asked for.
+    #: The parameter that guidelines run over and the one that they bound, where nothing else is requested.
     guided: ClassVar[tuple[str, str] | None] = None
 
     case: Varied

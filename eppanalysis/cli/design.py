@@ -198,7 +198,7 @@ def tuned(text: str, fields: Iterable[str] = ()) -> tuple[str, tuple[str, str]]:
 
 
 def tolerances_of(texts: Sequence[str], fields: Iterable[str] = ()) -> dict[str, str] | None:
-    """Half-widths of tolerances; those of the case where "all" is asked for, none where nothing is.
+    """Half-widths of tolerances; those of the case where "all" is requested, none where nothing is.
 
     Raises
     ------

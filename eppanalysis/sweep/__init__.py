@@ -219,7 +219,7 @@ def _store(
     shard: str | tuple[int, int] | None,
     merge: bool,
 ) -> tuple[MemoryStore | ZarrStore, set[Bounds] | None]:
-    """Where results go, joined from shares where that is asked for; and the blocks of a share, None for all."""
+    """Where results go, joined from shares where that is requested; and the blocks of a share, None for all."""
     from eppanalysis.sweep.shards import Shard
     from eppanalysis.sweep.store import MemoryStore, ZarrStore
 

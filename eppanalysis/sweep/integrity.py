@@ -42,7 +42,7 @@ def digest_of(facts: Any) -> str:
 
 
 def file_digest(path: Path, *, on_disk: bool = False) -> str | None:
-    """Digest of a file as it stands there, None where there is none.
+    """Digest of a file as it is there, None where there is none.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Where first order cannot see: cycles of harmonics, sticking that integral action ends, slow drift, no state of rest.
+"""Where the DF cannot see: cycles of harmonics, sticking that integral action ends, slow drift, no state of rest.
 
-All are looked for on the loop itself. A balance with harmonics is begun where the first-order balance comes nearest to
+All are looked for on the loop itself. A balance with harmonics is begun where the DF balance comes nearest to
 a cycle that it just does not have. An element that sticks, which a sine never does, is asked whether what drives it
 comes to rest meanwhile: where it grows without end, under integral action or on a moving belt, sticking and slipping
 alternate (Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994) 1083). And an element that jumps over the
@@ -11,7 +11,7 @@ of its thrusters), pulses turn it about.
 In discrete time the samples of a sine fall on either side of a jump as their phase wants: a whole region of gains
 belongs to an amplitude, and cycles of whole numbers of samples lock where it reaches the balance (Kuo, Analysis and
 Synthesis of Sampled-Data Control Systems, 1963, chapter 8).
-And where the linear part swings undamped by itself its response has no number: of a cycle there first order says where
+And where the linear part swings undamped by itself its response has no number: of a cycle there the DF says where
 the gain of the element passes zero, and no more (x'' + x with what van der Pol adds as the element).
 """
 
