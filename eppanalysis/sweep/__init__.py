@@ -130,7 +130,7 @@ def sweep(
     [2, 2, 3]
     """
     case = as_case(case)
-    require_packages("sweep", "sweep", "dask", "zarr")
+    require_packages("sweep", "sweep", "dask", "filelock", "zarr")
     from eppanalysis.sweep.analyses import make_task
     from eppanalysis.sweep.schedule import run_blocks
     from eppanalysis.sweep.store import cells_in
@@ -191,7 +191,7 @@ def sweep_cost(
     (1000, True)
     """
     case = as_case(case)
-    require_packages("sweep", "sweep", "dask", "zarr")
+    require_packages("sweep", "sweep", "dask", "filelock", "zarr")
     from eppanalysis.sweep.analyses import make_task
 
     return _cost(make_task(case, axes, run, signals, allow), make_design(case, axes).n_cells)
@@ -290,7 +290,7 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
     ...     epp.open_sweep(store)["outcome"].values.tolist()
     [1, 2]
     """
-    require_packages("sweep", "sweep", "zarr")
+    require_packages("sweep", "sweep", "filelock", "zarr")
     from eppanalysis.sweep import store
 
     return store.open_sweep(path)
