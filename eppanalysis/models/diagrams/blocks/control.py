@@ -312,7 +312,7 @@ INTEGRAL = "integral"
 
 
 def _integral_input() -> Any:
-    return choice(f"Input of the integral part: that of the block, or {INTEGRAL!r}, a second one", ("in", INTEGRAL))
+    return choice("Which input the integral part reads; it may be a second one", ("in", INTEGRAL))
 
 
 def _with_inputs(s: StateSpace, integral_input: str) -> StateSpace:
