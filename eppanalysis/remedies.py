@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import islice
+from itertools import combinations, islice
 
 import numpy as np
 
@@ -244,10 +244,16 @@ class _Tried:
             if gains and not linear.refusal and not linear.stable:
                 yield f"the loop is unstable with {_gain(len(gains))} in place of {listed([names[i] for i in gains])}"
                 return
-        needed = [names[i] for i, gain in gains.items() if self._needs(loop, i, gain)]
+        needed = [names[i] for i in gains if self._needs(loop, {i: gains[i]})]
         if needed:
             which = "its place" if len(needed) == 1 else "place of any of them"
             yield f"of {listed(needed)}: with a gain in {which} no limit cycle is found"
+            return
+        # Either of two may do alone.
+        pairs = combinations(gains, 2) if len(gains) > 2 else ()
+        both = next((pair for pair in pairs if self._needs(loop, {i: gains[i] for i in pair})), ())
+        if both:
+            yield f"of {listed([names[i] for i in both])}: with gains in place of both no limit cycle is found"
             return
         # No gain stands for a jump, nor for a curve that grows without end.
         switching = [
@@ -259,17 +265,17 @@ class _Tried:
             rest = "" if self.found.settles else ", and no run comes to rest"
             yield f"{listed(switching)} switch{'es' * (len(switching) == 1)}{rest}"
 
-    def _needs(self, loop: LureSystem, element: int, gain: Array) -> bool:
-        """Whether the oscillation needs an element: with a gain in its place there is none."""
+    def _needs(self, loop: LureSystem, gains: dict[int, Array]) -> bool:
+        """Whether the oscillation needs any of some elements: with gains in their places there is none."""
         with suppress(EppError, BudgetExceeded):
-            return self._is_free(with_gains(loop, {element: gain}))
+            return self._is_free(with_gains(loop, gains), _FOR_ONE if len(gains) == 1 else _WORK)
         return False
 
-    def _is_free(self, system: LureSystem) -> bool:
+    def _is_free(self, system: LureSystem, work: float) -> bool:
         """Whether a search finds no stable cycle and leaves nothing open."""
         if not system.elements:
             return True  # linear, and stable
-        with budget(_FOR_ONE):
+        with budget(work):
             found = find_limit_cycles(system, self.case.operating_point)
         return found.status.ok and not any(c.stable is not False for c in found)
 

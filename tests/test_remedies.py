@@ -66,6 +66,15 @@ def test_a_dead_band_is_put_in_before_the_controller_that_hunts():
     assert not epp.find_limit_cycles(epp.case_from_text(text)).stable and epp.find_limit_cycles(case).stable
 
 
+@pytest.mark.slow
+def test_of_two_causes_each_of_which_does_alone_both_are_named():
+    """A valve with backlash and stiction: smooth only one of them, and the level still swings."""
+    found = epp.remedies(epp.case("level_valve"))
+    assert found.causes == ("of linkage and stem: with gains in place of both no limit cycle is found",)
+    assert not found.remedies and "lead before controller" in found.tried
+    assert str(found).endswith("and no part put in (lead before controller and low pass before controller).")
+
+
 def test_what_no_single_value_ends_is_told_with_what_was_tried():
     """A relay with hysteresis switches at any gain, and its loop has no other value to change."""
     found = epp.remedies(epp.case("relay_hyst_servo"))
