@@ -243,7 +243,7 @@ def _arrows(ax: Axes, curve: ComplexArray, box: tuple[float, float, float, float
 
 
 def chosen(available: Mapping[str, Any], signals: Sequence[str] | None) -> list[str]:
-    """The signals that were asked for; all by default."""
+    """The signals that were requested; all by default."""
     names = list(available) if signals is None else list(signals)
     missing = [name for name in names if name not in available]
     if missing:

@@ -1,4 +1,4 @@
-"""Why a case oscillates, and which change of one value ends it: each is tried on this case, by runs and the search.
+"""Why a case oscillates, and which change of one value, or part put in, ends it: tried by runs and the search.
 
 A change counts when the search finds no stable cycle with it and leaves nothing open. The element that an oscillation
 needs is known the same way: with a gain in its place there is none.
@@ -11,13 +11,14 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import islice
+from itertools import combinations, islice
 
 import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.cases import Case, Missing, as_case, variation_of
 from eppanalysis.cases.command_line import Asking
+from eppanalysis.cases.values.quantities import format_si
 from eppanalysis.cases.variation import takes
 from eppanalysis.diagnose.linear import Linear, is_linear
 from eppanalysis.errors import CaseError, EppError
@@ -26,12 +27,13 @@ from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.simulate import simulate
 from eppanalysis.methods.simulation.budget import BudgetExceeded, budget, remaining
+from eppanalysis.models.diagrams.blocks.control import INTEGRAL
 from eppanalysis.models.systems.absorbed import with_gains
 from eppanalysis.models.systems.inputs import Constant
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.progress import Progress
-from eppanalysis.readable import DIGITS, listed, number, words
-from eppanalysis.results import LimitCycle, PlainData, Status
+from eppanalysis.readable import DIGITS, listed, number, words, written
+from eppanalysis.results import LimitCycle, Notice, PlainData, Status
 
 #: Factors on a value, the smallest change first; a value that a file refuses is tried at the last one that it takes.
 FACTORS = (0.8, 1.25, 0.5, 2.0, 0.2, 5.0, 0.1, 10.0)
@@ -41,11 +43,14 @@ _MOST, _WORK, _FOR_ONE = 3, 1e7, 2e6
 _HALVINGS = 12
 #: Periods of the oscillation that a run from it takes with a changed value, before it is carried on.
 _PERIODS = 20.0
-#: What the describing function says of a loop that cannot rest, and what it adds of itself there.
-_MOVES = re.compile(r"\b(hunts?|judder|keeps moving)\b")
-_OF_ITSELF = re.compile(
-    r", which the describing function does not see|(: the loop may \w+)?, in [a-z ]+ not predicted here\.$"
-)
+#: Sizes of a part that is put in, in half swings of the signal and in times of a radian of the oscillation; zero over
+#: pole of a lead; and after how many factors parts are tried where the loop can rest.
+_SIZES, _LEAD, _AFTER = (0.5, 1.0, 1.5, 2.0, 4.0), 10.0, 4
+#: Samples of the signal in the period in which its swing is measured.
+_SAMPLES = 400
+#: The kinds of parts, a signal that no file has, and what joins a part and its place.
+_KINDS = {"elements.dead_band": "dead_zone", "blocks.lead": "lead_lag", "blocks.low_pass": "low_pass"}
+_PROBE, _BEFORE = "swing_of_the_error", " before "
 
 
 @dataclass(frozen=True)
@@ -55,8 +60,12 @@ class Remedy(PlainData):
     Attributes
     ----------
     field : str
-    own, value : float
-        Of the field as it is, and where the oscillation ends [SI].
+        That is changed; of a part that is put in, the field of the file that holds it.
+    own : float or None
+        Its value as it is [SI]; None of a part.
+    value : float
+        Where the oscillation ends [SI]; of a part its size: half the width of a dead band, the time constant of a lead,
+        the corner frequency of a low pass.
     change : str
         Both in words.
     command : str
@@ -66,7 +75,7 @@ class Remedy(PlainData):
     """
 
     field: str
-    own: float
+    own: float | None
     value: float
     change: str
     command: str
@@ -90,7 +99,7 @@ class Remedies(PlainData):
     cycle : LimitCycle or None
         The oscillation in question; None where there is none to end.
     tried : tuple of str
-        The fields that were changed.
+        The fields that were changed, and the parts that were put in.
     ended : bool
         Whether the work was used up before all was tried.
     """
@@ -118,7 +127,10 @@ class Remedies(PlainData):
             return "the case has no value to change"
         range_ = f"from {number(min(FACTORS))} to {number(max(FACTORS))} times its value"
         far = f"{range_}{', as far as the work allowed' * self.ended}"
-        return f"no change of one value ends it ({listed([words(name) for name in self.tried])}, {far})"
+        names = [name for name in self.tried if _BEFORE not in name]
+        parts = [name for name in self.tried if _BEFORE in name]
+        nor = f", and no part put in ({listed(parts)})" if parts else ""
+        return f"no change of one value ends it ({listed([words(name) for name in names])}, {far}){nor}"
 
     def lines(self) -> Iterator[str]:
         """The sentence, then each remedy with the command that shows it."""
@@ -154,7 +166,7 @@ def remedies(
     >>> import eppanalysis as epp
     >>> print(epp.remedies(epp.case("pid_hunting")))
     Oscillates because friction sticks, and integral action ends the sticking; ends
-    with friction static 1 in place of 2 (tested).
+    with a dead band of ±44 mm before controller (tested).
     """
     found = find_limit_cycles(case) if cycles is None else cycles
     return _Tried(as_case(case), found, progress).result()
@@ -182,6 +194,7 @@ class _Tried:
     progress: Progress | None
     causes: list[str] = field(default_factory=list)
     tried: dict[str, None] = field(default_factory=dict)
+    hunts: bool = False  # whether it is known that it cannot rest, or may not
 
     @cached_property
     def cycle(self) -> LimitCycle | None:
@@ -214,10 +227,11 @@ class _Tried:
         """Why it oscillates: it cannot rest, or is unstable, or an element without which it does not."""
         system, at = self.case.to_system(), self.case.operating_point
         with suppress(EppError):
-            told = [text for text in predict_limit_cycles(system, at).warnings if _MOVES.search(text)]
-            # What is sure stands before what may be.
-            yield from (_clause(_OF_ITSELF.sub("", text)) for text in sorted(told, key=lambda text: " may " in text))
-            if told:
+            notices = [n for n in predict_limit_cycles(system, at).warnings if isinstance(n, Notice)]
+            self.hunts = bool(notices)
+            # What is sure comes before what may be.
+            yield from (notice.cause for notice in sorted(notices, key=lambda notice: not notice.sure))
+            if notices:
                 return
         with suppress(EppError):
             yield from self._by_gains(Linear.of(system, at))
@@ -230,10 +244,16 @@ class _Tried:
             if gains and not linear.refusal and not linear.stable:
                 yield f"the loop is unstable with {_gain(len(gains))} in place of {listed([names[i] for i in gains])}"
                 return
-        needed = [names[i] for i, gain in gains.items() if self._needs(loop, i, gain)]
+        needed = [names[i] for i in gains if self._needs(loop, {i: gains[i]})]
         if needed:
             which = "its place" if len(needed) == 1 else "place of any of them"
             yield f"of {listed(needed)}: with a gain in {which} no limit cycle is found"
+            return
+        # Either of two may do alone.
+        pairs = combinations(gains, 2) if len(gains) > 2 else ()
+        both = next((pair for pair in pairs if self._needs(loop, {i: gains[i] for i in pair})), ())
+        if both:
+            yield f"of {listed([names[i] for i in both])}: with gains in place of both no limit cycle is found"
             return
         # No gain stands for a jump, nor for a curve that grows without end.
         switching = [
@@ -245,17 +265,17 @@ class _Tried:
             rest = "" if self.found.settles else ", and no run comes to rest"
             yield f"{listed(switching)} switch{'es' * (len(switching) == 1)}{rest}"
 
-    def _needs(self, loop: LureSystem, element: int, gain: Array) -> bool:
-        """Whether the oscillation needs an element: with a gain in its place there is none."""
+    def _needs(self, loop: LureSystem, gains: dict[int, Array]) -> bool:
+        """Whether the oscillation needs any of some elements: with gains in their places there is none."""
         with suppress(EppError, BudgetExceeded):
-            return self._is_free(with_gains(loop, {element: gain}))
+            return self._is_free(with_gains(loop, gains), _FOR_ONE if len(gains) == 1 else _WORK)
         return False
 
-    def _is_free(self, system: LureSystem) -> bool:
+    def _is_free(self, system: LureSystem, work: float) -> bool:
         """Whether a search finds no stable cycle and leaves nothing open."""
         if not system.elements:
             return True  # linear, and stable
-        with budget(_FOR_ONE):
+        with budget(work):
             found = find_limit_cycles(system, self.case.operating_point)
         return found.status.ok and not any(c.stable is not False for c in found)
 
@@ -271,24 +291,72 @@ class _Tried:
     def remedies(self) -> Iterator[Remedy]:
         """Changes that end it, the smallest first; of each field the first that does."""
         done: set[str] = set()
-        every = [(factor, name) for factor in FACTORS for name in self.names]
-        for k, (factor, name) in enumerate(every):
-            if name in done:
+        steps: list[_Part | _Factor] = [_Factor(name, factor) for factor in FACTORS for name in self.names]
+        # A dead band lets a loop rest that hunts: parts come first there, and elsewhere behind the nearer values.
+        at = 0 if self.hunts else _AFTER * len(self.names)
+        every = [*steps[:at], *self.parts(), *steps[at:]]
+        for k, step in enumerate(every):
+            if step.called in done:
                 continue
-            self.tried[name] = None
+            self.tried[step.called] = None
             if self.progress is not None:
-                self.progress(k, len(every), f"{words(name)} times {number(factor)}")
-            changed = self.changed(name, factor)
+                self.progress(k, len(every), f"{words(step.called)} {step.size}")
+            changed = self.with_part(step) if isinstance(step, _Part) else self.changed(step.called, step.factor)
             if changed is None or not self.ends_by_runs(changed):
                 continue
             with suppress(EppError, BudgetExceeded):
                 with budget(_FOR_ONE):
                     search = find_limit_cycles(changed)
                 if search.status.ok and not any(c.stable is not False for c in search):
-                    done.add(name)
-                    yield self.remedy(name, changed, search)
+                    done.add(step.called)
+                    yield self.remedy(step, changed, search)
             if not remaining():
                 raise BudgetExceeded
+
+    def parts(self) -> Iterator[_Part]:
+        """Parts before the controllers, the smallest first: leads, low passes, and where it hunts dead bands."""
+        places = variation_of(self.case).places()
+        swings = {driven: self._swing(driven) for driven in dict.fromkeys(places.values())}
+        radian = self.cycle.period / (2.0 * np.pi) if self.cycle else 0.0
+        for size in _SIZES:
+            for port, driven in places.items() if self.hunts else ():
+                swing, unit = swings[driven]
+                if swing:
+                    width = _typed(size * swing, unit)
+                    yield _Part(
+                        "elements.dead_band", f"±{width}", size * swing, port, {"lower": f"-{width}", "upper": width}
+                    )
+            for port in (port for port in places if not port.endswith(f".{INTEGRAL}")):
+                zero, pole, corner = size * radian, size * radian / _LEAD, 1.0 / (size * radian)
+                times = {"zero_time": _typed(zero, "s"), "pole_time": _typed(pole, "s")}
+                yield _Part("blocks.lead", times["zero_time"], zero, port, times)
+                yield _Part(
+                    "blocks.low_pass", _typed(corner, "rad/s"), corner, port, {"bandwidth": _typed(corner, "rad/s")}
+                )
+
+    def _swing(self, driven: str) -> tuple[float, str]:
+        """Half of what a sum of signals swings by on the oscillation, and its unit; zero where that is not known."""
+        cycle, shown = self.cycle, self.case.expected.signal
+        with suppress(EppError, BudgetExceeded):
+            # A file without signals has those of all ports, and that of its expectation has to stay.
+            signals = {f"signals.{shown}": shown} if shown and isinstance(self.case.held("signals"), Missing) else {}
+            probed = self.case.with_values({**signals, f"signals.{_PROBE}": driven})
+            system = probed.to_system()
+            if cycle is not None and cycle.state.size == len(system.A):
+                begun = replace(system, x0=cycle.state, memory=cycle.memory)
+                times = np.linspace(0.0, cycle.period, _SAMPLES)
+                run = simulate(begun, self._held(probed), cycle.period, times)
+                # A sum has the unit of any of its terms.
+                terms = [text.replace(".", "_") for text in re.findall(r"[\w.]+", driven)]
+                unit = next((unit for name in terms if (unit := run.units.get(name, ""))), "")
+                return 0.5 * float(np.ptp(run.signals[_PROBE])), unit
+        return 0.0, ""
+
+    def with_part(self, part: _Part) -> Case | None:
+        """The case with a part put in; None where a file with it is refused."""
+        with suppress(EppError):
+            return self.case.with_values({part.field: part.table})
+        return None
 
     def changed(self, name: str, factor: float) -> Case | None:
         """The case with a value times a factor, to two digits, or as far that way as its file takes it."""
@@ -326,19 +394,34 @@ class _Tried:
 
     def _dies_out(self, changed: Case) -> bool:
         """Whether a run from the oscillation settles, where its state is known."""
-        cycle, system, at = self.cycle, changed.to_system(), changed.operating_point
+        cycle, system = self.cycle, changed.to_system()
         if cycle is None or cycle.state.size != len(system.A):
             return True
-        held = {n: Constant(at.inputs[n] - float(v)) for n, v in zip(system.input_names, system.v0, strict=True)}
         try:
             begun = replace(system, x0=cycle.state, memory=cycle.memory)
-            run = simulate(begun, held, _PERIODS * cycle.period, [0.0], decide=True)
+            run = simulate(begun, self._held(changed), _PERIODS * cycle.period, [0.0], decide=True)
         except EppError:  # the changed elements cannot remember what those on the cycle do
             return True
         return run.status is Status.SETTLED
 
-    def remedy(self, name: str, changed: Case, search: CycleSearch) -> Remedy:
+    def _held(self, case: Case) -> dict[str, Constant]:
+        """The inputs where they are held at the operating point."""
+        system, at = case.to_system(), case.operating_point
+        return {n: Constant(at.inputs[n] - float(v)) for n, v in zip(system.input_names, system.v0, strict=True)}
+
+    def with_new(self, part: _Part, changed: Case, search: CycleSearch) -> Remedy:
+        """A part that has ended it."""
+        command = Asking.of(changed).command("cycles")
+        command = command or f"epp.find_limit_cycles(case.with_values({{{part.field!r}: {part.table!r}}}))"
+        return Remedy(
+            part.field, None, part.value, f"a {part.what} of {part.size} before {part.port}", command, search.n_runs
+        )
+
+    def remedy(self, step: _Part | _Factor, changed: Case, search: CycleSearch) -> Remedy:
         """A change that has ended it."""
+        if isinstance(step, _Part):
+            return self.with_new(step, changed, search)
+        name = step.called
         own, value = self.case.value(name), changed.value(name)
         now, then = (self.case.text(name, v, DIGITS) for v in (own, value))
         command = Asking.of(changed).command("cycles")
@@ -346,11 +429,62 @@ class _Tried:
         return Remedy(name, own, value, f"{words(name)} {then} in place of {now}", command, search.n_runs)
 
 
+@dataclass(frozen=True)
+class _Factor:
+    """A factor on the value of a field."""
+
+    called: str
+    factor: float
+
+    @property
+    def size(self) -> str:
+        """In words."""
+        return f"times {number(self.factor)}"
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A part that is put in before an input.
+
+    Attributes
+    ----------
+    field : str
+        Of the file that holds it.
+    size : str
+    value : float
+        The same [SI].
+    port : str
+        The input.
+    fields : dict of str to str
+        Its size, as a file holds it.
+    """
+
+    field: str
+    size: str
+    value: float
+    port: str
+    fields: dict[str, str]
+
+    @property
+    def what(self) -> str:
+        """In words."""
+        return self.field.partition(".")[2].replace("_", " ")
+
+    @property
+    def called(self) -> str:
+        """Where it is, whatever its size."""
+        return f"{self.what}{_BEFORE}{self.port}"
+
+    @property
+    def table(self) -> dict[str, str]:
+        """As a file holds it."""
+        return {"kind": _KINDS[self.field], **self.fields, "before": self.port}
+
+
+def _typed(value: float, unit: str) -> str:
+    """A quantity of two digits as files take it."""
+    return format_si(value, unit, written(unit), 2)
+
+
 def _gain(count: int) -> str:
     return "a gain" if count == 1 else "gains"
-
-
-def _clause(sentence: str) -> str:
-    """A sentence as part of another one."""
-    text = sentence.rstrip(".")
-    return text.replace("The loop", "the loop", 1) if text.startswith("The loop") else text

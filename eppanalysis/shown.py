@@ -90,7 +90,7 @@ class Shown:
         """The verdict alone, as it stands above the picture: what the sentence begins with."""
         sentence = str(self)
         ends = (found.start() for found in _CLAUSE.finditer(sentence))
-        # What stands in brackets may hold a full stop that ends no clause.
+        # What is in brackets may hold a full stop that ends no clause.
         whole = (end for end in ends if sentence.count("(", 0, end) == sentence.count(")", 0, end))
         return sentence[: next(whole, None)].removesuffix(".")
 

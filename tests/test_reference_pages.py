@@ -154,7 +154,7 @@ def configuration():
 def test_signatures_of_blocks_begin_with_what_must_be_given_and_hide_what_is_no_plain_value(configuration):
     read = configuration["as_read"]
     shown, _ = read(None, "class", "", epp.blocks.PI, None, str(inspect.signature(epp.blocks.PI)), None)
-    assert shown.startswith("(*, kp, ti=None, ki=None, delay=0.0,")
+    assert shown.startswith("(*, kp, ti=None, ki=None, integral_input='in', delay=0.0,")
     assert read(None, "class", "", epp.Cuts, None, "(names, F=<factory>, _own=1)", None) == ("(names, F=...)", None)
     assert read(None, "function", "", epp.identify, None, f"(wrap={math.pi})", None) == ("(wrap=pi)", None)
 

@@ -310,7 +310,7 @@ def without(
     lacking : mapping of str to callable
         What stands in for each that is missing, made of a number.
     field, kind : str
-        Where the part stands in the file, and what it is.
+        Where the part is in the file, and what it is.
     """
     first, *others = (
         raw.refused(f"{field}.{key}", f"a value: {kind} needs it{_or_sizes(kind, key)}") for key in lacking

@@ -12,6 +12,7 @@ from typing import Any
 
 from eppanalysis.cases.files import GROUPS, Missing
 from eppanalysis.cases.model import Case
+from eppanalysis.cases.values.toml import toml_line
 from eppanalysis.cases.variation import takes
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.numbers import why_no_bounds
@@ -97,8 +98,16 @@ def _bases(case: Case) -> Iterator[tuple[str, Case]]:
 
 
 def _settings(base: Case, case: Case) -> Iterator[tuple[str, Any]]:
-    """Fields of a case that are not as they are in another one, with what stands in them."""
-    for name in dict.fromkeys([*case.parameters, *case.fields_of_run()]):
+    """Parts that another case lacks, and fields that are not as they are there, with what is in them."""
+    added = [
+        f"{section}.{name}"
+        for section in ("blocks", "elements")
+        for name in case._raw.data.get(section, ())
+        if name not in base._raw.data.get(section, ())
+    ]
+    of_added = {name.partition(".")[2] for name in added}
+    given = [name for name in case.parameters if name.partition(".")[0] not in of_added]
+    for name in dict.fromkeys([*added, *given, *case.fields_of_run()]):
         held, there = case.held(name), base.held(name)
         if held != there and not isinstance(held, Missing):
             yield name, held
@@ -106,7 +115,7 @@ def _settings(base: Case, case: Case) -> Iterator[tuple[str, Any]]:
 
 def _typed(value: Any) -> str:
     """A value as ``--set`` takes it."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    return toml_line("", value).partition(" = ")[2] if isinstance(value, bool | dict) else str(value)
 
 
 @dataclass(frozen=True)
@@ -232,6 +241,6 @@ def _word(word: str) -> str:
 
 
 def commands_in(texts: Sequence[str]) -> list[str]:
-    """The commands in texts: each stands at the end of a line."""
+    """The commands in texts: each is at the end of a line."""
     found = re.finditer(r"\beppanalysis (?=[a-z]+ )[^\n]*$", "\n".join(texts), re.MULTILINE)
     return [match.group() for match in found]

@@ -30,17 +30,40 @@ from eppanalysis.cases.values.parameters import Named, read, resolve
 from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity, plain_value
 from eppanalysis.cases.values.toml import toml_line
 from eppanalysis.cases.values.wires import units_along_wires
+from eppanalysis.cases.variation import LoopVariation
 from eppanalysis.cases.words import ELEMENT, FILE, KIND, KINDS_OF_BLOCKS, KINDS_OF_ELEMENTS
 from eppanalysis.errors import CaseError, IdleInput, ModelError, UnknownName, did_you_mean
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
 from eppanalysis.models.diagrams import BLOCKS, Block, Diagram
+from eppanalysis.models.diagrams.blocks.control import INTEGRAL, PI, PID
 from eppanalysis.models.diagrams.wiring import NAME
 from eppanalysis.models.elements import Nonlinearity
 
+#: The field of a part that stands in the connection to an input.
+BEFORE = "before"
 #: Fields of a table that say what it is, not how large something is.
 _WORDS = (KIND, "name")
 #: A name in a sum that is not followed by that of a port.
 _ALONE = re.compile(rf"(?<![\w.]){NAME.pattern}(?![\w.])")
+
+
+class DiagramVariation(LoopVariation):
+    """Of a diagram: as of any loop, and what may stand before its controllers."""
+
+    def places(self) -> dict[str, str]:
+        """Inputs of its controllers, and of the parts that margins are taken at, with what drives them."""
+        blocks, cuts = (self.case.held(name) for name in ("blocks", "margins_at"))
+        names = {text.partition(".")[0] for text in ([cuts] if isinstance(cuts, str) else _texts(cuts))}
+        names |= {name for name in _texts(blocks) if _has_integral(blocks, name)}
+        driven = wires(self.case.held("connect"))
+        places = {port: left for port, left in driven.items() if port.partition(".")[0] in names}
+        integral = {f"{name}.{INTEGRAL}": left for name, left in places.items() if _has_integral(blocks, name)}
+        return {**integral, **places}
+
+
+def _has_integral(blocks: Any, name: str) -> bool:
+    """Whether a part is a block with an integral part that can have an input of its own."""
+    return name in _texts(blocks) and blocks[name][KIND] in (PI.kind, PID.kind)
 
 
 class DiagramKind(Kind):
@@ -49,9 +72,11 @@ class DiagramKind(Kind):
     name = "diagram"
     input_unit = ""
     file = DiagramFile
+    variation = DiagramVariation
 
     def parts(self, file: Any, raw: RawCase) -> Parts:
         """Named parameters and the fields that are given as quantities, the input, and the loop."""
+        file = _with_inserted(file, raw)
         reader = _Reader.of(file.parameters, raw)
         blocks = {name: reader.block(name, table) for name, table in file.blocks.items()}
         elements, memory = reader.elements(file.elements)
@@ -65,7 +90,7 @@ class DiagramKind(Kind):
             raise _refused(error, raw) from None
         known = units_along_wires(diagram, diagram.units, reader.with_units, raw)
         for place, table in reader.tables.items():
-            check_fields(table, place, raw)  # what stands in lists, which no wire has seen
+            check_fields(table, place, raw)  # what is in lists, which no wire has seen
         system = replace(system, signals=system.signals.in_units(known))
         parameters = {**{name: named.parameter for name, named in reader.named.items()}, **reader.given}
         units = {name: level.unit for name, level in levels.items()}
@@ -78,9 +103,10 @@ class DiagramKind(Kind):
         return list(parameters)
 
     def takes(self, name: str, data: Mapping[str, Any]) -> bool:
-        """Any part, as a whole table, and any field of one: reading it tells whether the part has it."""
-        first = name.partition(".")[0]
-        return any(first in (data.get(place) or {}) for place in ("blocks", "elements"))
+        """Any part or signal, as a whole table, and any field of a part: reading it tells whether the part has it."""
+        first, *rest = name.split(".")
+        new = first in ("blocks", "elements", "signals") and len(rest) == 1
+        return new or any(first in (data.get(place) or {}) for place in ("blocks", "elements"))
 
     def named_signals(self, data: Mapping[str, Any], signals: tuple[str, ...]) -> tuple[str, ...]:
         """Those under `signals`; all ports where there are none."""
@@ -93,6 +119,46 @@ class DiagramKind(Kind):
             return ["parameters", name]
         place = next((p for p in ("blocks", "elements") if first in (data.get(p) or {})), None)
         return [first, *rest] if place is None else [place, first, *rest]
+
+
+def wires(connect: Iterable[str]) -> dict[str, str]:
+    """What drives each input, by the connections of a file as they are written."""
+    ends = [text.partition("->") for text in connect]
+    return {name.strip(): left.strip() for left, _, right in ends for name in right.split(",")}
+
+
+def _renamed(connection: str, port: str, name: str) -> str:
+    """A connection with another name in place of an input."""
+    left, arrow, right = connection.partition("->")
+    ends = (name if end.strip() == port else end.strip() for end in right.split(","))
+    return f"{left}{arrow} {', '.join(ends)}"
+
+
+def _with_inserted(file: Any, raw: RawCase) -> Any:
+    """The file with connections through the parts that say which input they stand before."""
+    connect, sections = list(file.connect), {}
+    for section in ("blocks", "elements"):
+        sections[section] = {
+            name: {k: v for k, v in table.items() if k != BEFORE} for name, table in getattr(file, section).items()
+        }
+    for section in sections:
+        tables = getattr(file, section)
+        for name, table in tables.items():
+            if BEFORE not in table:
+                continue
+            port, driven = table[BEFORE], wires(connect)
+            part, _, last = str(port).partition(".")
+            if last == INTEGRAL and port not in driven and part in driven and part in file.blocks:
+                # A controller whose parts read one error: the integral part gets an input of its own.
+                sections["blocks"][part]["integral_input"] = INTEGRAL
+                connect = [_renamed(text, part, f"{part}.in, {port}") for text in connect]
+                driven = wires(connect)
+            if not isinstance(port, str) or port not in driven:
+                expected = f"an input as a connection names it: one of {', '.join(filter(None, driven))}"
+                raise raw.refused(f"{section}.{name}.{BEFORE}", expected)
+            connect = [_renamed(text, port, name) for text in connect]
+            connect.append(f"{name} -> {port}")  # at the end: the others keep their numbers in messages
+    return file.model_copy(update={**sections, "connect": connect})
 
 
 def _diagram(

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 class Cycle:
     """A known limit cycle of the signal that the case names."""
 
-    #: Half the peak-to-peak of an exact cycle, the amplitude of the sine of a first-order one [unit of the signal].
+    #: Half the peak-to-peak of an exact cycle, the amplitude of the sine of a DF one [unit of the signal].
     amplitude: float
     #: omega, period: [rad/s], [s]; per sample and in samples when the loop is in discrete time with a step of one.
     omega: float
@@ -47,7 +47,7 @@ class Expected:
 
     outcome: Outcome | None = None  # of the simulated run
     signal: str | None = None  # signal that the amplitudes are of
-    #: describing_function, exact: all first-order cycles and the known exact ones; empty when there are none, None when
+    #: describing_function, exact: all DF cycles and the known exact ones; empty when there are none, None when
     #: the case does not say.
     describing_function: tuple[Cycle, ...] | None = None
     exact: tuple[Cycle, ...] | None = None

@@ -85,7 +85,7 @@ class Kind(ABC):
         return False
 
     def path(self, name: str, data: Mapping[str, Any]) -> list[str | int]:
-        """Where a field stands in a file with these tables."""
+        """Where a field is in a file with these tables."""
         return list(name.split("."))
 
     def named_signals(self, data: Mapping[str, Any], signals: tuple[str, ...]) -> tuple[str, ...]:

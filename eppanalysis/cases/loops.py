@@ -81,7 +81,7 @@ class LoopKind(Kind):
 
 
 def _places(data: Mapping[str, Any]) -> dict[str, tuple[str, int]]:
-    """Where each named element stands in the file."""
+    """Where each named element is in the file."""
     loop = data.get("loop", {})
     return {
         table.get("name", table["kind"]): (place, i)

@@ -165,7 +165,7 @@ class _Reading:
         return CaseError(error.source, f"{section}.{number}", lines[number], expected, error.fault)
 
     def _number(self, section: str, place: int) -> int:
-        """Where an entry of a list stands in the file: each that was taken out before it has moved it up."""
+        """Where an entry of a list is in the file: each that was taken out before it has moved it up."""
         for taken in sorted(self.cut.get(section, [])):
             place += taken <= place
         return place

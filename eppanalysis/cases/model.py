@@ -7,6 +7,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +19,7 @@ from eppanalysis.arguments import checked
 from eppanalysis.cases.diagrams import DiagramKind, with_declaration
 from eppanalysis.cases.elbow_case import ElbowKind
 from eppanalysis.cases.expected import Expected, make_expected
-from eppanalysis.cases.files import Missing, RawCase, drop_alternatives, put, without_answers
+from eppanalysis.cases.files import Missing, RawCase, drop_alternatives, put, shipped_cases_folder, without_answers
 from eppanalysis.cases.from_system import input_tables, tables_of
 from eppanalysis.cases.kind import Kind
 from eppanalysis.cases.loops import LoopKind
@@ -28,7 +29,7 @@ from eppanalysis.cases.values.expressions import is_expression_of, same_unit
 from eppanalysis.cases.values.parameters import Named
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.values.shown import ShownCase
-from eppanalysis.cases.values.toml import plain_value, write_toml
+from eppanalysis.cases.values.toml import plain_value, updated_toml, write_toml
 from eppanalysis.cases.values.typed import in_typed_units
 from eppanalysis.cases.variation import Variation
 from eppanalysis.cases.words import our_word
@@ -435,9 +436,31 @@ class Case(ShownCase):
                 raise CaseError(source, name, plain_value(value), f"a quantity in {old.unit}, as it is in the case")
         return made
 
-    def to_toml(self) -> str:
-        """The whole case as TOML text, without a base."""
-        return write_toml({"kind": self.kind, **self._raw.data})
+    def to_toml(self, comments: bool = False) -> str:
+        """The whole case as TOML text, without a base.
+
+        Parameters
+        ----------
+        comments : bool
+            Keep the comments and the order of the file that the case was read from, where there is one.
+
+        Examples
+        --------
+        >>> from eppanalysis.cases import case
+        >>> changed = case("pid_hunting").with_values({"friction.static": 1.5})
+        >>> changed.to_toml(comments=True).splitlines()[0][:34]
+        "# x'' = u - x' - F, u = -10 x - 5 "
+        """
+        data = {"kind": self.kind, **self._raw.data}
+        text = self._text() if comments else ""
+        return updated_toml(text, data) if text else write_toml(data)
+
+    def _text(self) -> str:
+        """The file that the case was read from, as it is now; empty where there is none."""
+        with suppress(OSError, ValueError):
+            paths = (Path(self.source), shipped_cases_folder() / self.source)
+            return next((path.read_text(encoding="utf-8") for path in paths if path.is_file()), "")
+        return ""
 
     def provenance(self) -> dict[str, Any]:
         """What a result needs to be traced back: file, checksum, version and every parameter with its mark."""
@@ -529,7 +552,7 @@ class Case(ShownCase):
         return CaseError(error.source, error.field, typed, error.expected, error.fault, error.also)
 
     def _path(self, name: str) -> list[str | int]:
-        """Where a field stands in the file, whatever word for it is used."""
+        """Where a field is in the file, whatever word for it is used."""
         path = KINDS[self.kind].path(name, self._raw.data)
         if len(path) > 2:
             path[-1] = our_word(self._raw.typed(".".join(map(str, path[:-1]))), str(path[-1]))

@@ -348,7 +348,7 @@ def _case_error(error: dict[str, Any], raw: RawCase, model: type[BaseModel]) -> 
     signal = INPUTS.get(loc[member]) if member < len(loc) else None
     del loc[member : member + 1]  # the name of the union's member
     if loc[-1] == "[key]":
-        del loc[-1]  # it is the name that is wrong, not what stands there
+        del loc[-1]  # it is the name that is wrong, not what is there
     field, context = ".".join(loc), error.get("ctx", {})
     shown: Any = error["input"]
     if error["type"] == "extra_forbidden":

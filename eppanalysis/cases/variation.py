@@ -55,12 +55,15 @@ class Varied(Protocol):
     def t_end(self) -> float:
         """Length of its run [s]."""
 
+    def held(self, name: str) -> Any:
+        """What the file holds in a field."""
+
 
 @dataclass(frozen=True)
 class Variation(ABC):
     """What is worth varying in a case of one kind."""
 
-    #: The parameter that guidelines run over and the one that they bound, where nothing else is asked for.
+    #: The parameter that guidelines run over and the one that they bound, where nothing else is requested.
     guided: ClassVar[tuple[str, str] | None] = None
 
     case: Varied
@@ -82,6 +85,10 @@ class Variation(ABC):
     @abstractmethod
     def branch(self, name: str) -> tuple[float, float, float]:
         """Where a branch over a parameter starts, with a cycle at hand and without one, and where it stops [SI]."""
+
+    def places(self) -> dict[str, str]:
+        """Inputs that a part may be put before, with what drives them; none but in a diagram."""
+        return {}
 
     @abstractmethod
     def axes(self, points: int = 9) -> dict[str, str]:

@@ -189,7 +189,7 @@ def _tested(result: DesignBounds) -> str:
 
 
 def _first_order(result: DesignBounds) -> str:
-    """On which side of the bounds first order lies; empty where none has both."""
+    """On which side of the bounds the DF lies; empty where none has both."""
     unsafe = [c for c in result if c.first_order_unsafe]
     if unsafe:
         worst = max(abs(c.first_order_error) for c in unsafe)

@@ -68,7 +68,7 @@ def certify(
     as_json: Json = False,
     output: File = None,
 ) -> None:
-    """Prove what first order predicts, or which limit cycles a loop has, or none, in a file that is checked."""
+    """Prove what the DF predicts, or which limit cycles a loop has, or none, in a file that is checked."""
     if check is not None:
         _check(check, case, settings, [statement, within, as_json, output])
         return

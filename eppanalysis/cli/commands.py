@@ -319,7 +319,7 @@ def predict(
         from eppanalysis.methods.describing.predict import predict_limit_cycles
 
         found = predict_limit_cycles(case if measured is None else _with_response(case, measured))
-        len(found.margins) + len(found.warnings)  # made when first asked for: now, before a part of the output is out
+        len(found.margins) + len(found.warnings)  # made when first requested: now, before a part of the output is out
         return found
 
     _carry_out("predict", cases, settings, as_json, output, _Analysis(run, prediction_table, _show_prediction))
@@ -420,7 +420,7 @@ class _Analysis:
     show_all: Callable[[Sequence[Case], Sequence[Any]], None] | None = None
     beside: Callable[[Case, Any], Mapping[str, Any]] | None = None
     drawn: Callable[[Case], list[str]] = lambda case: []  # the signals in its picture, where it has some of many
-    asked: Sequence[str] = ()  # those that are asked for
+    asked: Sequence[str] = ()  # those that are requested
 
 
 def _carry_out(

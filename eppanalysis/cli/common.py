@@ -299,7 +299,7 @@ def check_output(path: Path | None, suffixes: Sequence[str] | None = None, stand
 
 
 def write_output(path: Path | None, result: Any, to_table: Callable[[Any], FileTable], **options: Any) -> None:
-    """Write a result where a file is asked for: its picture, drawn with these options, or its table."""
+    """Write a result where a file is requested: its picture, drawn with these options, or its table."""
     if path is not None:
         from eppanalysis.tables.files import write_result
 
@@ -307,7 +307,7 @@ def write_output(path: Path | None, result: Any, to_table: Callable[[Any], FileT
 
 
 def signals_drawn(case: Case, asked: Sequence[str]) -> list[str]:
-    """The signals in a picture of a run: those that were asked for, else few that answer what it does.
+    """The signals in a picture of a run: those that were requested, else few that answer what it does.
 
     Raises
     ------
@@ -340,7 +340,7 @@ def answer(
     show: Callable[[], None],
     title: str = "",
 ) -> None:
-    """What a command found about one case: its document where JSON is asked for, else what is shown below a heading.
+    """What a command found about one case: its document where JSON is requested, else what is shown below a heading.
 
     Parameters
     ----------
@@ -361,7 +361,7 @@ def answer(
 
 
 def print_json(command: str, results: Sequence[tuple[Case, Any]], settings: Sequence[str]) -> None:
-    """One document on the standard output: what was asked for, and the result of every case.
+    """One document on the standard output: what was requested, and the result of every case.
 
     Parameters
     ----------

@@ -166,7 +166,7 @@ def write_design(case: Case, result: Design, path: Path) -> None:
     if not result.values:
         raise EppError(f"{path}: no design is feasible, so there is no case to write.")
     changed = case.with_values({name: case.text(name, value, 12) for name, value in result.values.items()})
-    write_text(changed.to_toml(), path)
+    write_text(changed.to_toml(comments=True), path)
 
 
 def design_columns(result: Design) -> Table:
@@ -178,7 +178,7 @@ def design_columns(result: Design) -> Table:
 
 
 def tolerances_of(texts: Sequence[str], fields: Iterable[str] = ()) -> dict[str, str] | None:
-    """Half-widths of tolerances; those of the case where "all" is asked for, none where nothing is.
+    """Half-widths of tolerances; those of the case where "all" is requested, none where nothing is.
 
     Raises
     ------

@@ -90,7 +90,7 @@ def stepped(result: R, step: float | None) -> R:
 
 
 def write_manual(result: Guide | DesignBounds, paths: Sequence[Path]) -> None:
-    """Write the table for a manual, where one is asked for.
+    """Write the table for a manual, where one is requested.
 
     Raises
     ------

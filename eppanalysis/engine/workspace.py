@@ -105,7 +105,7 @@ _OF_GUARDS = ("constant", "lift", "g0", "g1", "tol", "stray", "top")
 #: Where a run stands: all that it takes from one step to the next, so that it can pause between any two of them.
 PROGRESS = np.dtype(
     [
-        # What is asked for: end, longest step of the grid, events in all, whether closing on a cycle is watched for
+        # What is requested: end, longest step of the grid, events in all, whether closing on a cycle is watched for
         # (not by a run that goes on from one that has ended: its inputs have passed), whether what was put out
         # before the start is known, steps until a pause and at most.
         ("t_end", "f8"), ("base_step", "f8"), ("max_events", "i8"), ("watch", "?"), ("past_known", "?"),
@@ -182,7 +182,7 @@ def make_workspace(model: Model) -> Workspace:
 
 
 def make_progress(t_end: float, base_step: float, max_events: int, most_steps: float = MOST_STEPS) -> np.void:
-    """What a run is asked for; the rest of the record it fills itself."""
+    """What is requested of a run; the rest of the record it fills itself."""
     now = np.zeros(1, PROGRESS)[0]
     now["t_end"], now["base_step"], now["max_events"], now["watch"] = t_end, base_step, max_events, True
     now["slice"], now["most_steps"] = SLICE, most_steps

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["explore"]
 
-_NEEDED = ("bokeh", "dask", "zarr")
+_NEEDED = ("bokeh", "dask", "filelock", "zarr")
 
 
 def explore(case: Case, port: int = 0, ready: Callable[[str], None] | None = None) -> None:

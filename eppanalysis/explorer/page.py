@@ -272,7 +272,7 @@ class Page:
         self.address.data = {"query": [write_query(self.base, self.values)]}
 
     def _save_case(self) -> None:
-        self._send(f"{self.base.name}.toml", "application/toml", self.case.to_toml().encode())
+        self._send(f"{self.base.name}.toml", "application/toml", self.case.to_toml(comments=True).encode())
 
     def _ask_remedies(self) -> None:
         """Why the case oscillates as it is now, and what ends it."""

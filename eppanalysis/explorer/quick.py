@@ -49,10 +49,10 @@ class Quick:
     frequency: float
     peak_to_peak: float
     sentence: str  # the verdict
-    #: Frozen at the cycle of first order next to the run's; at the run's own where there is none; or at rest.
+    #: Frozen at the cycle of the DF next to the run's; at the run's own where there is none; or at rest.
     loop: FrozenLoop | None
     of_run: complex | None  # -1/N at the amplitude of the run's cycle
-    first_order: bool  # whether the loop is frozen at a cycle of first order
+    first_order: bool  # whether the loop is frozen at a cycle of the DF
 
 
 def shown_signal(case: Case) -> str:

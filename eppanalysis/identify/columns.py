@@ -189,7 +189,7 @@ def _factor(cell: str, role: str, choice: tuple[str, str] | None, source: str, s
 
 
 def _differ(own: str, unit: str) -> bool:
-    """Whether what stands in brackets in a header is another unit than the one given; remarks are no units."""
+    """Whether what is in brackets in a header is another unit than the one given; remarks are no units."""
     try:
         return parse_any(f"1 {own}") != parse_any(f"1 {unit}")
     except QuantityError:

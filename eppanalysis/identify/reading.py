@@ -97,7 +97,7 @@ def read_recording(
     Raises
     ------
     CaseError
-        If the file is no such table: one sentence with line, column, what stands there and what was expected.
+        If the file is no such table: one sentence with line, column, what is there and what was expected.
     """
     path, source = Path(path), str(path)
     try:

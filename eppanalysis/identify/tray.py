@@ -92,7 +92,7 @@ def _best(loop: _Loop, start: Array) -> tuple[Array, float]:
     both, there = loop.search(guess)
     before, after = (float(np.sum(loop.residual(p, e) ** 2)) for p, e in ((plain, where), (both, there)))
     seen = np.linalg.norm(loop.jacobian(both, there)[:, 4]) > 0
-    # One more parameter always leaves less, by about the variance of a reading; twelve of them are asked for.
+    # One more parameter always leaves less, by about the variance of a reading; twelve of them are requested.
     return (both, there) if seen and after < before * (1.0 - 12.0 / len(loop.data.force)) else (plain, where)
 
 

@@ -18,7 +18,7 @@ from eppanalysis.progress import Progress
 __all__ = ["SUFFIXES", "check", "report"]
 
 SUFFIXES = (".html", ".ipynb", ".pdf")
-_NEEDED = ("nbformat", "nbclient", "nbconvert", "ipykernel", "dask", "zarr")
+_NEEDED = ("nbformat", "nbclient", "nbconvert", "ipykernel", "dask", "filelock", "zarr")
 
 
 def check(path: Path) -> None:

@@ -39,7 +39,7 @@ class Found:
         return self.asking.case
 
     def advice(self) -> str:
-        """What to do, in lines; a command stands at the end of a line."""
+        """What to do, in lines; a command is at the end of a line."""
         oscillates = self.cycles is not None and self.cycles.stable
         more = [f"Why it oscillates, and what ends it: {self.asking.remedies()}"] if oscillates else []
         return "\n".join([*self._lines(), *more])

@@ -71,7 +71,7 @@ def exporter(path: Path) -> HTMLExporter:
     try:
         made = HTMLExporter(template_name="eppanalysis", extra_template_basedirs=[str(_TEMPLATES)])
         made.register_filter("unbroken", unbroken)
-        made.template  # noqa: B018  # is read when it is first asked for, which is where one that is missing shows
+        made.template  # noqa: B018  # is read when it is first requested, which is where one that is missing shows
     except (ValueError, TemplateNotFound):
         how = "'pip install --force-reinstall nbconvert' installs, or a report that ends in .ipynb"
         raise EppError(

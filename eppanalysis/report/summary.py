@@ -28,7 +28,7 @@ _SIZE, _DOTS = (5.6, 2.8), 180
 #: What is this near to the least or largest value of a branch, relative to the largest, is its end there.
 _OUTERMOST = 1e-6
 
-#: Notebooks put what stands in a cell to the right.
+#: Notebooks put what is in a cell to the right.
 _CELL = '<td style="text-align: left">'
 
 
@@ -38,7 +38,7 @@ class FirstPage:
 
     verdict: str  # what the loop does, in one or two sentences
     numbers: tuple[tuple[str, str, str], ...]  # three at most: what, its value with unit, and how it is known
-    advice: str  # what to do about it, in lines; a command stands at the end of a line, and runs as it is printed
+    advice: str  # what to do about it, in lines; a command is at the end of a line, and runs as it is printed
     known: tuple[tuple[str, str], ...]  # what each method says: predicted, exact, simulated, proved
     picture: bytes = b""  # PNG; empty where there is none
 

@@ -347,6 +347,30 @@ class Trajectory(Result):
         return self.drawn("plot_trajectory", ax, signals)
 
 
+class Notice(str):
+    """A warning that names a cause of motion.
+
+    Attributes
+    ----------
+    cause : str
+        Why the loop moves, in a clause.
+    sure : bool
+        Whether it does, or only may.
+    """
+
+    cause: str
+    sure: bool
+
+    def __new__(cls, sentence: str, cause: str, sure: bool = True) -> Notice:
+        """The sentence, with its cause."""
+        made = super().__new__(cls, sentence)
+        made.cause, made.sure = cause, sure
+        return made
+
+    def __getnewargs__(self) -> tuple[Any, ...]:
+        return str(self), self.cause, self.sure
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction(Listing[LimitCycle]):
     """Limit cycles that describing functions with bias predict; behaves as a sequence of LimitCycle.
@@ -385,7 +409,7 @@ class Prediction(Listing[LimitCycle]):
     in_json = "status message=status.value search warnings margins operating_point cycles provenance"
 
     def __str__(self) -> str:
-        """How many limit cycles first order has, the largest stable one, and what it may not see."""
+        """How many limit cycles the DF has, the largest stable one, and what it may not see."""
         doubtful = [cycle for cycle in self.cycles if cycle.may_not_exist]
         sure = [cycle for cycle in self.cycles if not cycle.may_not_exist]
         ended = [] if self.status.ok else [self.status.value]
@@ -394,14 +418,14 @@ class Prediction(Listing[LimitCycle]):
             predicts = counted(doubtful, which=" that may not exist")
         else:
             predicts = counted(sure) + f", and {len(doubtful)} more that may not exist" * bool(doubtful)
-        # That there is none is no verdict where it is known what first order does not see.
+        # That there is none is no verdict where it is known what the DF does not see.
         missed = ", and may miss one" if self.warnings and not sure else ""
         margin = "" if sure else _margin(self.margins)
         return " ".join([f"The describing function predicts {predicts}{missed}{margin}.", *ended, *self.warnings])
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What cycles first order cannot see there, a sentence each; looked for when they are first asked for."""
+        """What cycles the DF cannot see there, a sentence each; looked for when they are first requested."""
         return self.unseen()
 
     def to_frame(self) -> pandas.DataFrame:
@@ -419,7 +443,7 @@ class Prediction(Listing[LimitCycle]):
 
 
 def _margin(margins: Mapping[str, Any]) -> str:
-    """What the linearised loop adds to the sentence that first order predicts nothing."""
+    """What the linearised loop adds to the sentence that the DF predicts nothing."""
     gain = margins.get("gain_margin", float("nan"))
     if np.isnan(gain):
         return ""

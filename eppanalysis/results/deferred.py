@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 class Deferred(Mapping[str, Any]):
-    """Values by name that are computed when they are first asked for.
+    """Values by name that are computed when they are first requested.
 
     Most predictions are never drawn and most elasticities never read. What is handed to another process is computed
     before.

@@ -37,7 +37,7 @@ class Provenance:
     """
 
     method: str = ""
-    #: What was asked for: arguments in SI units, the name of the ``system``.
+    #: What was requested: arguments in SI units, the name of the ``system``.
     settings: Mapping[str, Any] = field(default_factory=dict)
     #: Within which the method's equations hold, or its verdicts are given.
     tolerances: Mapping[str, float] = field(default_factory=dict)

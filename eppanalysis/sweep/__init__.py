@@ -130,7 +130,7 @@ def sweep(
     [2, 2, 3]
     """
     case = as_case(case)
-    require_packages("sweep", "sweep", "dask", "zarr")
+    require_packages("sweep", "sweep", "dask", "filelock", "zarr")
     from eppanalysis.sweep.analyses import make_task
     from eppanalysis.sweep.schedule import run_blocks
     from eppanalysis.sweep.store import cells_in
@@ -191,7 +191,7 @@ def sweep_cost(
     (1000, True)
     """
     case = as_case(case)
-    require_packages("sweep", "sweep", "dask", "zarr")
+    require_packages("sweep", "sweep", "dask", "filelock", "zarr")
     from eppanalysis.sweep.analyses import make_task
 
     return _cost(make_task(case, axes, run, signals, allow), make_design(case, axes).n_cells)
@@ -219,7 +219,7 @@ def _store(
     shard: str | tuple[int, int] | None,
     merge: bool,
 ) -> tuple[MemoryStore | ZarrStore, set[Bounds] | None]:
-    """Where results go, joined from shares where that is asked for; and the blocks of a share, None for all."""
+    """Where results go, joined from shares where that is requested; and the blocks of a share, None for all."""
     from eppanalysis.sweep.shards import Shard
     from eppanalysis.sweep.store import MemoryStore, ZarrStore
 
@@ -290,7 +290,7 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
     ...     epp.open_sweep(store)["outcome"].values.tolist()
     [1, 2]
     """
-    require_packages("sweep", "sweep", "zarr")
+    require_packages("sweep", "sweep", "filelock", "zarr")
     from eppanalysis.sweep import store
 
     return store.open_sweep(path)

@@ -112,7 +112,7 @@ class Variable:
 
     @property
     def fill(self) -> Any:
-        """What stands in a cell without a result."""
+        """What is in a cell without a result."""
         return {"f8": np.nan, "text": ""}.get(self.dtype, 0)
 
     def empty(self, n: int) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""What a sweep will cost, from a sample of its cells: core hours, before machines are asked for.
+"""What a sweep will cost, from a sample of its cells: core hours, before machines are requested.
 
 The sample is a few short runs of neighbouring cells, spread over the sweep by the golden ratio's multiples. Time is the
 processor's, so that other work on the machine does not count.

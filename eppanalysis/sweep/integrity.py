@@ -15,6 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
+from filelock import FileLock, Timeout
 from zarr.core.buffer import Buffer
 from zarr.storage import LocalStore
 
@@ -42,7 +43,7 @@ def digest_of(facts: Any) -> str:
 
 
 def file_digest(path: Path, *, on_disk: bool = False) -> str | None:
-    """Digest of a file as it stands there, None where there is none.
+    """Digest of a file as it is there, None where there is none.
 
     Parameters
     ----------
@@ -90,37 +91,22 @@ class Lock:
     """
 
     def __init__(self, path: Path) -> None:
-        self._file: int | None = None
+        self._lock = FileLock(path / LOCK, mode=0o666, thread_local=False)
         try:
-            self._take(path / LOCK, os.O_RDONLY)
-        except BlockingIOError:
-            self.release()
+            self._lock.acquire(blocking=False)
+        except Timeout:
             raise EppError(
                 f"{path}: another process is writing to this store; expected to wait for its end, or another name."
             ) from None
+        except NotImplementedError:  # as for the file systems below
+            pass
         except OSError as error:  # what cannot be written needs no lock, and a finished store is read all the same
             if error.errno not in _NO_LOCKS:
                 raise
 
-    def _take(self, path: Path, flags: int) -> None:
-        try:
-            import fcntl
-        except ImportError:  # elsewhere two writers write the same bytes twice, each file in one step
-            return
-        self._file = os.open(path, flags | os.O_CREAT, 0o666)
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            if error.errno != errno.EBADF or flags == os.O_RDWR:
-                raise
-            self.release()  # network file systems lock only what is open for writing
-            self._take(path, os.O_RDWR)
-
     def release(self) -> None:
         """Let others write."""
-        if self._file is not None:
-            os.close(self._file)
-            self._file = None
+        self._lock.release()
 
 
 class CheckedStore(LocalStore):

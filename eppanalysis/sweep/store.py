@@ -136,7 +136,7 @@ class ZarrStore:
         self.blocks, self.stamp = blocks, _stamp(blocks, self.identity)
         marked = [key for key in map(self._key, self._bounds()) if (self.path / integrity.DONE / key).exists()]
         names = tuple(self.variables)
-        # A mark says that a block was written; what stands there now may be damaged, and is held against its digests.
+        # A mark says that a block was written; what is there now may be damaged, and is held against its digests.
         self.whole = {key for key in marked if integrity.is_whole(self.path, key, self.stamp, names)}
         self.damaged = len(marked) - len(self.whole)
         if marked and not resume:
@@ -256,7 +256,7 @@ class ZarrStore:
         shape = [stop - start for start, stop in bounds]
         try:
             for name, values in columns.items():
-                # What stands there may be torn, and nothing is written where it is what an empty block has anyway.
+                # What is there may be torn, and nothing is written where it is what an empty block has anyway.
                 (self.path / name / "c" / key).unlink(missing_ok=True)
                 if values.dtype != object or any(values):
                     self.arrays[name][place] = values.reshape(shape)

@@ -297,7 +297,7 @@ def _alone(case: Case) -> bool:
 
 
 def _judge(truth: str, out: Columns) -> None:
-    """Errors of the first-order cycle where both it and the true one are there."""
+    """Errors of the DF cycle where both it and the true one are there."""
     both = (out[f"{truth}outcome"] == Outcome.OSCILLATES) & (out["predicted_outcome"] == Outcome.OSCILLATES)
     with np.errstate(all="ignore"):
         for name in ("peak_to_peak", "frequency"):

@@ -361,7 +361,7 @@ def rungs_table(ladder: Ladder) -> Table:
 
 
 class TruthTable:
-    """All cases in one table: what is known of each, what the run did, whether it agrees, and what first order says."""
+    """All cases in one table: what is known of each, what the run did, whether it agrees, and what the DF says."""
 
     def __init__(self) -> None:
         heads = (

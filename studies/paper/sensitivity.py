@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -13,7 +13,6 @@ from scipy.stats.qmc import LatinHypercube
 import eppanalysis as epp
 from eppanalysis.cases import GROUPS
 from eppanalysis.sweep import Zipped, sweep
-from studies.paper import runs as made
 
 FINDINGS = GROUPS["truth-table"]
 FACTORS = (0.5, 0.8, 1.2, 1.5)
@@ -94,45 +93,6 @@ def all_at_once(finding: str, spread: float) -> tuple[str, ...]:
             cell |= varied(case, name, float(factor))
         cells.append(cell)
     return tuple(outcomes(case, cells))
-
-
-def variations(finding: str) -> Iterator[epp.Case]:
-    """The case of a finding with each open parameter changed, one at a time."""
-    case = epp.case(finding)
-    for name in assumed():
-        if is_open(finding, name):
-            for factor in FACTORS:
-                yield case.with_values(varied(case, name, factor))
-
-
-@cache
-def slips_that_reverse() -> tuple[int, int]:
-    """Of all variations of Figure 6(a): in how many the harness side leaves flexion, or the slip alone reverses it.
-
-    Returns
-    -------
-    (int, int)
-        How many, and of how many.
-    """
-    count, total = 0, 0
-    for case in variations("fig6a_original_pulley"):
-        phase = made.slip(case)
-        _, low, high, _ = case.elbow_parameters.bands.thresholds
-        total += 1
-        count += bool(phase.held - phase.behind < high or phase.held - phase.jump < low)
-    return count, total
-
-
-@cache
-def longest_fall() -> float:
-    """Longest fall of the force through the parking band on the cycle of Figure 8(a), over all its variations [s]."""
-    longest = 0.0
-    for case in variations("fig8a_original"):
-        run = epp.simulate(case.to_system(), case.input, case.t_end, t_eval=[0.0])
-        if run.limit_cycle is not None:
-            falls = made.falls_through_parking(run)
-            longest = max(longest, float(falls[falls[:, 0] > case.t_end - 1.0, 1].max()))
-    return longest
 
 
 @dataclass(frozen=True)

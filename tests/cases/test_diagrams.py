@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.cases.command_line import Asking
 from eppanalysis.cases.files import shipped_cases_folder
 from eppanalysis.models.diagrams.blocks import PI, Inertia, Motor
 from eppanalysis.units import parse_quantity
@@ -435,3 +436,41 @@ def test_a_signal_is_in_si_units_whatever_it_is_shown_in(unit):
     frame = run.in_brief().set_index("signal")
     in_si = np.ptp(run.signals["load"])
     assert frame.loc[f"load [{unit}]", "peak to peak"] == pytest.approx(in_si / parse_quantity(f"1 {unit}", "rad"))
+
+
+BAND = {"kind": "dead_zone", "lower": "-0.1 deg", "upper": "0.1 deg"}
+
+
+@pytest.mark.parametrize(
+    ("before", "connect", "controller"),
+    [
+        ("controller", ["setpoint - encoder -> band", "band -> controller"], ""),
+        (
+            "controller.integral",
+            ["setpoint - encoder -> controller.in, band", "band -> controller.integral"],
+            ', integral_input = "integral" }',
+        ),
+    ],
+)
+def test_a_part_before_an_input_is_the_one_drawn_there(before, connect, controller):
+    case = epp.case("azimuth_servo")
+    inserted = case.with_values({"elements.band": {**BAND, "before": before}})
+    text = (shipped_cases_folder() / "azimuth_servo.toml").read_text(encoding="utf-8")
+    text = text.replace('"setpoint - encoder -> controller"', ", ".join(f'"{line}"' for line in connect))
+    text = text.replace('sample_time = "1 ms" }', f'sample_time = "1 ms"{controller or " }"}')
+    drawn = epp.case_from_text(text.replace("[elements]", f"[elements]\nband = {_in_line(BAND)}"), "azimuth_servo")
+    ours, theirs = inserted.to_system(), drawn.to_system()
+    assert ours.element_names.index("band") != theirs.element_names.index("band")  # last, and first in the file
+    one, other = (epp.simulate(c.to_system(), c.input, 1.0, np.linspace(0.0, 1.0, 50)) for c in (inserted, drawn))
+    np.testing.assert_allclose(one.signals["load"], other.signals["load"], rtol=1e-9, atol=1e-12)
+    words = Asking.of(inserted).command("cycles")
+    assert words.startswith("eppanalysis cycles azimuth_servo --set 'elements.band=") and before in words
+
+
+def _in_line(table):
+    return "{ " + ", ".join(f'{key} = "{value}"' for key, value in table.items()) + " }"
+
+
+def test_a_part_before_no_input_is_refused_with_those_that_there_are():
+    with pytest.raises(epp.CaseError, match=r"elements\.band\.before is 'motor'; expected an input .* motor\.voltage"):
+        epp.case("azimuth_servo").with_values({"elements.band": {**BAND, "before": "motor"}})

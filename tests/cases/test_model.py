@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -699,3 +700,34 @@ def test_a_case_is_read_where_it_is_printed_and_in_a_notebook() -> None:
     assert repr(servo) == f"<Case robot_servo: a <b> joint; {len(servo.parameters)} parameters>"
     page = servo._repr_html_()
     assert "<b>" not in page and "60 V/rad" in page and page.count("<tr>") == len(servo.parameters)
+
+
+def test_comments_of_a_file_stay_beside_values_that_change(tmp_path) -> None:
+    path = tmp_path / "tank.toml"
+    text = (shipped_cases_folder() / "level_valve.toml").read_text(encoding="utf-8")
+    path.write_text(
+        text.replace('linkage = { kind = "play", gap = "2 mm" }', 'linkage = { kind = "play", gap = "2 mm" } # worn')
+    )
+    changed = read_case(path).with_values({"linkage.gap": "1 mm", "blocks.lag": {**LAG, "before": "controller"}})
+    made = changed.to_toml(comments=True)
+    assert 'linkage = { kind = "play", gap = "1 mm" } # worn' in made and made.startswith("# A tank whose level")
+    assert tomllib.loads(made) == tomllib.loads(changed.to_toml())
+    assert "#" not in changed.to_toml()
+    path.write_text("no longer = = TOML")
+    assert changed.to_toml(comments=True) == changed.to_toml()
+
+
+LAG = {"kind": "low_pass", "bandwidth": "1 rad/s"}
+SYNONYMS_AND_BASES = [
+    "fig6a_three_steps",
+    "backlash_discrete_pi_kp02_ki02",
+    "parking_stops_it",
+    "wheelchair",
+    "clegg_loop",
+]
+
+
+@pytest.mark.parametrize("name", SYNONYMS_AND_BASES)
+def test_a_case_with_its_comments_is_the_same_case(name) -> None:
+    read = case(name)
+    assert tomllib.loads(read.to_toml(comments=True)) == tomllib.loads(read.to_toml())

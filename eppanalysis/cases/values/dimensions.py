@@ -60,7 +60,7 @@ def check_units(loop: LoopSection, blocks: Sequence[Block], place: str, raw: Raw
     Parameters
     ----------
     place : str
-        Where the blocks stand in the file.
+        Where the blocks are in the file.
 
     Raises
     ------

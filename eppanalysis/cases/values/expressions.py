@@ -150,7 +150,7 @@ class Expression:
         return replace(found, unit={name: int(power) for name, power in unit.items()})
 
     def _at(self, node: ast.expr) -> str:
-        """What stands there in the text."""
+        """What is there in the text."""
         return self.text.replace("^", "**")[node.col_offset : node.end_col_offset].replace("**", "^")
 
     def _compute(self, node: ast.expr, values: Mapping[str, Value]) -> Value:

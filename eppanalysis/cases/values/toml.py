@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+import tomllib
+from collections.abc import Mapping, MutableMapping
 from typing import Any
 
 from eppanalysis.cases.values.quantities import Parameter
@@ -25,6 +26,38 @@ def write_toml(data: dict[str, Any]) -> str:
     t_end = "6 s"
     """
     return "\n".join(_section("", data)).strip("\n") + "\n"
+
+
+def updated_toml(text: str, data: dict[str, Any]) -> str:
+    r"""TOML text with other values in it, whose comments and order stay; where it cannot be, written anew.
+
+    Examples
+    --------
+    >>> print(updated_toml("gap = 1 # by hand\nti = 2", {"gap": 3, "ti": 2}))
+    gap = 3 # by hand
+    ti = 2
+    """
+    import tomlkit  # it takes as long to load as a small case to run
+
+    try:
+        document = tomlkit.parse(text.removeprefix("\ufeff"))
+        _update(document, data)
+        updated = tomlkit.dumps(document)
+    except tomlkit.exceptions.TOMLKitError:  # the file is no longer what it was
+        return write_toml(data)
+    return updated if tomllib.loads(updated) == data else write_toml(data)
+
+
+def _update(table: MutableMapping[str, Any], data: Mapping[str, Any]) -> None:
+    """Make a table of a document hold these values."""
+    for key in [key for key in table if key not in data]:
+        del table[key]
+    for key, value in data.items():
+        held = table.get(key)
+        if isinstance(value, dict) and isinstance(held, MutableMapping):
+            _update(held, value)
+        elif key not in table or held != value:
+            table[key] = value
 
 
 def toml_line(key: str, value: Any) -> str:

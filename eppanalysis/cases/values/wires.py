@@ -153,7 +153,7 @@ def _blamed(claims: Sequence[_Claim], first: _Claim, raw: RawCase) -> CaseError:
 
 
 def _in_file(source: Iterable[str], raw: RawCase) -> bool:
-    """Whether a field, or all parameters that it is computed from, stand in the file as they are."""
+    """Whether a field, or all parameters that it is computed from, are in the file as they are."""
     own = raw.origin("title")
     return all(own == raw.origin(name if "." in name else f"parameters.{name}") for name in source)
 

@@ -1,5 +1,5 @@
 #pragma once
-// Newton's method for many first-order balances, but for what elements and linear part answer.
+// Newton's method for many DF balances, but for what elements and linear part answer.
 //
 // What the equations are is in `balance`; here are the loops over points, elements and
 // outputs, which are too short for array operations to be worth their calls.

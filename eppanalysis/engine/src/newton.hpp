@@ -1,5 +1,5 @@
 #pragma once
-// Newton's method for first-order balances, start to end, where all elements have closed forms in kernels.
+// Newton's method for DF balances, start to end, where all elements have closed forms in kernels.
 //
 // Few points on a curve took their time by calls, many on a grid by what was written and read again between them. What is
 // computed is what `describing` does step by step for other elements, to the last bit.

@@ -111,7 +111,7 @@ class ScanResult:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """The cycles at one value of the limiting parameter: first order's, and what the exact search found."""
+    """The cycles at one value of the limiting parameter: the DF's, and what the exact search found."""
 
     value: float  # [SI]
     #: predicted, exact: as inputs of the elements, smallest first.
@@ -133,7 +133,7 @@ class _Seen:
 def look(question: BoundProblem, n_scan: int = N_SCAN, each: Each = map) -> ScanResult:
     """Scan the range of the limiting parameter for cycles.
 
-    Whether a cycle exists at a value is what the exact search says of it: first order sees some cycles that are not
+    Whether a cycle exists at a value is what the exact search says of it: the DF sees some cycles that are not
     there, and misses others (friction with integral action, jumps).
 
     Parameters
@@ -161,7 +161,7 @@ def _outlook(question: BoundProblem, seen: Sequence[_Seen]) -> ScanResult:
     """What the cycles at all values mean together."""
     there = [s.there for s in seen]
     if None in there:
-        # A bound is tested where it is found, so that there first order's word will do; for other answers nothing else
+        # A bound is tested where it is found, so that there the DF's word will do; for other answers nothing else
         # is asked.
         there = [bool(s.predicted) if s.there is None else s.there for s in seen]
         if there[0] == there[-1] and (there[0] or not any(there)):

@@ -43,7 +43,7 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.sb": "yes",
     "print_time": False,
     "error_on_fail": False,
-    # Multipliers of the equations alone are asked for, and IPOPT has those.
+    # Multipliers of the equations alone are requested, and IPOPT has those.
     "no_nlp_grad": True,
     "calc_lam_p": False,
     "calc_lam_x": False,

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from eppanalysis.methods.certificates.result import Certificate
 
 _NAN = float("nan")
-#: Relative error of a bound that is none: at the limit of linear stability first order is exact.
+#: Relative error of a bound that is none: at the limit of linear stability the DF is exact.
 _ROUNDING = 1e-6
-#: What is said of a bound of which no test was asked for.
+#: What is said of a bound of which no test was requested.
 UNTESTED = "Not verified."
 
 
@@ -204,7 +204,7 @@ class BoundCell(Brief):
     message : str
         What is missing, or why there is no bound.
     proved : ProvedSides or None
-        What is proved on both sides of the bound, where that was asked for.
+        What is proved on both sides of the bound, where that was requested.
     """
 
     value: float
@@ -230,9 +230,10 @@ class BoundCell(Brief):
     proved: ProvedSides | None = None
 
     in_json = (
-        "value finding sign first_order exact searched kind size frequency bound "
-        "first_order_error first_order_unsafe safe_value other_value n_searched n_runs n_settled n_cycles verified "
-        "proved elasticities message orbit=_orbit other_orbit=_other_orbit"
+        "value finding sign describing_function=first_order exact searched kind size frequency bound "
+        "describing_function_error=first_order_error describing_function_unsafe=first_order_unsafe safe_value "
+        "other_value n_searched n_runs n_settled n_cycles verified proved elasticities message orbit=_orbit "
+        "other_orbit=_other_orbit"
     )
 
     def __post_init__(self) -> None:
@@ -267,12 +268,12 @@ class BoundCell(Brief):
 
     @property
     def first_order_error(self) -> float:
-        """Relative difference of the first-order bound from the best one."""
+        """Relative difference of the DF bound from the best one."""
         return self.first_order / self.bound - 1.0
 
     @property
     def first_order_unsafe(self) -> bool:
-        """Whether first order calls designs free of limit cycles that are not."""
+        """Whether the DF calls designs free of limit cycles that are not."""
         return bool(self.sign * self.first_order_error > _ROUNDING)
 
     def active(self, allowed: Allowed | None) -> str:
@@ -417,7 +418,7 @@ class DesignBounds(Listing[BoundCell]):
         side = " or ".join(name for name, sign in (("below", 1.0), ("above", -1.0)) if sign in {c.sign for c in found})
         verified = sum(c.verified for c in found)
         tested = f"{verified} of {count(len(found), 'bound')} verified by runs and orbits"
-        # A picture shows in large letters what stands in front of the first semicolon.
+        # A picture shows in large letters what is in front of the first semicolon.
         doubt = (
             "" if verified == len(found) or self.not_covered else ", verified in part" if verified else ", not verified"
         )

@@ -1,4 +1,4 @@
-"""Checker, alone, of all roots of the first-order balance of a ring or with a bias: docs/theory/proofs.md."""
+"""Checker, alone, of all roots of the DF balance of a ring or with a bias: docs/theory/proofs.md."""
 
 import sys
 

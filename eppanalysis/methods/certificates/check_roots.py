@@ -1,4 +1,4 @@
-"""Checker of a certificate of all roots of the first-order balance ``1 + N(A) G(j omega) = 0`` in a box.
+"""Checker of a certificate of all roots of the DF balance ``1 + N(A) G(j omega) = 0`` in a box.
 
 It stands alone, ``python -I check_roots.py < certificate.json``, and computes with exact rationals, and with balls
 (python-flint, Arb) that hold what they stand for. Theory: docs/theory/proofs.md.

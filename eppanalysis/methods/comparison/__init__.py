@@ -1,1 +1,1 @@
-"""First order, harmonic balance, exact orbit and simulation of one loop side by side."""
+"""The DF, harmonic balance, exact orbit and simulation of one loop side by side."""

@@ -1,6 +1,6 @@
 """The ladder: the methods side by side for one loop, with their errors, and a sentence on what they mean together.
 
-The rungs themselves (first order, harmonic balance, exact orbit, simulation) are in ``rungs``. First order can be wrong
+The rungs themselves (the DF, harmonic balance, exact orbit, simulation) are in ``rungs``. The DF can be wrong
 in both directions, so every predicted cycle is put to the test: a run is started on it and another a fifth below and
 above it. What these runs do tells a cycle that exists but is not reached from this start, one that a lower cycle
 guards, and one that only the approximation has.
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-#: Errors of first order, in frequency and in size, up to which prediction and simulation are said to agree.
+#: Errors of the DF, in frequency and in size, up to which prediction and simulation are said to agree.
 _AGREES = 0.1
 
 
@@ -74,7 +74,7 @@ class Agreement(Enum):
         f"than {100 * _AGREES:g} % in frequency or size."
     )
     FREE = "Prediction and simulation agree: no stable limit cycle is predicted, and the run settles at rest."
-    GUARDED = (
+    BASIN_BOUNDARY = (
         "A stable cycle exists as predicted, but this start does not reach it: an unstable cycle lies on the basin "
         "boundary of rest."
     )
@@ -204,7 +204,7 @@ class Ladder(Result):
         return next(found, None) if here is not None else None
 
     def __str__(self) -> str:
-        """What the run does, what exact cycles there are, and what first order says of them."""
+        """What the run does, what exact cycles there are, and what the DF says of them."""
         cycle = self.run.limit_cycle
         run = str(self.run) if cycle is None else f"Oscillates: {cycle.size_of(self.signal)}."
         first = [*error_sentences(self.errors, self.signal), *missed_sentences(self.missed, self.search)]
@@ -410,7 +410,7 @@ def _agreement(
     if run.status is Status.LIMIT_CYCLE:
         return Agreement.AGREE if matched is not None else Agreement.NOT_PREDICTED
     predicted = any(c.stable for c in prediction.cycles)
-    # A stable cycle that first order misses outweighs a run at rest, which another start would have taken to it.
+    # A stable cycle that the DF misses outweighs a run at rest, which another start would have taken to it.
     if found.missed and not (stays or found.confirmed):
         return Agreement.MISSED
     if run.status is not Status.SETTLED:
@@ -420,7 +420,7 @@ def _agreement(
     if not (stays or found.confirmed):
         return Agreement.NOT_THERE
     known = found.search.cycles if found.search is not None else prediction.cycles
-    return Agreement.GUARDED if any(c.stable is False for c in known) else Agreement.AT_REST
+    return Agreement.BASIN_BOUNDARY if any(c.stable is False for c in known) else Agreement.AT_REST
 
 
 def _by_search(predicted: bool, found: Climb) -> Agreement:
@@ -440,7 +440,7 @@ def _by_search(predicted: bool, found: Climb) -> Agreement:
 
 
 def _is_far_off(row: Rung) -> bool:
-    """Whether a rung is a cycle of first order that no exact one is near; one that may not exist need not have one."""
+    """Whether a rung is a cycle of the DF that no exact one is near; one that may not exist need not have one."""
     if not row.method.startswith(DESCRIBING_FUNCTION) or row.cycle is None:
         return False
     if row.exact is None:
@@ -449,7 +449,7 @@ def _is_far_off(row: Rung) -> bool:
 
 
 def _agrees(errors: dict[str, dict[str, float]], signal: str) -> bool:
-    """Whether first order is near the matched cycle in frequency and in the size of the signal."""
+    """Whether the DF is near the matched cycle in frequency and in the size of the signal."""
     off = errors["frequency"]["frequency"], errors.get(signal, {}).get("peak_to_peak", 0.0)
     return max(map(abs, off)) <= _AGREES
 

@@ -1,4 +1,4 @@
-"""The rungs of the ladder: first order, harmonic balance, exact orbit and simulation of each limit cycle, with errors.
+"""The rungs of the ladder: the DF, harmonic balance, exact orbit and simulation of each limit cycle, with errors.
 
 Every cycle of an approximate method is put beside the exact cycle that it belongs to: the nearest one in frequency and
 size, each exact cycle given away once, and those of the same stability first.
@@ -51,8 +51,8 @@ class Rung(PlainData):
     quantities : dict of str to (float or None)
         Frequency [Hz], peak-to-peak and mean of the ladder's signal.
     seconds : float
-        How long the method took. First order takes it once for all cycles; a balance starts from first order, an exact
-        orbit from the balance (or from first order); one that only the search has found carries the search's time.
+        How long the method took. The DF takes it once for all cycles; a balance starts from the DF, an exact
+        orbit from the balance (or from the DF); one that only the search has found carries the search's time.
     note : str
     cycle : LimitCycle or None
         Where all signals are.
@@ -125,14 +125,14 @@ def distance(a: LimitCycle, b: LimitCycle, signal: str) -> float:
 class Climb:
     """All rungs, and where the exact ones come from."""
 
-    rows: tuple[Rung, ...]  # first order, balances, exact orbits, simulation
+    rows: tuple[Rung, ...]  # the DF, balances, exact orbits, simulation
     search: CycleSearch | None  # the search for exact cycles; None where there can be no exact orbit
     search_seconds: float
     sentence: str  # how many exact cycles there are, or why there are none
-    #: Numbers of the stable exact cycles near which first order predicts none that may be stable; empty where it
+    #: Numbers of the stable exact cycles near which the DF predicts none that may be stable; empty where it
     #: predicts nothing for want of a describing function.
     missed: tuple[int, ...] = ()
-    confirmed: bool = False  # whether a stable exact cycle is near one that first order predicts to be stable
+    confirmed: bool = False  # whether a stable exact cycle is near one that the DF predicts to be stable
 
 
 def climb(
@@ -159,7 +159,7 @@ def climb(
 
 
 def _foreseen(prediction: Prediction | None, search: CycleSearch | None, signal: str) -> dict[int, bool]:
-    """By the number of each stable exact cycle: whether first order predicts one near it that may be stable."""
+    """By the number of each stable exact cycle: whether the DF predicts one near it that may be stable."""
     if prediction is None or search is None:
         return {}
     may_be = [c for c in prediction if c.stable is not False]

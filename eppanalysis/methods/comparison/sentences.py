@@ -1,4 +1,4 @@
-"""What a ladder says of the errors of first order, and of the cycles that it misses."""
+"""What a ladder says of the errors of the DF, and of the cycles that it misses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from eppanalysis.results import LimitCycle
 
 
 def missed_sentences(missed: tuple[int, ...], search: CycleSearch | None) -> list[str]:
-    """How many of the stable exact cycles first order does not predict."""
+    """How many of the stable exact cycles the DF does not predict."""
     if not missed or search is None:
         return []
     if len(missed) == len(search.stable) == 1:
@@ -18,7 +18,7 @@ def missed_sentences(missed: tuple[int, ...], search: CycleSearch | None) -> lis
 
 
 def cycle_sentences(reached: LimitCycle | None, errors: dict[str, dict[str, float]], signal: str) -> list[str]:
-    """How often a run oscillates until it repeats itself, and how far first order is off on its cycle."""
+    """How often a run oscillates until it repeats itself, and how far the DF is off on its cycle."""
     out = []
     oscillations = largest_harmonic(reached, signal) if reached else 1
     if reached and oscillations > 1:
@@ -31,7 +31,7 @@ def cycle_sentences(reached: LimitCycle | None, errors: dict[str, dict[str, floa
 
 
 def error_sentences(errors: dict[str, dict[str, float]], signal: str) -> list[str]:
-    """How far first order is off on the matched cycle."""
+    """How far the DF is off on the matched cycle."""
     if not errors:
         return []
     f, a = errors["frequency"]["frequency"], errors.get(signal, {}).get("peak_to_peak")

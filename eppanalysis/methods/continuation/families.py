@@ -79,7 +79,7 @@ class Family:
         return self.build(value) if stand_in is None else stand_in.at(value)
 
     def _standing_in(self, value: float) -> _StandIn | None:
-        """What stands in for the system at a value that is asked for; None where nothing does."""
+        """What stands in for the system at a value that is requested; None where nothing does."""
         self._asked += 1
         if self._asked == self.patience + 1:
             self._stand_in = interpolate(self.build, *(self.window or self.limits))

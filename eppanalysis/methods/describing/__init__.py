@@ -1,1 +1,1 @@
-"""Prediction: first-order harmonic balance with bias, margins, the Nyquist plot, and how far off it may be."""
+"""Prediction: DF harmonic balance with bias, margins, the Nyquist plot, and how far off it may be."""

@@ -1,4 +1,4 @@
-"""First-order harmonic balance with bias as equations: residual, Jacobian, a vectorised Newton, the static balance.
+"""DF harmonic balance with bias as equations: residual, Jacobian, a vectorised Newton, the static balance.
 
 Notation: ``m`` elements, ``a`` (..., m) amplitudes and ``b`` (..., m) means of their first inputs, ``omega`` (...,).
 Phasors P stand for ``Im(P exp(j omega t))``, so an input in sine phase has a real phasor. A vector of unknowns is

@@ -20,6 +20,7 @@ from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.systems.linear import ROUNDING, units_of_states, zeros
 from eppanalysis.models.systems.sampled.averaged import AveragedSystem
 from eppanalysis.readable import listed, quantity
+from eppanalysis.results import Notice
 
 #: Combinations of levels that are asked for one at which a loop stands still.
 _MOST_TOGETHER = 1000
@@ -29,6 +30,15 @@ def no_rest(balance: Balance) -> Iterator[str]:
     """Elements that jump over the only output with which the loop could stand still, or leave it wherever it could."""
     alone = [*_no_rest_of_one(balance)]
     yield from alone or _no_rest_together(balance)
+
+
+def _moves(has: str) -> Notice:
+    """A loop that has what keeps it moving."""
+    return Notice(f"The loop has {has}, in a motion that is not predicted here.", f"the loop has {has}")
+
+
+def _only_on_an_edge(name: str, edge: str) -> str:
+    return f" can rest only on an edge of {name}, which jumps where its input passes {edge}"
 
 
 def _no_rest_together(balance: Balance) -> Iterator[str]:
@@ -44,10 +54,7 @@ def _no_rest_together(balance: Balance) -> Iterator[str]:
     columns = np.hstack([static.on_bias[:, [*held]], static.on_mean[:, mine]])
     if not any(_stands(rows, columns, static.prescribed, levels) for levels in product(*held.values())):
         names = listed([system.element_names[i] for i in held])
-        yield (
-            f"The loop has no state of rest: {names} cannot balance it at any of their levels; it keeps moving, in a "
-            "motion that is not predicted here."
-        )
+        yield _moves(f"no state of rest: {names} cannot balance it at any of their levels; it keeps moving")
 
 
 def levels_held(balance: Balance, element: int) -> list[tuple[tuple[float, float], tuple[float, float]]] | None:
@@ -113,19 +120,20 @@ def _no_rest_of_one(balance: Balance) -> Iterator[str]:
         of_input, of_output = units_of(system, i)
         if not np.any(e.jumps):
             if _never_stays(balance, i):
-                yield (
-                    f"The loop has no state of rest: {system.element_names[i]} leaves each of its modes before the "
-                    "loop rests; it keeps moving, in a motion that is not predicted here."
+                name = system.element_names[i]
+                yield _moves(
+                    f"no state of rest: {name} leaves each of its modes before the loop rests; it keeps moving"
                 )
             continue
         for on_bias, on_mean, prescribed in balances_of_one(system, balance.static, i):
             left, right = _excess(e, on_bias, on_mean, prescribed)
             only = _rests_on_an_edge(e, on_bias, on_mean, left, right)
             if only is not None and not _slides(balance, i, float(e.jumps[only])):
-                yield (
-                    f"The loop can rest only on an edge of {system.element_names[i]}, which jumps where its input "
-                    f"passes {quantity(float(e.breakpoints[only]), of_input)}: it may hunt across it, in a motion that "
-                    "is not predicted here."
+                cause = _only_on_an_edge(system.element_names[i], quantity(float(e.breakpoints[only]), of_input))
+                yield Notice(
+                    f"The loop{cause}: it may hunt across it, in a motion that is not predicted here.",
+                    f"the loop{cause}: it may hunt across it",
+                    sure=False,
                 )
                 break
             jump = _jumped_over(e, on_bias, on_mean, left, right)
@@ -133,20 +141,19 @@ def _no_rest_of_one(balance: Balance) -> Iterator[str]:
                 continue
             edge = float(e.breakpoints[jump])
             if _dies_out(balance, i, float(e.jumps[jump])):
-                yield (
-                    f"The loop can rest only on an edge of {system.element_names[i]}, which jumps where its input "
-                    f"passes {quantity(edge, of_input)}: it comes to rest there in ever faster switching, and any "
-                    "delay outside the model makes it hunt."
+                cause = _only_on_an_edge(system.element_names[i], quantity(edge, of_input))
+                cause += (
+                    ": it comes to rest there in ever faster switching, and any delay outside the model makes it hunt"
                 )
+                yield Notice(f"The loop{cause}.", f"the loop{cause}")
                 break
             levels = (float(e.slopes[k] * edge + e.intercepts[k]) for k in (jump, jump + 1))
             below, above = (quantity(level, of_output) for level in levels)
             # A zero is added, which takes the sign off one.
             needed = quantity((prescribed - on_bias * edge) / on_mean + 0.0, of_output)
-            yield (
-                f"The loop has no state of rest: {system.element_names[i]} would have to give {needed} but jumps "
-                f"from {below} to {above} where its input passes {quantity(edge, of_input)}; the loop hunts across it, "
-                "in a motion that is not predicted here."
+            yield _moves(
+                f"no state of rest: {system.element_names[i]} would have to give {needed} but jumps from {below} to "
+                f"{above} where its input passes {quantity(edge, of_input)}; the loop hunts across it"
             )
             break
 

@@ -1,4 +1,4 @@
-"""The error that first order makes, from balances of higher order that are begun at its cycle.
+"""The error that the DF makes, from balances of higher order that are begun at its cycle.
 
 Harmonics up to 25 are let into the balance, a few more at each step. What they make of a predicted cycle in the end is
 its error, up to the part that the highest of them has left; a cycle that they take away is said to be one that may not
@@ -52,7 +52,7 @@ _SHARES = (0.1, 0.3, 0.6, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """How far a predicted cycle may be off, from balances that are solved when it is first asked for."""
+    """How far a predicted cycle may be off, from balances that are solved when it is first requested."""
 
     balance: Balance
     point: Point  # the cycle
@@ -63,7 +63,7 @@ class Estimate:
 
         An element has no exact answer to harmonics then, or none is below half the sample rate. It is the largest of
         the errors in frequency, in the fundamental and in the peak-to-peak of the loop's first signal. How often it
-        covers them is in the documentation, "When first order is good enough".
+        covers them is in the documentation, "How good is the DF?".
         """
         return self._found[0]
 
@@ -129,8 +129,8 @@ class BalancedOscillation:
     def of(
         cls, balance: Balance, loop: Loop, amplitude: Array, phase: Array, bias: Array, omega: float
     ) -> BalancedOscillation:
-        """From the unknowns of a first-order balance, each of shape (m,)."""
-        # From phasors of first order, of Im(P exp(j omega t)), to coefficients of Re(c exp(j omega t)).
+        """From the unknowns of a DF balance, each of shape (m,)."""
+        # From phasors of the DF, of Im(P exp(j omega t)), to coefficients of Re(c exp(j omega t)).
         turned = -1j * amplitude * np.exp(1j * (phase - phase[balance.pivot]))
         return cls(loop, np.column_stack([bias + 0j, turned]), omega, balance.pivot)
 
@@ -246,9 +246,9 @@ class _Muted(Loop):
 
 
 def _refined(first: BalancedOscillation) -> list[BalancedOscillation]:
-    """A first-order cycle and balances of rising order, until they change little.
+    """A DF cycle and balances of rising order, until they change little.
 
-    Low orders may stand far from both first order and the cycle. Where the way over them ends, all harmonics are let in
+    Low orders may stand far from both the DF and the cycle. Where the way over them ends, all harmonics are let in
     at once, along the curve of balances.
     """
     found = _walk([first], _ORDERS)

@@ -1,7 +1,7 @@
 """The loop cut at one element with all others frozen at their describing functions: a Nyquist plot for any loop.
 
 With several elements there is no single -1/N locus, because the gains of the others change with amplitude too. Frozen
-at the amplitudes of one given motion they leave a linear loop G, and that motion is a cycle of first order just where
+at the amplitudes of one given motion they leave a linear loop G, and that motion is a cycle of the DF just where
 G(j omega) meets -1/N of the element at the cut, at the motion's own frequency and amplitude. Away from it the picture
 is an approximation, quick enough to follow a slider. At rest the others are as steep as they get, as for the margins.
 """
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _POINTS = 400
 _ITERATIONS = 15
-#: A cycle of first order at more than this multiple of a motion's frequency, or less than its inverse, is another one.
+#: A cycle of the DF at more than this multiple of a motion's frequency, or less than its inverse, is another one.
 _FAR = 3.0
 
 
@@ -123,7 +123,7 @@ def input_name(element: str) -> str:
 def nearest_cycle(
     system: LureSystem, phasor: Mapping[str, complex], bias: Mapping[str, float], omega: float, value: Array
 ) -> tuple[dict[str, float], dict[str, float], float] | None:
-    """The cycle of first order next to a given motion, by Newton's method from it.
+    """The cycle of the DF next to a given motion, by Newton's method from it.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Where first order cannot see: cycles of harmonics, sticking that integral action ends, slow drift, no state of rest.
+"""Where the DF cannot see: cycles of harmonics, sticking that integral action ends, slow drift, no state of rest.
 
-All are looked for on the loop itself. A balance with harmonics is begun where the first-order balance comes nearest to
+All are looked for on the loop itself. A balance with harmonics is begun where the DF balance comes nearest to
 a cycle that it just does not have. An element that sticks, which a sine never does, is asked whether what drives it
 comes to rest meanwhile: where it grows without end, under integral action or on a moving belt, sticking and slipping
 alternate (Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994) 1083). And an element that jumps over the
@@ -11,7 +11,7 @@ of its thrusters), pulses turn it about.
 In discrete time the samples of a sine fall on either side of a jump as their phase wants: a whole region of gains
 belongs to an amplitude, and cycles of whole numbers of samples lock where it reaches the balance (Kuo, Analysis and
 Synthesis of Sampled-Data Control Systems, 1963, chapter 8).
-And where the linear part swings undamped by itself its response has no number: of a cycle there first order says where
+And where the linear part swings undamped by itself its response has no number: of a cycle there the DF says where
 the gain of the element passes zero, and no more (x'' + x with what van der Pol adds as the element).
 """
 
@@ -47,6 +47,7 @@ from eppanalysis.models.systems.linear import poles, zeros
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.readable import listed, quantity, readable
+from eppanalysis.results import Notice
 
 #: Distance of the loop gain from one, up to which harmonics may make up for it, and how many places are tried.
 _NEAR, _PLACES = 0.3, 3
@@ -269,9 +270,12 @@ def _stick_slip(balance: Balance) -> Iterator[str]:
         holds = e.sticks_and_slips and fed(system)[i, i]
         if holds and ((winds_up := _winds_up(balance, i)) or _is_dragged(balance, i)):
             why, how = ("integral action", "hunt") if winds_up else ("what drags it", "judder")
-            yield (
-                f"{system.element_names[i]} sticks, which the describing function does not see, and {why} ends the "
-                f"sticking: the loop may {how}, in cycles of sticking and slipping that are not predicted here."
+            name = system.element_names[i]
+            yield Notice(
+                f"{name} sticks, which the describing function does not see, and {why} ends the sticking: the loop may "
+                f"{how}, in cycles of sticking and slipping that are not predicted here.",
+                f"{name} sticks, and {why} ends the sticking",
+                sure=False,
             )
 
 
@@ -283,9 +287,11 @@ def _jumps_on(balance: Balance) -> Iterator[str]:
     names = balance.system.element_names
     for i, e in enumerate(balance.system.elements):
         if e.goes_on_in_jumps and any(_slow_slope(balance, i, g) < -0.5 for g in _gains(balance)):
-            yield (
-                f"{names[i]} moves in jumps after sticking, and integral action ends the sticking: the loop may hunt "
-                "about a place between two jumps, in cycles that are not predicted here."
+            cause = f"{names[i]} moves in jumps after sticking, and integral action ends the sticking"
+            yield Notice(
+                f"{cause}: the loop may hunt about a place between two jumps, in cycles that are not predicted here.",
+                cause,
+                sure=False,
             )
 
 

@@ -1,4 +1,4 @@
-"""Describing-function prediction: all limit cycles that first-order harmonic balance with bias has.
+"""Describing-function prediction: all limit cycles that DF harmonic balance with bias has.
 
 The equations are in ``describing_balance``, the searches in ``describing_search`` (one element) and
 ``describing_multi`` (several), stability in ``describing_quality``, error estimates in ``describing_error``, what a
@@ -306,7 +306,7 @@ def _require_rates(system: LureSystem) -> None:
 
 
 def search_balance(system: LureSystem, value: Array) -> tuple[Balance, Found, list[Point]]:
-    """The first-order balance of a loop whose integrators stand apart, its search, and the cycles that solve it.
+    """The DF balance of a loop whose integrators stand apart, its search, and the cycles that solve it.
 
     Parameters
     ----------
@@ -363,7 +363,7 @@ def _slowest(system: LureSystem, found: Found) -> tuple[Found, Array]:
 def _unseen(
     balance: Balance, points: Sequence[Point], estimates: Sequence[Estimate], found: Found, cycles: Sequence[LimitCycle]
 ) -> tuple[str, ...]:
-    """Sentences about what first order does not see in a loop with these cycles."""
+    """Sentences about what the DF does not see in a loop with these cycles."""
     loop = balance.system
     if isinstance(loop, DataSystem):
         seen = [c for c in cycles if isinstance(c, MeasuredCycle)]

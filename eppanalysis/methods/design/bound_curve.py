@@ -1,6 +1,6 @@
-"""The exact bound on one parameter as a function of another: first order proposes where it lies, exact folds say it.
+"""The exact bound on one parameter as a function of another: the DF proposes where it lies, exact folds say it.
 
-At values of the other parameters an exact cycle is found near the bound that first order proposes (else by a search
+At values of the other parameters an exact cycle is found near the bound that the DF proposes (else by a search
 over the range), and its branch is followed to the first place at which it turns back. Near a place asked before the
 cycle known there is closed again instead, beyond where the slopes of the bound foretell it. Other families are not
 looked for here: a bound is put to the test where it matters, at the optimum, and families met there are added.
@@ -37,9 +37,9 @@ from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import LimitCycle
 
-#: Halvings of first order between two values of the range.
+#: Halvings of the DF between two values of the range.
 _HALVINGS = 9
-#: Where exact cycles are searched for, relative to the bound of first order, from the safe side on.
+#: Where exact cycles are searched for, relative to the bound of the DF, from the safe side on.
 _AROUND = (0.8, 0.9, 0.97, 1.03, 1.1, 1.2, 1.35)
 #: How far beyond a bound nearby the cycle known there is closed again.
 _BEYOND = (0.005, 0.02, 0.06, 0.15)
@@ -75,7 +75,7 @@ class BoundCurve:
     sign: float  # {1, -1}: 1 where the parameter is to be large, so that cycles are sought above its bound
     allowed: Allowed | None = None
     families: list[list[Known]] = field(default_factory=list)
-    #: bounds, first, questions: what is known already, exactly and by first order, by the values of the parameters that
+    #: bounds, first, questions: what is known already, exactly and by the DF, by the values of the parameters that
     #: run.
     bounds: dict[Place, ExactBound] = field(default_factory=dict)
     first: dict[Place, float | None] = field(default_factory=dict)
@@ -85,7 +85,7 @@ class BoundCurve:
 
     @property
     def is_foretold(self) -> bool:
-        """Whether first order says on a grid where exact bounds are asked."""
+        """Whether the DF says on a grid where exact bounds are asked."""
         return True
 
     @property
@@ -246,7 +246,7 @@ class BoundCurve:
             family.append(Known(place, value, closed, bound))
 
     def _sought(self, here: BoundProblem, place: Place) -> ExactBound:
-        """The bound by searches: around the one of first order, then over the whole range."""
+        """The bound by searches: around the one of the DF, then over the whole range."""
         wanted, grows = self.ends[1], float("nan")
         for value in self._places(here, place):
             search = find_limit_cycles(here.case_at(value))
@@ -280,7 +280,7 @@ class BoundCurve:
         return ExactBound(wanted, kind=Turn.END)
 
     def _places(self, here: BoundProblem, place: Place) -> Iterator[float]:
-        """Where cycles are searched for: around the bound of first order, then over the range, the wanted end last."""
+        """Where cycles are searched for: around the bound of the DF, then over the range, the wanted end last."""
         safe, wanted = self.ends
         proposed = self.first_order(place)
         if proposed is not None:
@@ -291,11 +291,11 @@ class BoundCurve:
 
     @cached_property
     def programme(self) -> Programme:
-        """Where cycles of first order begin, whatever their size."""
+        """Where cycles of the DF begin, whatever their size."""
         return Programme(self.here, self.widths, self.sign)
 
     def first_order(self, place: Place) -> float | None:
-        """Where first order says that cycles (that are too large) begin, from the safe end on [SI]; None: nowhere."""
+        """Where the DF says that cycles (that are too large) begin, from the safe end on [SI]; None: nowhere."""
         if self.allowed is None:
             fold = self.programme.bound(place)
             return None if fold is None else fold.cycle.value

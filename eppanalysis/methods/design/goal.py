@@ -129,7 +129,7 @@ class Judged:
     """A design before it is asked for cycles."""
 
     worth: float  # of the objective: larger is better
-    #: By what share the measure that is kept least well is above what is asked for; infinite where none is kept.
+    #: By what share the measure that is kept least well is above what is requested; infinite where none is kept.
     slack: float = math.inf
     tightest: Kept | None = None
 
@@ -172,7 +172,7 @@ def goal_of(
     subject_to: Mapping[str, object] | None,
     at: str | None,
 ) -> Goal:
-    """The goal as it is asked for.
+    """The goal as it is requested.
 
     Raises
     ------

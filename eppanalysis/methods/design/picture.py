@@ -17,7 +17,7 @@ from eppanalysis.readable import with_unit, words
 
 
 def plot_design(design: Design, ax: Axes | None = None) -> Figure:
-    """The exact bound over the other tuned parameter with the optimum; the front, where one was asked for.
+    """The exact bound over the other tuned parameter with the optimum; the front, where one was requested.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Where cycles of first order begin, over other parameters: the nonlinear programme, carried from place to place."""
+"""Where cycles of the DF begin, over other parameters: the nonlinear programme, carried from place to place."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from eppanalysis.methods.harmonic.loop import inputs_of
 
 Place = tuple[float, ...]
 
-#: Values of the range at which first order is asked, and the reach of the programme from there.
+#: Values of the range at which the DF is asked, and the reach of the programme from there.
 N_SCAN, _FAR = 9, 0.7
 
 
 @dataclass(eq=False)
 class Programme:
-    """The least value of the bounded parameter of all cycles of first order, as a nonlinear programme, over places."""
+    """The least value of the bounded parameter of all cycles of the DF, as a nonlinear programme, over places."""
 
     here: Callable[[Place], BoundProblem]  # the question at a place
     widths: dict[str, float]  # the parameters that run, and how far each does [SI]
@@ -65,7 +65,7 @@ class Programme:
         return least
 
     def _starts(self, here: BoundProblem) -> list[Cycle]:
-        """The cycles of first order at the first value, from the safe end on, that has any."""
+        """The cycles of the DF at the first value, from the safe end on, that has any."""
         safe, wanted = (here.low, here.high) if self.sign > 0 else (here.high, here.low)
         for value in spread(safe, wanted, N_SCAN)[1:]:
             case = here.case_at(value)

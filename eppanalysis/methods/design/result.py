@@ -48,7 +48,7 @@ class Optimum(Brief):
         Ends of the ranges of the other parameters that limit it, too ("T is at the upper end of its range"); empty
         where the optimum lies inside.
     first_order : float
-        The bounded parameter as first order proposes it at these values of the others [SI]; nan where it proposes none.
+        The bounded parameter as the DF proposes it at these values of the others [SI]; nan where it proposes none.
     prices : dict of str to float
         Relative change of the optimum for a relative change of each parameter (and of what is "allowed").
     frequency : float
@@ -90,8 +90,8 @@ class Optimum(Brief):
     message: str = ""
 
     in_json = (
-        "at values objective kind active at_end first_order prices frequency confirmed n_runs n_settled n_shrinking "
-        "n_machines off evaluated message"
+        "at values objective kind active at_end describing_function=first_order prices frequency confirmed n_runs "
+        "n_settled n_shrinking n_machines off evaluated message"
     )
 
     @property

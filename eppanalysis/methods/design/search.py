@@ -26,7 +26,7 @@ from eppanalysis.methods.design.goal import Goal, Judged, Kept
 from eppanalysis.methods.design.programme import N_SCAN, Place
 from eppanalysis.polynomials import polynomial_at
 
-#: Values of each parameter on the grid of first order, by how many there are; places of a seeded sample for more.
+#: Values of each parameter on the grid of the DF, by how many there are; places of a seeded sample for more.
 _LEVELS, _SAMPLE = {1: 7, 2: 5, 3: 3}, 32
 #: First reach of the climb, from a design nearby and from what is proposed; where it ends, and places that it asks at
 #: most; those of the programme.
@@ -41,7 +41,7 @@ _MOST_CORNERS, _FLIPPED = 6, 3
 #: Ranges as wide as this are run through by ratios.
 _DECADE = 10.0
 
-#: Places at most at which exact bounds are asked where that which first order proposes is not feasible.
+#: Places at most at which exact bounds are asked where that which the DF proposes is not feasible.
 _MOST_ALL = 7
 
 
@@ -242,13 +242,13 @@ class Search:
     # The way to the best place
 
     def best_of_all(self, near: Sequence[Place] = ()) -> Pick:
-        """The best pick for all corners of the tolerances, from designs nearby or else from what first order proposes.
+        """The best pick for all corners of the tolerances, from designs nearby or else from what the DF proposes.
 
         A corner at which a bound is worse than at those that count so far is added, and the best place sought again.
         """
         best = self.best(near[-1:], self._reach(near)) if near else self.best(self.proposed())
         if not best.feasible:
-            # First order may be wrong of it: it takes a range of cycles alone, without a bound in it, for a free one.
+            # The DF may be wrong of it: it takes a range of cycles alone, without a bound in it, for a free one.
             places = self.grid()
             best = self.best(places[:: -(-len(places) // _MOST_ALL)])
         for _ in range(_MOST_CORNERS if self.shares else 0):
@@ -320,7 +320,7 @@ class Search:
         return Slope(units, pick.worth, np.where(np.isfinite(by_units), by_units, 0.0))
 
     def grid(self) -> list[Place]:
-        """Places at which first order is asked."""
+        """Places at which the DF is asked."""
         if not self.others:
             return [()]
         m = len(self.others)
@@ -333,9 +333,9 @@ class Search:
         return [self.of_units(row) for row in shares]
 
     def proposed(self) -> list[Place]:
-        """The best place of first order on the grid, and where the programme of the balance goes from there.
+        """The best place of the DF on the grid, and where the programme of the balance goes from there.
 
-        All places of the grid where first order is not asked.
+        All places of the grid where the DF is not asked.
         """
         places = self.grid()
         if len(places) == 1 or not self.frontier.is_foretold:
@@ -363,12 +363,12 @@ class Search:
         return self._as_slope(units, pick, {n: scale * s for n, s in slopes.items()})
 
     def first_order(self, pick: Pick) -> float:
-        """The bounded parameter that first order proposes at a pick [SI]; nan where it proposes none."""
+        """The bounded parameter that the DF proposes at a pick [SI]; nan where it proposes none."""
         edge = self.frontier.first_order(self.full(pick.place, pick.corner))
         return float("nan") if edge is None else self.nominal(edge)
 
     def _first_order(self, place: Place) -> Pick:
-        """The pick by first order; a range without cycles counts as free to its wanted end."""
+        """The pick by the DF; a range without cycles counts as free to its wanted end."""
         corner = self.corners[-1]
         edge = self.frontier.first_order(self.full(place, corner))
         return self.within(place, self.frontier.ends[1] if edge is None else self.nominal(edge))

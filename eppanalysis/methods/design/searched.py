@@ -33,7 +33,7 @@ class SearchedFrontier(BoundCurve):
 
     asking: SearchedProblem = field(default_factory=SearchedProblem)
     cycles: list[LimitCycle] = field(default_factory=list)  # that are not allowed, beyond bounds
-    cells: list[BoundCell] = field(default_factory=list)  # all that the search was asked for
+    cells: list[BoundCell] = field(default_factory=list)  # all that were searched
 
     @property
     def is_foretold(self) -> bool:
@@ -72,7 +72,7 @@ class SearchedFrontier(BoundCurve):
         return ExactBound(cell.bound, cell.other_orbit.period, cell.other_orbit, Turn.SEARCH)
 
     def first_order(self, place: Place) -> float | None:
-        """Where first order says that cycles (that are too large) begin, from the safe end on [SI]; None: nowhere."""
+        """Where the DF says that cycles (that are too large) begin, from the safe end on [SI]; None: nowhere."""
         if place not in self.first:
             self.first[place] = self._first_order(self.here(place))
         return self.first[place]

@@ -20,9 +20,9 @@ from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, st
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
-#: Amplitudes that first order is asked at, relative to that of the cycle, and halvings between two of them.
+#: Amplitudes that the DF is asked at, relative to that of the cycle, and halvings between two of them.
 _ASKED, _HALVINGS = np.geomspace(0.05, 3.0, 10), 10
-#: Step between amplitudes that are run where runs and first order differ, and how often.
+#: Step between amplitudes that are run where runs and the DF differ, and how often.
 _STEP, _MOST_STEPS = 1.08, 20
 #: A dither with fewer periods in one of the cycle is not fast.
 _FAST = 5.0
@@ -158,7 +158,7 @@ class _Search:
     runs: list[DitherRun] = field(default_factory=list)
 
     def proposed(self) -> float:
-        """The least amplitude without a stable cycle in the smoothed loop, in first order; nan where there is none."""
+        """The least amplitude without a stable cycle in the smoothed loop, by the DF; nan where there is none."""
         before = 0.0
         for amplitude in (float(share) * 0.5 * self.size for share in _ASKED):
             # Not where rest becomes stable: under a sine the cycle may live on beside
@@ -189,7 +189,7 @@ class _Search:
         """Amplitudes at which the cycle stays and goes in runs, near each other; 0 and nan where runs show no such."""
         near = proposed if np.isfinite(proposed) else float(_ASKED[-1]) * 0.5 * self.size
         stays, goes = 0.0, float("nan")
-        # Half a tolerance above what first order says: where it is
+        # Half a tolerance above what the DF says: where it is
         # right, this run and the next, a tolerance lower, will do.
         amplitude = near * (1.0 + 0.5 * self.tolerance)
         for _ in range(_MOST_STEPS):
@@ -210,7 +210,7 @@ class _Search:
         return all(run.gone for run in made)
 
     def returned(self, amplitude: float) -> float:
-        """How much of the dither the loop brings back to the element's input, in first order."""
+        """How much of the dither the loop brings back to the element's input, by the DF."""
         if not np.isfinite(amplitude):
             return float("nan")
         row, column = self.loop.input_slices[self.number].start, self.loop.output_slices[self.number].start

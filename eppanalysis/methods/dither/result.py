@@ -1,4 +1,4 @@
-"""What a search for the least dither returns: the amplitude, first order beside it, and the runs that tell."""
+"""What a search for the least dither returns: the amplitude, the DF beside it, and the runs that tell."""
 
 from __future__ import annotations
 
@@ -73,8 +73,8 @@ class Dither(Result):
     status: Status
 
     in_json = (
-        "element wave frequency amplitude stays first_order size returned status sentence cycle predicted runs "
-        "operating_point provenance"
+        "element wave frequency amplitude stays describing_function=first_order size returned status sentence "
+        "cycle predicted runs operating_point provenance"
     )
 
     @property

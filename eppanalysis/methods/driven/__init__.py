@@ -1,1 +1,1 @@
-"""Loops driven by a sine: their periodic responses, exactly and in first order, over frequency and amplitude."""
+"""Loops driven by a sine: their periodic responses, exactly and by the DF, over frequency and amplitude."""

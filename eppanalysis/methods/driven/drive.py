@@ -181,7 +181,7 @@ def drive_of(
     operating_point: PointLike | None,
     analysis: str,
 ) -> Drive:
-    """The drive that an analysis was asked for; what is not given is that of the case's own sine.
+    """The drive of an analysis; what is not given is that of the case's own sine.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""First order: what sinusoidal-input describing functions say of a driven loop, all solutions of a frequency, and
+"""The DF: what sinusoidal-input describing functions say of a driven loop, all solutions of a frequency, and
 branches.
 
 Every element sees a mean and a sine and answers with a mean and a sine. Unlike for a limit cycle the phase is given, by
@@ -33,7 +33,7 @@ _LONGEST, _SHORTEST, _MOST_POINTS = 0.03, 1e-5, 1500
 
 @dataclass(frozen=True, eq=False)
 class Sinusoid:
-    """A first-order response: phasors of ``Im(P exp(j omega t))``."""
+    """A DF response: phasors of ``Im(P exp(j omega t))``."""
 
     drive: Drive
     unknowns: Array  # (3 m,): real and imaginary parts of the first inputs of the elements, and their means
@@ -68,7 +68,7 @@ def _state_response(drive: Drive, W: ComplexArray) -> ComplexArray:
 
 
 class _Equations:
-    """First-order balance under one drive; unknowns as in :class:`Sinusoid`."""
+    """DF balance under one drive; unknowns as in :class:`Sinusoid`."""
 
     def __init__(self, drive: Drive) -> None:
         system, balance = drive.given, drive.balance
@@ -207,7 +207,7 @@ def _both(drive: Drive) -> Callable[[Array], tuple[Array, Array]]:
 
 
 def sinusoids(drive: Drive) -> tuple[Sinusoid, ...]:
-    """The first-order responses that Newton's method finds from many sizes, smallest first.
+    """The DF responses that Newton's method finds from many sizes, smallest first.
 
     There are none where the balance of the means does not determine them.
     """
@@ -225,7 +225,7 @@ def sinusoids(drive: Drive) -> tuple[Sinusoid, ...]:
 
 
 def near_misses(drive: Drive) -> tuple[Sinusoid, ...]:
-    """Where first order comes nearest to a response that it does not have, beside its folds.
+    """Where the DF comes nearest to a response that it does not have, beside its folds.
 
     The exact folds are not quite its own: between the two an exact response may lie near.
     """
@@ -238,7 +238,7 @@ def near_misses(drive: Drive) -> tuple[Sinusoid, ...]:
 def sinusoid_branches(
     road: Callable[[float], Drive], limits: tuple[float, float]
 ) -> list[tuple[Array, list[Sinusoid]]]:
-    """First-order responses along branches over the logarithm of a parameter: values (k,) and responses, through folds.
+    """DF responses along branches over the logarithm of a parameter: values (k,) and responses, through folds.
 
     Begun at both ends and in the middle of the range.
     """
@@ -263,7 +263,7 @@ def _passes(branch: tuple[Array, list[Sinusoid]], value: float, one: Sinusoid) -
 
 
 class _Curve:
-    """One branch of first-order responses under way; unknowns with the value of the parameter behind them."""
+    """One branch of DF responses under way; unknowns with the value of the parameter behind them."""
 
     def __init__(self, road: Callable[[float], Drive], limits: tuple[float, float]) -> None:
         self.road, self.limits = road, limits

@@ -1,4 +1,4 @@
-"""All periodic responses to one sine that runs and first order lead to, and how the run from the start goes on."""
+"""All periodic responses to one sine that runs and the DF lead to, and how the run from the start goes on."""
 
 from __future__ import annotations
 
@@ -219,7 +219,7 @@ class Search:
     own: list[Entrainment] = field(default_factory=list)
 
     def from_first_order(self, first: tuple[Sinusoid, ...]) -> None:
-        """Responses near those of first order, and those to which runs from there lead."""
+        """Responses near those of the DF, and those to which runs from there lead."""
         for one in first:
             start = self.drive.begun(one.start)
             if not np.all(np.isfinite(start.x0)):
@@ -533,7 +533,7 @@ def _sentence(
 
 
 def some_responses(drive: Drive, multiple: int) -> list[SteadyMotion]:
-    """Some responses of so many periods, from the loop's own start and from first order."""
+    """Some responses of so many periods, from the loop's own start and from the DF."""
     search = Search(drive, multiple)
     first = sinusoids(drive)
     search.run(drive.hybrid)

@@ -221,7 +221,7 @@ class _Response:
     continua: list[float] = field(default_factory=list)
 
     def found(self, subject: LureSystem | CaseLike) -> FrequencyResponse:
-        """All branches, exact and of first order."""
+        """All branches, exact and of the DF."""
         analysis = f"{self.over}_response"
         check_counts(analysis, {"n_points": (self.n_points, 2)})
         if not 0.0 < self.max_step <= 1.0:

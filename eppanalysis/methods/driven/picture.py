@@ -39,7 +39,7 @@ def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None)
     """Peak to peak and phase of the output over the frequency, or the amplitude, of the input.
 
     The upper panel is the peak to peak of the output, the lower one the phase of its component at the input's
-    frequency. Stable responses are solid, unstable ones dashed, first order is thin and dotted; folds are diamonds, and
+    frequency. Stable responses are solid, unstable ones dashed, the DF is thin and dotted; folds are diamonds, and
     arrows show where the motion jumps to. Units are those that the case types.
     """
     figure, (upper, *below) = places_of(ax, 2, height=2.6)

@@ -146,8 +146,8 @@ class ForcedResponse(Listing[PeriodicResponse]):
 
     parts = "responses"
     in_json = (
-        "input amplitude frequency status message motion repeats exponent beat tongue responses first_order "
-        "operating_point provenance"
+        "input amplitude frequency status message motion repeats exponent beat tongue responses "
+        "describing_function=first_order operating_point provenance"
     )
 
     @property
@@ -286,7 +286,9 @@ class FrequencyResponse(Result):
     message: str
     units: dict[str, str] = field(default_factory=dict)
 
-    in_json = "input output over status message branches first_order units operating_point provenance"
+    in_json = (
+        "input output over status message branches describing_function=first_order units operating_point provenance"
+    )
 
     def __str__(self) -> str:
         return self.message

@@ -53,7 +53,7 @@ def stacked(Z: ComplexArray) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Fourier coefficients of the outputs in a periodic regime, and their derivatives where they are asked for."""
+    """Fourier coefficients of the outputs in a periodic regime, and their derivatives where they are requested."""
 
     owner: PeriodicElement
     Z: ComplexArray

@@ -139,7 +139,7 @@ def along_curve(loop: Loop, Z: ComplexArray, omega: float, pivot: int, order: in
 
 
 def balance_on_curve(loop: Loop, guess: LimitCycle) -> LimitCycle | None:
-    """The balance to which the curve leads that begins at first order near a cycle; None where it leads to none.
+    """The balance to which the curve leads that begins at the DF near a cycle; None where it leads to none.
 
     Its estimated error is the change by the next order, of frequency and fundamentals.
     """

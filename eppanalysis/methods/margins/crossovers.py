@@ -236,7 +236,7 @@ def _candidates(loop: Linear) -> Array:
     A, B = loop.all_at_once
     C, D = loop.C, loop.D
     if loop.time_step:
-        # The bilinear map takes the unit circle to the imaginary axis, where the eigenvalues below are asked for.
+        # The bilinear map takes the unit circle to the imaginary axis, where the eigenvalues below are requested.
         shifted = A + np.eye(loop.n)
         if np.linalg.cond(shifted) > 1e12:
             return np.zeros(0)

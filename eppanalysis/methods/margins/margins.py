@@ -102,7 +102,7 @@ def _place(system: LureSystem, name: str) -> str:
 
 
 def places_of(loop: LureSystem | CaseLike) -> tuple[str, ...]:
-    """Names of the places at which margins cut a loop where nothing is asked for.
+    """Names of the places at which margins cut a loop where nothing is requested.
 
     Raises
     ------

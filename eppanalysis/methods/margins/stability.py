@@ -9,7 +9,7 @@ from eppanalysis.methods.margins.linearised import Linear
 from eppanalysis.methods.simulation.stability import eigenvalues_and_errors
 from eppanalysis.models.systems.linear import balanced, integrators_apart
 
-#: Largest matrix whose eigenvalues are asked for.
+#: Largest matrix whose eigenvalues are requested.
 _LARGEST = 1500
 _MOST_NODES = 400_000
 #: Share of the slowest rate by which the contour lies right of the imaginary axis: poles at zero stay left of it.

@@ -154,7 +154,7 @@ class Candidate:
 
 
 def asked_for(found: Sequence[Candidate]) -> Orbit | None:
-    """The orbit that was asked for, rather as stable as predicted; what is said of an orbit last counts."""
+    """The orbit that was requested, rather as stable as predicted; what is said of an orbit last counts."""
     last = {id(f.orbit): f for f in found}
     fitting = sorted((f for f in last.values() if not f.difference), key=lambda f: f.as_stable)
     return fitting[-1].orbit if fitting else None
@@ -255,9 +255,9 @@ def _by_balance(asked: Target, hybrid: HybridSystem, met: list[Orbit], at: Opera
 
 
 def _balances(asked: Target, at: OperatingPoint) -> Iterator[LimitCycle]:
-    """Balances of rising order, and where none of them leads to the orbit, that on the curve from first order."""
+    """Balances of rising order, and where none of them leads to the orbit, that on the curve from the DF."""
     yield from balances_of(asked.system, asked.cycle, at)
-    # Low orders may stand far from both first order and the cycle (docs/how_we_know.md, Does the error
+    # Low orders may stand far from both the DF and the cycle (docs/how_we_know.md, Does the error
     # estimate cover the error?).
     straight = balance_on_curve(Loop.of(asked.system, at.vector(asked.system)), asked.cycle)
     if straight is not None and straight.error_estimate < _TRUSTED:

@@ -1,4 +1,4 @@
-"""Whether an orbit is the one that was asked for: frequency, size, mean and symmetry of the approximate cycle.
+"""Whether an orbit is the one that was requested: frequency, size, mean and symmetry of the approximate cycle.
 
 Between an approximate cycle and an exact orbit lies the error that the approximation estimates of itself. What is
 farther away is a neighbour, however well it closes.
@@ -35,7 +35,7 @@ _ODD, _SKEW = 1e-6, 1e-2
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What is asked for."""
+    """What is requested."""
 
     system: LureSystem
     cycle: LimitCycle  # the approximate cycle
@@ -66,7 +66,7 @@ class Target:
         return replace(self, tolerance=max(self.tolerance, estimate, 1.0 / (1.0 - min(estimate, _SHARE)) - 1.0))
 
     def difference(self, orbit: Orbit) -> str:
-        """What tells an orbit from the one that is asked for, in words; empty where nothing does."""
+        """What tells an orbit from the one that is requested, in words; empty where nothing does."""
         cycle = self.cycle
         if not _near(orbit.period, cycle.period, self.tolerance):
             return f"has {number(1.0 / orbit.period)} Hz"

@@ -32,7 +32,7 @@ def has_period_of(known: Orbit, period: float) -> bool:
 
 
 def at_end(known: Orbit, orbit: Orbit) -> bool:
-    """Whether an orbit stands at the end of a continuum: midway to another one of it there is one, too.
+    """Whether an orbit is at the end of a continuum: midway to another one of it there is one, too.
 
     At the end a stretch of it has shrunk to nothing, or is about to, and others come near it ever more slowly.
     """

@@ -153,7 +153,7 @@ class Diagram:
 
     @cached_property
     def cuts(self) -> tuple[str, ...]:
-        """Ports at which margins are asked for."""
+        """Ports at which margins are requested."""
         if isinstance(self.margins_at, str):
             return (self._cut(self.margins_at, "margins_at"),)
         return tuple(self._cut(text, f"margins_at.{i}") for i, text in enumerate(self.margins_at))

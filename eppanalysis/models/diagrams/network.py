@@ -218,7 +218,7 @@ class Network:
                 self._rewire(consumers, port, late)
 
     def _delay_alone(self, name: str, delay: float) -> None:
-        """Put a dead time that stands alone where a loop can have it: before what stands in front of it, or behind."""
+        """Put a dead time that stands alone where a loop can have it: before what is in front of it, or behind."""
         entry, out = (name, "in"), (name, "out")
         terms, behind, before = self.wires[entry], self._consumers(out), self._handing_on([entry])
         blocks = {source[0] for _, source in terms if source not in self.constants}

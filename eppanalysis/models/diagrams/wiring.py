@@ -191,7 +191,7 @@ class Drawn(Protocol):
 
     @property
     def cuts(self) -> tuple[str, ...]:
-        """Ports at which margins are asked for."""
+        """Ports at which margins are requested."""
 
     @property
     def controllers(self) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """Rows of one kind, the modes or the guards of an automaton, held as columns.
 
 A map of thousands of pieces has as many modes, of which a run visits a few: as columns they cost what their arrays
-cost, and a row is made where it is asked for.
+cost, and a row is made where it is requested.
 """
 
 from __future__ import annotations

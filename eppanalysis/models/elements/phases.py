@@ -166,7 +166,7 @@ def layers(a: Array, b: Array, parts: int = 1) -> tuple[Array, Array]:
     """Phases and weights, shapes (..., nodes), of a mean over the rising half period of ``b + a sin(phi)``.
 
     Panels double their length from the phase at which the input passes zero, or comes nearest to it: the curve changes
-    where the argument is of the order of one. Each is cut into as many parts as are asked for.
+    where the argument is of the order of one. Each is cut into as many parts as are requested.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         centre = -np.arcsin(np.clip(np.nan_to_num(b / a), -1.0, 1.0))

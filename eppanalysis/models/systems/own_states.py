@@ -25,7 +25,7 @@ def own_count(element: Nonlinearity) -> int:
 
 
 def _inputs_inside(element: Nonlinearity) -> int:
-    """Number of inputs of what stands in the loop behind an element's own states."""
+    """Number of inputs of what is in the loop behind an element's own states."""
     return (element.inside or element).n_inputs
 
 
@@ -51,7 +51,7 @@ def stacked(elements: Sequence[Nonlinearity]) -> dict[str, Array]:
 
 
 def _fitting(element: Nonlinearity) -> OwnStates:
-    """What stands between the loop and an automaton, checked against their signals."""
+    """What is between the loop and an automaton, checked against their signals."""
     own, outputs = element.own_states, element.n_outputs
     if own is None:
         n = element.n_inputs

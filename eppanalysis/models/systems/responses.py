@@ -72,7 +72,7 @@ class Responses(ABC):
         return np.asarray(self._answers(omega, C, 1)[0] + D, complex)
 
     def _answers(self, omega: ArrayLike, C: Array, count: int) -> ComplexArray:
-        """Responses to what C takes of the states, and their derivatives by `omega` if two are asked for."""
+        """Responses to what C takes of the states, and their derivatives by `omega` if two are requested."""
         apart, T = self._for_responses
         omega = np.asarray(omega, float)
         s, ds = self._place(1j * omega)

@@ -97,7 +97,7 @@ def test_a_stable_cycle_that_this_start_does_not_reach(tmp_path: Path) -> None:
     path = tmp_path / "small.toml"
     path.write_text('base = "relay_deadzone"\nloop.initial_state = [0.0, 0.0, 0.1]\nexpected.outcome = "settle"\n')
     result = epp.ladder(epp.read_case(path))
-    assert result.agreement is Agreement.GUARDED and result.outcome == "settle"
+    assert result.agreement is Agreement.BASIN_BOUNDARY and result.outcome == "settle"
     assert [p.status for p in result.probes if p.cycle == 1] == [Status.LIMIT_CYCLE] * 3
 
 

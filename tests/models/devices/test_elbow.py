@@ -248,6 +248,15 @@ def test_antagonist_pulls_the_other_way() -> None:
     assert moment[0] == -moment[1] == p.pulley.radius / p.forearm.total_inertia
 
 
+def test_straight_cable_has_no_friction_at_the_pulley() -> None:
+    """At full extension both pulls on the pulley cancel: the loop is that with the ball bearing."""
+    nominal = epp.ElbowParameters()
+    straight = elbow(replace(nominal, pulley=replace(nominal.pulley, flexion_angle=0.0)))
+    bearing = elbow(OPTIONS["ball bearing"])
+    assert straight.element_names == bearing.element_names
+    np.testing.assert_array_equal(straight.B, bearing.B)
+
+
 def test_quantiser_has_the_steps_of_the_converter() -> None:
     system = elbow(OPTIONS["quantiser"])
     quantiser = system.elements[system.element_names.index("quantiser")]

@@ -626,3 +626,17 @@ def test_sentences_speak_of_a_signal_that_moves_wherever_constants_are_drawn() -
     loop = epp.Diagram(parts, ["setpoint - room -> heater", "heater -> room"]).to_system()
     assert loop.signals.names == ("heater", "room", "heater_in", "setpoint")
     assert str(epp.simulate(loop, t_end=50.0)).startswith("Oscillates: heater 10 peak to peak")
+
+
+@pytest.mark.parametrize("made", [epp.blocks.PI, epp.blocks.PID])
+def test_integral_part_with_an_input_of_its_own_is_the_sum_of_both_parts(made):
+    given = {"kp": 2.0, "ti": 0.5} | ({"td": 0.3, "tf": 0.1} if made is epp.blocks.PID else {})
+    parted = made(**given, integral_input="integral")
+    assert parted.inputs == ("in", "integral") and made(**given).inputs == ("in",)
+    s = 2.0j
+    of = [
+        b.C @ np.linalg.solve(s * np.eye(len(b.A)) - b.A, b.B) + b.D
+        for b in (m.state_space() for m in (parted, made(**given)))
+    ]
+    assert of[0][0, 1] == pytest.approx(2.0 / 0.5 / s)
+    assert of[0].sum() == pytest.approx(of[1][0, 0])

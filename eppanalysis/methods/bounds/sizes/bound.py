@@ -36,7 +36,7 @@ from eppanalysis.results import LimitCycle
 _MOST, _STEP = 200, 0.05
 #: A cycle counts as too large at its birth from this share of what is allowed on: rounding of the extrema.
 _AT_BIRTH = 1.0 - 1e-9
-#: Halvings by which the bound of first order is found between two values of the scan.
+#: Halvings by which the bound of the DF is found between two values of the scan.
 _HALVINGS = 20
 _STABLE_FROM = (Change.PERIOD_DOUBLING, Change.TORUS, Change.BRANCH_POINT, Change.SEQUENCE)
 
@@ -113,9 +113,9 @@ def _seen_at(question: BoundProblem, allowed: Allowed, value: float) -> _Seen:
 
 
 def first_order_bound(question: BoundProblem, allowed: Allowed, found: Scan) -> float:
-    """Where the largest stable cycle of first order becomes larger than allowed [SI]; nan where it does not nearby.
+    """Where the largest stable cycle of the DF becomes larger than allowed [SI]; nan where it does not nearby.
 
-    It is sought over the whole range, from the far end of it, by halving: where cycles of first order are too large
+    It is sought over the whole range, from the far end of it, by halving: where cycles of the DF are too large
     there and not at the safe end.
     """
     safe, far = (question.low, question.high) if found.sign > 0 else (question.high, question.low)

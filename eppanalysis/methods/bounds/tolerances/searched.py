@@ -29,7 +29,7 @@ class SearchedBox(Box[Place]):
 
     asking: SearchedProblem
     cycles: tuple[LimitCycle, ...]  # beyond the nominal bound
-    cells: list[BoundCell]  # all that the search was asked for
+    cells: list[BoundCell]  # all that were searched
 
     @classmethod
     def of(cls, question: BoundProblem, widths: dict[str, float], asking: SearchedProblem) -> SearchedBox:

@@ -72,7 +72,7 @@ class ExactMode:
 
 
 class ExactModes:
-    """The modes and events of a hybrid system in rationals, each made when it is asked for.
+    """The modes and events of a hybrid system in rationals, each made when it is requested.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""All roots of the first-order balance in a box: how their certificates are found."""
+"""All roots of the DF balance in a box: how their certificates are found."""

@@ -1,4 +1,4 @@
-"""The box in which roots are certified: what is asked for, or one that the loop's own scales set."""
+"""The box in which roots are certified: what is requested, or one that the loop's own scales set."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class _Predicted(NamedTuple):
 
 
 def _predicted(system: LureSystem, stated: Mapping[str, Any], at: OperatingPoint) -> list[_Predicted]:
-    """Cycles that first order predicts; none where it does not answer."""
+    """Cycles that the DF predicts; none where it does not answer."""
     label = system.element_names[order_of(system)[0] if "ring" in stated else 0]
     try:
         found = [(cycle.elements[label], cycle.omega) for cycle in predict_limit_cycles(system, at)]

@@ -145,7 +145,7 @@ def elbow(parameters: ElbowParameters, *, delay_model: Literal["pade", "exact"] 
         signals=_signals(m, parameters),
         x0=_start(m, parameters),
         v0=[_start_tension(parameters) / parameters.cable.stiffness],
-        memory=[start_stretch if name in cables and parameters.pulley.friction else None for name in elements],
+        memory=[start_stretch if name in cables and parameters.pulley.load_friction else None for name in elements],
         delays=delays,
         state_names=states,
         principal=list(elements).index("bands"),
@@ -165,8 +165,8 @@ def _state_names(p: ElbowParameters, pade: bool) -> list[str]:
 
 
 def _cable(p: ElbowParameters) -> Nonlinearity:
-    """Tensions over the total stretch; the ball bearing makes both the same."""
-    if p.pulley.friction == 0:
+    """Tensions over the total stretch; the ball bearing makes both the same, and so does a straight cable."""
+    if p.pulley.load_friction == 0:
         return PiecewiseLinear(
             breakpoints=np.array([0.0]), slopes=np.array([0.0, p.cable.stiffness]), intercepts=np.array([0.0, 0.0])
         )
@@ -213,7 +213,7 @@ def _elements(p: ElbowParameters) -> dict[str, Nonlinearity]:
 def _sides(m: _Matrices, p: ElbowParameters, name: str) -> tuple[int, int]:
     """Columns of the sensor-side and the harness-side tension of a cable."""
     first = m.outputs[name]
-    return first, first + (1 if p.pulley.friction else 0)
+    return first, first + (1 if p.pulley.load_friction else 0)
 
 
 def _mechanics(m: _Matrices, p: ElbowParameters) -> None:

@@ -307,8 +307,34 @@ def _integral_gain(kp: float, ti: float | None, ki: float | None, who: str) -> f
     return kp / ti if ti is not None else ki or 0.0
 
 
+#: The input of an integral part that has one of its own, as behind a dead band.
+INTEGRAL = "integral"
+
+
+def _integral_input() -> Any:
+    return choice("Which input the integral part reads; it may be a second one", ("in", INTEGRAL))
+
+
+def _with_inputs(s: StateSpace, integral_input: str) -> StateSpace:
+    """A controller whose first state is its integral part, with as many inputs as it has."""
+    if integral_input != INTEGRAL:
+        return s
+    of_integral = np.zeros_like(s.B)
+    of_integral[0] = s.B[0]
+    return StateSpace(s.A, np.hstack([s.B - of_integral, of_integral]), s.C, np.hstack([s.D, np.zeros_like(s.D)]))
+
+
+class _WithIntegral(Block):
+    """A controller with an integral part."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if getattr(self, "integral_input", "in") == INTEGRAL:
+            object.__setattr__(self, "inputs", ("in", INTEGRAL))
+
+
 @dataclass(frozen=True, kw_only=True)
-class PI(Block, kind="pi"):
+class PI(_WithIntegral, kind="pi"):
     """``kp (1 + 1/(ti s))``, or ``kp + ki/s``."""
 
     units: ClassVar[Mapping[str, Role]] = {"kp": SLOPE, "ki": SLOPE_PER_TIME}
@@ -316,15 +342,17 @@ class PI(Block, kind="pi"):
     kp: float = required("Proportional gain")
     ti: float | None = quantity(None, "Integral time", "s", above=0)
     ki: float | None = quantity(None, "Integral gain")
+    integral_input: str = _integral_input()
 
     def continuous(self) -> StateSpace:
         """The integral part is the state."""
         ki = _integral_gain(self.kp, self.ti, self.ki, "PI")
-        return StateSpace(np.zeros((1, 1)), np.full((1, 1), ki), np.eye(1), np.full((1, 1), self.kp))
+        found = StateSpace(np.zeros((1, 1)), np.full((1, 1), ki), np.eye(1), np.full((1, 1), self.kp))
+        return _with_inputs(found, self.integral_input)
 
 
 @dataclass(frozen=True, kw_only=True)
-class PID(Block, kind="pid"):
+class PID(_WithIntegral, kind="pid"):
     """``kp (1 + 1/(ti s) + td s/(tf s + 1))``, or with ``ki/s`` and ``kd s/(tf s + 1)``; tf filters the derivative."""
 
     units: ClassVar[Mapping[str, Role]] = {"kp": SLOPE, "ki": SLOPE_PER_TIME, "kd": DAMPING}
@@ -337,9 +365,13 @@ class PID(Block, kind="pid"):
     tf: float | None = quantity(
         None, "Time constant of the derivative's filter, needed with a derivative", "s", above=0
     )
+    integral_input: str = _integral_input()
 
     def continuous(self) -> StateSpace:
         """States: the integral part, and what the derivative is filtered from."""
+        return _with_inputs(self._of_one_input(), self.integral_input)
+
+    def _of_one_input(self) -> StateSpace:
         ki = _integral_gain(self.kp, self.ti, self.ki, "PID")
         if self.td is not None and self.kd is not None:
             raise ModelError("PID", self.kd, "either it or td, not both", field="kd")

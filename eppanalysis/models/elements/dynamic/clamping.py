@@ -1,6 +1,6 @@
 """A PI or PID controller with a limited output whose integrator is held at a limit: clamping.
 
-What stands in the loop is the law from the output without limits, the error and the integrator's state to what drives
+What is in the loop is the law from the output without limits, the error and the integrator's state to what drives
 the integrator and to the output; the states are the loop's.
 """
 

@@ -1,8 +1,8 @@
 """Limited rates: the ideal rate limiter, and the servo whose rate is limited.
 
 Each brings one linear state, its output y, which the law inside it drives by the error ``u - y``: a relay, which slides
-along zero error where the limiter follows its input, or a saturation. That law is what stands in the loop; what is said
-here, from u to y, is what the element does, and first order takes it for: the answer to a sine, not the law's answer to
+along zero error where the limiter follows its input, or a saturation. That law is what is in the loop; what is said
+here, from u to y, is what the element does, and the DF takes it for: the answer to a sine, not the law's answer to
 an error that would be one.
 """
 

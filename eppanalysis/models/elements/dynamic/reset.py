@@ -2,7 +2,7 @@
 
 Each brings one linear state s, its output, and the law inside it, which reads the input and that state, drives the
 state and has an impulse where the input passes through zero, of the size that takes the state to zero. So the law is
-what stands in the loop; what is said here, from u to y, is what the element does, and first order takes it for.
+what is in the loop; what is said here, from u to y, is what the element does, and the DF takes it for.
 """
 
 from __future__ import annotations

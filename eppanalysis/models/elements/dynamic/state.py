@@ -1,6 +1,6 @@
 """What elements share whose output is a state of the loop, driven by a law inside them.
 
-The law is what stands in the loop. What the element says of itself, from its input to its output, is what first order
+The law is what is in the loop. What the element says of itself, from its input to its output, is what the DF
 takes it for.
 """
 

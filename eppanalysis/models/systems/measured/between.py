@@ -1,4 +1,4 @@
-"""What stands between measured signals and the automata of the elements: rates, clocks, own states, controllers.
+"""What is between measured signals and the automata of the elements: rates, clocks, own states, controllers.
 
 An element reads its input and makes of it what else its automaton needs; all of that is linear and known exactly. With
 all elements side by side it is a response from what is measured before them, x, and what their automata put out, w, to
@@ -106,7 +106,7 @@ def _part(element: Nonlinearity) -> OwnStates:
     """What one element brings, rates and controllers, which are no states, left out."""
     own = element.own_states
     if isinstance(element, SampledController):
-        # Its response with hold and delay is no rational one; in first order it has no automaton.
+        # Its response with hold and delay is no rational one; by the DF it has no automaton.
         p, m = np.shape(element.D)
         return OwnStates(np.zeros((0, 0)), np.zeros((0, m)), np.zeros((p, 0)), np.zeros((p, m)), m, p)
     if own is not None:

@@ -199,7 +199,7 @@ class MeasuredLoop:
 
 
 def _inner(element: Nonlinearity) -> int:
-    """Number of outputs that an element has in first order, where controllers are linear."""
+    """Number of outputs that an element has by the DF, where controllers are linear."""
     return 0 if isinstance(element, SampledController) else element.n_outputs
 
 
@@ -243,7 +243,7 @@ class DataSystem(LureSystem):
 
     @cached_property
     def between(self) -> Between:
-        """What stands between measured signals and the automata."""
+        """What is between measured signals and the automata."""
         return Between.of(self.outer)
 
     @property
