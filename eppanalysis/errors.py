@@ -163,6 +163,7 @@ class EppError(Exception):
 
     Examples
     --------
+    >>> from eppanalysis import EppError
     >>> print(EppError("a\x1b[2J.toml is missing; expected a case file."))
     a\x1b[2J.toml is missing; expected a case file.
     """
