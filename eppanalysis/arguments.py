@@ -43,7 +43,7 @@ ORDINARY = f"zero, or a number from {_SMALLEST:g} to {_GREATEST:g} in size"
 _LONGEST_NAME = 255
 #: Most of what is counted: of anything, and of what is less (or more) than that.
 _MOST_COUNT = 1_000_000
-_MOST = {"workers": 1024, "threads": 1024, "halvings": 50, "seed": LARGEST_WHOLE}
+_MOST = {"order": 5000, "workers": 1024, "threads": 1024, "halvings": 50, "seed": LARGEST_WHOLE}
 
 
 class _Expected(NamedTuple):

@@ -197,3 +197,8 @@ def test_numbers_with_which_no_loop_can_be_computed_are_refused(analysis, size) 
 def test_arithmetic_beyond_all_range_is_one_sentence() -> None:
     with pytest.raises(epp.EppError, match="continue_branch: numbers beyond all range|expected"):
         epp.continue_branch(epp.case("relay_deadzone"), "relay_dead_zone.threshold", 0.5, 1e160, n_points=3)
+
+
+def test_an_order_that_nothing_interrupts_is_refused() -> None:
+    with pytest.raises(epp.EppError, match="order is 1000000; expected 5000 or less"):
+        epp.sinusoidal_harmonics(epp.Saturation(), 2.0, order=1_000_000)
