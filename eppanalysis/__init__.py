@@ -52,13 +52,13 @@ _OVER_PARAMETERS = ("continue_branch", "continue_folds", "design", "design_bound
 
 def _at_the_door(function: Any) -> Any:
     """The public function, which refuses arguments of wrong types in a sentence; inside the package nobody asks."""
-    from eppanalysis.arguments import checked
+    from eppanalysis.arguments import checked, in_range
     from eppanalysis.workers import one_thread
 
     inside = _with_case(function) if function.__name__ in _OVER_PARAMETERS else function
     # What makes cases and loops computes nothing, and need not wait for the libraries of linear algebra.
     makes = function.__module__.startswith((f"{__name__}.cases", f"{__name__}.models", f"{__name__}.units"))
-    door = checked(inside if makes else one_thread()(inside))
+    door = checked(inside if makes else in_range(one_thread()(inside)))
     door.__module__ = __name__  # so that processes find it by its public name
     return door
 

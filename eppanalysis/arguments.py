@@ -11,9 +11,12 @@ import functools
 import inspect
 import math
 import operator
+import os
 import types
 import typing
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from fractions import Fraction
 from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple, ParamSpec, TypeVar
@@ -32,10 +35,15 @@ _MOST_ITEMS = 10_000
 #: What numpy calls types of dates and durations.
 _TIMES = ("M", "m")
 #: A whole number beyond this is no count of anything that fits into a computer, and none that compiled code can hold.
-_LARGEST = 2**53
+LARGEST_WHOLE = 2**53
+#: Sizes of a model's numbers beyond which powers and products of several are no numbers any more, or zero.
+_SMALLEST, _GREATEST = 1e-50, 1e50
+ORDINARY = f"zero, or a number from {_SMALLEST:g} to {_GREATEST:g} in size"
+#: Longest name of a file that systems have.
+_LONGEST_NAME = 255
 #: Most of what is counted: of anything, and of what is less (or more) than that.
 _MOST_COUNT = 1_000_000
-_MOST = {"workers": 1024, "threads": 1024, "halvings": 50, "seed": _LARGEST}
+_MOST = {"order": 5000, "workers": 1024, "threads": 1024, "halvings": 50, "seed": LARGEST_WHOLE}
 
 
 class _Expected(NamedTuple):
@@ -122,9 +130,50 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
                 place = list(signature.parameters).index(name)
                 hint = _in_place_of_another(function, name, value, given) if place < len(args) else ""
                 raise kind(_refusal(function, name, value, expected.words + hint))
-        return function(*args, **kwargs)
+        # numpy takes no fractions, and nothing here computes with them.
+        return function(*map(_as_float, args), **{name: _as_float(value) for name, value in kwargs.items()})
 
     return call
+
+
+def in_range(function: Callable[P, R]) -> Callable[P, R]:
+    """The function, whose numbers beyond all range are one sentence."""
+
+    @functools.wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        with numbers_in_range(_name_of(function)):
+            return function(*args, **kwargs)
+
+    return call
+
+
+@contextmanager
+def numbers_in_range(what: str) -> Iterator[None]:
+    """Refuse in one sentence what computes with numbers beyond all range.
+
+    Raises
+    ------
+    EppError
+        In place of the errors of arithmetic.
+
+    Examples
+    --------
+    >>> with numbers_in_range("a product"):
+    ...     1e200**2
+    Traceback (most recent call last):
+        ...
+    eppanalysis.errors.EppError: a product: numbers beyond all range
+    (Numerical result out of range); expected values of ordinary magnitude.
+    """
+    try:
+        yield
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        why = error.args[-1] if error.args else type(error).__name__
+        raise EppError(f"{what}: numbers beyond all range ({why}); expected values of ordinary magnitude.") from error
+
+
+def _as_float(value: Any) -> Any:
+    return float(value) if isinstance(value, Fraction) else value
 
 
 def _binder(signature: inspect.Signature) -> Callable[[tuple[Any, ...], dict[str, Any]], Mapping[str, Any]]:
@@ -336,6 +385,8 @@ def _one_of(choices: Sequence[_Expected | None]) -> _Expected | None:
     known = [c for c in choices if c is not None]
     if len(known) < len(choices):
         return None
+    if _PLAIN[Path] in known and _PLAIN[str] in known:
+        known = [_PATHS.get(c.words, c) for c in known]
     words = [c.words for c in known]
     last = ", or" if any(", " in w for w in words) else " or"
     listed = f"{', '.join(words[:-1])}{last} {words[-1]}"
@@ -380,6 +431,12 @@ def is_number(value: Any) -> bool:
     return _is_real(value) and math.isfinite(value)
 
 
+def are_ordinary(values: Any) -> bool:
+    """Whether numbers of a model are what `ORDINARY` says, so that what is computed of them is a number, too."""
+    sizes = np.abs(np.asarray(values, float))
+    return bool(np.all((sizes == 0) | ((sizes >= _SMALLEST) & (sizes <= _GREATEST))))
+
+
 def _is_real(value: Any) -> bool:
     if type(value) is float:
         return True
@@ -396,7 +453,7 @@ def _is_whole(value: Any) -> bool:
     if isinstance(value, bool | np.bool_):
         return False
     try:
-        return abs(operator.index(value)) <= _LARGEST
+        return abs(operator.index(value)) <= LARGEST_WHOLE
     except TypeError:
         return False
 
@@ -412,6 +469,16 @@ def _is_array(value: Any) -> bool:
         return False
 
 
+def _may_be_path(value: Any) -> bool:
+    """Whether a text, in place of a path, is one that a system looks up: what is none ends in errors of its own."""
+    return isinstance(value, str) and "\0" not in value and all(len(n) <= _LONGEST_NAME for n in value.split(os.sep))
+
+
+#: Where one may be given, by what each is elsewhere.
+_PATHS = {
+    "a text": _Expected(_may_be_path, "a text"),
+    "a path": _Expected(lambda v: isinstance(v, Path) and _may_be_path(str(v)), "a path that a file can have"),
+}
 _PLAIN: dict[Any, _Expected | None] = {
     float: _Expected(_is_real, "a number"),
     int: _Expected(_is_whole, "a whole number"),

@@ -159,7 +159,17 @@ class _Text(str):
 
 
 class EppError(Exception):
-    """A request that cannot be carried out, in one sentence that says why and what was expected."""
+    r"""A request that cannot be carried out, in one sentence that says why and what was expected.
+
+    Examples
+    --------
+    >>> from eppanalysis import EppError
+    >>> print(EppError("a\x1b[2J.toml is missing; expected a case file."))
+    a\x1b[2J.toml is missing; expected a case file.
+    """
+
+    def __init__(self, sentence: str = "") -> None:
+        super().__init__(visible(sentence))
 
 
 def require_packages(what: str, extra: str, *modules: str) -> None:

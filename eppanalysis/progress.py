@@ -96,7 +96,8 @@ def _bar(console: Any, total: int | None, unit: str, keep: bool) -> Bar:
 
     # How long it takes can be said only where all there is to do was known from the begin.
     clock = TimeElapsedColumn() if total is None else TimeRemainingColumn()
-    return Bar(TextColumn("{task.description}"), BarColumn(), _Count(), clock, console=console, transient=not keep)
+    doing = TextColumn("{task.description}", markup=False)
+    return Bar(doing, BarColumn(), _Count(), clock, console=console, transient=not keep)
 
 
 @contextmanager

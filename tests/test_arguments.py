@@ -91,7 +91,7 @@ def test_what_an_annotation_says_is_taken(good: dict[str, object]) -> None:
         ({"e": "1"}, "e is '1'; expected an array of numbers."),
         ({"f": (1, 2, 3)}, "f is (1, 2, 3); expected 2 values in a row."),
         ({"g": "z"}, "g is 'z'; expected 'x' or 'y'."),
-        ({"h": 1}, "h is 1; expected a text or a path."),
+        ({"h": 1}, "h is 1; expected a text or a path that a file can have."),
         ({"j": 1}, "j is 1; expected True or False."),
         ({"k": np.zeros((2, 3))}, "k is an array of shape (2, 3); expected a LureSystem or None."),
     ],
@@ -164,3 +164,41 @@ def test_an_argument_by_its_name_is_not_taken_for_another() -> None:
     with pytest.raises(epp.EppError) as caught:
         epp.simulate(loop, input=100)
     assert "did you mean" not in str(caught.value)
+
+
+def test_numbers_that_numpy_or_compiled_code_does_not_take_are_floats() -> None:
+    assert epp.inputs.Step(1.0, Fraction(5, 2)) == epp.inputs.Step(1.0, 2.5)
+    assert epp.MidRiseQuantiser(2**63, 3).step == 2.0**63
+    assert epp.Play(Fraction(1, 2)) == epp.Play(0.5)
+
+
+@pytest.mark.parametrize("name", ["a\0b", "x" * 256])
+def test_a_text_that_no_file_can_be_called_is_no_path(name) -> None:
+    for call in (lambda: epp.read_response(name), lambda: epp.sweep(epp.case("relay_deadzone"), {}, store=name)):
+        with pytest.raises(epp.EppError, match="a path that a file can have"):
+            call()
+
+
+@pytest.mark.parametrize("analysis", [epp.predict_limit_cycles, epp.simulate, epp.find_limit_cycles])
+@pytest.mark.parametrize("size", [1e-310, 1e-60, 1e70, 1e300])
+def test_numbers_with_which_no_loop_can_be_computed_are_refused(analysis, size) -> None:
+    """Their powers are no numbers, or zero: the describing function lost the cycle of a relay at a level of 1e70."""
+    gain, lag = [4.0], [1.0, 2.0, 1.0, 0.0]
+    for make in (
+        lambda: epp.LureSystem.from_tf((gain, lag), epp.Play(size)),
+        lambda: epp.LureSystem.from_tf((gain, lag), epp.RelayDeadZone(1.0, size)),
+        lambda: epp.LureSystem.from_tf((gain, lag), epp.Quantiser(size, 5)),
+        lambda: epp.LureSystem.from_tf(([size], lag), epp.Play(1.0)),
+    ):
+        with pytest.raises(epp.EppError, match="from 1e-50 to 1e\\+50 in size"):
+            analysis(make())
+
+
+def test_arithmetic_beyond_all_range_is_one_sentence() -> None:
+    with pytest.raises(epp.EppError, match="continue_branch: numbers beyond all range|expected"):
+        epp.continue_branch(epp.case("relay_deadzone"), "relay_dead_zone.threshold", 0.5, 1e160, n_points=3)
+
+
+def test_an_order_that_nothing_interrupts_is_refused() -> None:
+    with pytest.raises(epp.EppError, match="order is 1000000; expected 5000 or less"):
+        epp.sinusoidal_harmonics(epp.Saturation(), 2.0, order=1_000_000)

@@ -27,6 +27,7 @@ from eppanalysis.models.elements import ELEMENTS, AutomatonElement, Nonlinearity
 from eppanalysis.models.elements.base import Estimate, Role
 from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.elements.own import ModeMemory
+from eppanalysis.models.elements.phases import require_ordinary
 from eppanalysis.units import KINDS
 
 LARGEST_COUNT = 100_000
@@ -284,6 +285,7 @@ def make_element(block: Block, field: str, raw: RawCase) -> Nonlinearity:
     try:
         with np.errstate(all="ignore"):  # what overflows is refused as not finite
             made = made_of(**values, **block.others)
+        require_ordinary(made)
     except ModelError as error:
         raise raw.refused_by_model(error, field) from None
     if block.memory is not None and not made.remembers:

@@ -237,7 +237,16 @@ def command(verb: str, *words: str) -> str:
 def _word(word: str) -> str:
     if _PLAIN.fullmatch(word):
         return word
+    if not word.isprintable():  # spelled out, as shells read it, so that no terminal obeys it
+        return "$'" + "".join(map(_spelled, word)) + "'"
     return f'"{word}"' if _QUOTED.fullmatch(word) else shlex.quote(word)
+
+
+def _spelled(sign: str) -> str:
+    """A sign within ``$'...'``."""
+    if sign.isprintable():
+        return f"\\{sign}" if sign in "\\'" else sign
+    return "".join(f"\\{byte:03o}" for byte in os.fsencode(sign))
 
 
 def commands_in(texts: Sequence[str]) -> list[str]:

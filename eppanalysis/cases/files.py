@@ -14,7 +14,7 @@ from typing import Any
 
 from eppanalysis.cases.values.expressions import is_expression
 from eppanalysis.cases.words import in_our_words
-from eppanalysis.errors import CaseError, ModelError
+from eppanalysis.errors import CaseError, ModelError, visible
 from eppanalysis.models.devices.elbow.parameters import Bands
 
 LARGEST_FILE = 1_000_000
@@ -218,7 +218,7 @@ def _follow(data: dict[str, Any], path: Path, source: str) -> RawCase:
     """A case with its bases merged in."""
     chain: list[tuple[str, dict[str, Any]]] = []
     seen: set[Path] = set()
-    name, here, label = path.stem, path, source
+    name, here, label = visible(path.stem), path, source
     while True:
         seen.add(here.resolve())
         base = data.pop("base", None)

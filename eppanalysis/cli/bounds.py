@@ -22,6 +22,7 @@ from eppanalysis.cli.common import (
     answer,
     check_output,
     check_value,
+    echo,
     load_case,
     print_table,
     progress,
@@ -141,14 +142,14 @@ def bounds_columns(result: DesignBounds) -> Table:
 def _show(case: Case, result: DesignBounds) -> None:
     from eppanalysis.tables.designs import bounds_table
 
-    typer.echo(f"{result.headline()}.")
+    echo(f"{result.headline()}.")
     if result.own:
-        typer.echo(f"own values: {', '.join(f'{n} {case.text(n, v)}' for n, v in result.own.items())}")
+        echo(f"own values: {', '.join(f'{n} {case.text(n, v)}' for n, v in result.own.items())}")
     print_table(bounds_table(result))
     for sentence in sentences(case, result):
-        typer.echo(sentence)
+        echo(sentence)
     for cause in _why_always(case, result):
-        typer.echo(cause)
+        echo(cause)
 
 
 def _why_always(case: Case, result: DesignBounds) -> Iterator[str]:

@@ -15,6 +15,7 @@ from eppanalysis.cli.common import (
     by_name,
     check_output,
     check_value,
+    echo,
     file_option,
     load_case,
     named_range,
@@ -91,7 +92,7 @@ def certify(
 def _show(result: Certificate) -> None:
     from eppanalysis.tables.console import certificate_table
 
-    typer.echo(result.message)
+    echo(result.message)
     if result.roots or result.undecided:
         print_table(certificate_table(result))
 
@@ -115,6 +116,6 @@ def _check(path: Path, case: str | None, settings: Settings, others: list[object
         raise EppError(f"--check {path}: --set is given without a case; expected a case whose fields it sets.")
     found = check_certificate(path, None if case is None else load_case(case, settings))
     passed = found.accepted and found.about is not False
-    typer.echo(found.message, err=not passed)
+    echo(found.message, err=not passed)
     if not passed:
         raise typer.Exit(_REFUSED)

@@ -28,6 +28,7 @@ from eppanalysis.cli.common import (
     Json,
     Settings,
     check_output,
+    echo,
     expanded,
     file_option,
     heading,
@@ -74,10 +75,10 @@ class _Commands(TyperGroup):
                 result = super().invoke(ctx)
                 sys.stdout.flush()  # here, where a full disk is a sentence
         except EppError as error:
-            typer.echo(str(error), err=True)
+            echo(str(error), err=True)
             raise typer.Exit(2) from error
         except MemoryError as error:
-            typer.echo(f"Not enough memory ({error or 'nothing is kept'}); expected a smaller case.", err=True)
+            echo(f"Not enough memory ({error or 'nothing is kept'}); expected a smaller case.", err=True)
             raise typer.Exit(2) from error
         except OSError as error:
             if error.errno == errno.EPIPE:  # the reader has seen enough
@@ -85,7 +86,7 @@ class _Commands(TyperGroup):
             where = _place(error)
             known = error.filename or error.errno in _OUTPUT
             expected = "a place to read from or write to" if known else "a system that grants it"
-            typer.echo(f"{where}: {error.strerror or error}; expected {expected}.", err=True)
+            echo(f"{where}: {error.strerror or error}; expected {expected}.", err=True)
             raise typer.Exit(2) from error
         return result
 
@@ -96,7 +97,7 @@ def _interrupt_told() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        typer.echo("Interrupted: nothing is kept.", err=True)
+        echo("Interrupted: nothing is kept.", err=True)
         raise typer.Exit(130) from None
 
 
@@ -221,7 +222,7 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
     if version:
         from eppanalysis import __version__
 
-        typer.echo(__version__)
+        echo(__version__)
         raise typer.Exit
 
 
@@ -238,11 +239,11 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
         for case in valid:
             heading(f"{case.name}: valid ({case.kind}): {case.title}", settings, case)
             if why_not := _why_not_predicted(case):
-                typer.echo(f"The command predict refuses it: {why_not}")
+                echo(f"The command predict refuses it: {why_not}")
             if len(texts) == 1:
                 print_table(parameters_table(case))
                 for found in _own_elements(case):
-                    typer.echo(str(found))
+                    echo(str(found))
     if len(valid) < len(texts):
         raise typer.Exit(2)
 
@@ -255,12 +256,12 @@ def _valid(text: str, settings: Sequence[str]) -> Case | None:
         case = load_case(text, settings)
     except EppError as error:
         for sentence in sentences_of(text, error):
-            typer.echo(sentence, err=True)
+            echo(sentence, err=True)
         return None
     try:
         _begin_run(case)
     except EppError as error:
-        typer.echo(f"{text}: {error}", err=True)
+        echo(f"{text}: {error}", err=True)
         return None
     return case
 
@@ -386,7 +387,7 @@ def schema(
 
     text = json.dumps(case_schema(), indent=2)
     if output is None:
-        typer.echo(text)
+        echo(text)
         return
     from eppanalysis.writing import write_text
 
@@ -441,7 +442,7 @@ def _carry_out(
         with progress(f"{command} {case.name}"):
             results.append(analysis.run(case))
         if not as_json and together is None:
-            typer.echo()
+            echo()
             heading(f"{case.name}: {case.title}", settings, case)
             analysis.show(case, results[-1])
     if not as_json and together is not None:
@@ -508,16 +509,16 @@ def _show_prediction(case: Case, prediction: Prediction) -> None:
     from eppanalysis.results.measured import MeasuredCycle
     from eppanalysis.tables.console import cycles_table, margins_table
 
-    typer.echo(str(prediction))
+    echo(str(prediction))
     if prediction.search:
-        typer.echo(prediction.search)
+        echo(prediction.search)
     if len(prediction):
         print_table(cycles_table(list(prediction), case.named_signals))
     for cycle in prediction:
         if isinstance(cycle, MeasuredCycle):
-            typer.echo(f"Of the data: {cycle.with_intervals()}.")
+            echo(f"Of the data: {cycle.with_intervals()}.")
     if prediction.margins:
-        typer.echo(f"margins of the linearised loop, cut at {prediction.margins['at']}:")
+        echo(f"margins of the linearised loop, cut at {prediction.margins['at']}:")
         print_table(margins_table(prediction.margins))
 
 
@@ -526,12 +527,12 @@ def _show_trajectory(case: Case, run: Trajectory) -> None:
     from eppanalysis.results import Status
     from eppanalysis.tables.console import cycles_table, rest_table
 
-    typer.echo(f"{run} {count(run.n_events, 'event').capitalize()}.")
+    echo(f"{run} {count(run.n_events, 'event').capitalize()}.")
     if run.status is Status.UNDECIDED:
-        typer.echo(f"Simulate for longer: {Asking.of(case).longer(max(run.end_time, run.carried_to))}")
+        echo(f"Simulate for longer: {Asking.of(case).longer(max(run.end_time, run.carried_to))}")
     point = run.operating_point
     if point is not None and point.is_driven:
-        typer.echo(f"{point}: the command response computes the periodic response.")
+        echo(f"{point}: the command response computes the periodic response.")
     if run.limit_cycle is not None:
         print_table(cycles_table([run.limit_cycle], case.named_signals))
     elif run.settled_at:
@@ -543,31 +544,29 @@ def _tell_others(case: Case, run: Trajectory) -> None:
     """How many signals the tables leave out, and where they are."""
     left = len(run.signals) - len(case.named_signals)
     if left > 0:
-        typer.echo(f"{count(left, 'signal')} of ports that the file does not name: --json and -o FILE.csv have them.")
+        echo(f"{count(left, 'signal')} of ports that the file does not name: --json and -o FILE.csv have them.")
 
 
 def _show_ladder(case: Case, ladder: Ladder) -> None:
     from eppanalysis.cases.command_line import Asking
     from eppanalysis.tables.console import AS_FOUND, as_found, ladder_table, rungs_table
 
-    typer.echo(f"{ladder.headline()}.\n{ladder.verdict}")
+    echo(f"{ladder.headline()}.\n{ladder.verdict}")
     if ladder.run.limit_cycle is not None or (ladder.search is not None and ladder.search.stable):
-        typer.echo(f"Why it oscillates, and what ends it: {Asking.of(case).remedies()}")
+        echo(f"Why it oscillates, and what ends it: {Asking.of(case).remedies()}")
     expected = case.expected
     if expected.finding:
         must = f" (must {expected.outcome}: {AS_FOUND[as_found(case, ladder)]})" if expected.outcome else ""
-        typer.echo(f"{expected.paper or 'expected'}: {expected.finding}{must}")
+        echo(f"{expected.paper or 'expected'}: {expected.finding}{must}")
     compared = any(row.cycle is not None for row in ladder.rows)
     if compared or ladder.run.settled_at:
         print_table(ladder_table(ladder, case.named_signals))
         _tell_others(case, ladder.run)
     if ladder.errors:
-        typer.echo(
-            "error: of the describing-function cycle against the simulated one; of a mean in % of the peak-to-peak."
-        )
+        echo("error: of the describing-function cycle against the simulated one; of a mean in % of the peak-to-peak.")
     if compared:
         print_table(rungs_table(ladder))
-        typer.echo(
+        echo(
             "errors against the exact cycle; a cycle without a number has no exact counterpart. A period is that of "
             "one oscillation, of which a cycle may hold several."
         )
@@ -575,7 +574,7 @@ def _show_ladder(case: Case, ladder: Ladder) -> None:
     if ladder.probes:
         parts.append(f"{count(len(ladder.probes), 'run')} from the predicted cycles {ladder.probe_seconds:.2f} s")
     if parts:
-        typer.echo("time of the rest: " + ", ".join(parts))
+        echo("time of the rest: " + ", ".join(parts))
 
 
 def _show_truth_table(cases: Sequence[Case], ladders: Sequence[Ladder]) -> None:
@@ -586,7 +585,7 @@ def _show_truth_table(cases: Sequence[Case], ladders: Sequence[Ladder]) -> None:
     for case, ladder in zip(cases, ladders, strict=True):
         table.add(case, ladder)
     print_table(table.table)
-    typer.echo(table.sentence())
+    echo(table.sentence())
 
 
 def _expected_beside(case: Case, ladder: Ladder) -> dict[str, Any]:

@@ -7,14 +7,14 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
 from eppanalysis.cli.signs import has_all_signs
-from eppanalysis.errors import EppError
+from eppanalysis.errors import EppError, visible
 from eppanalysis.progress import Progress, progress_bar
 from eppanalysis.readable import leading_name
 
@@ -79,6 +79,12 @@ Allow = Annotated[
 ]
 
 
+def echo(text: str = "", *, err: bool = False, bold: bool | None = None) -> None:
+    """Write lines for people, of which names of files and whatever else they quote cannot steer the terminal."""
+    with suppress(OSError) if err else nullcontext():  # where nobody reads a refusal the exit code still says it
+        typer.secho("\n".join(map(visible, text.split("\n"))), err=err, bold=bold)
+
+
 def load_case(text: str, settings: Sequence[str]) -> Case:
     """The case of a file or of a shipped name, with the fields of ``--set`` in place.
 
@@ -98,7 +104,7 @@ def load_case(text: str, settings: Sequence[str]) -> Case:
     values = given_values(settings)
     found = found.with_values(values, "--set") if values else found
     for remark in found.remarks:
-        typer.echo(f"{found.name}: {remark}", err=True)
+        echo(f"{found.name}: {remark}", err=True)
     return found
 
 
@@ -233,19 +239,10 @@ def progress(what: str) -> Iterator[Progress | None]:
     """
     from numpy import errstate
 
-    try:
-        with progress_bar(what) as advance, errstate(all="ignore"):  # what overflows is refused, or is said
-            yield advance
-    except (ArithmeticError, ValueError) as error:
-        if not _out_of_range(error):
-            raise
-        raise EppError(f"{what}: numbers beyond all range ({error}); expected values of ordinary magnitude.") from error
+    from eppanalysis.arguments import numbers_in_range
 
-
-def _out_of_range(error: ArithmeticError | ValueError) -> bool:
-    from numpy.linalg import LinAlgError
-
-    return isinstance(error, ArithmeticError | LinAlgError)
+    with numbers_in_range(what), progress_bar(what) as advance, errstate(all="ignore"):  # what overflows is said
+        yield advance
 
 
 def heading(text: str, settings: Sequence[str], case: Case | None = None) -> None:
@@ -258,9 +255,9 @@ def heading(text: str, settings: Sequence[str], case: Case | None = None) -> Non
     case : Case, optional
         What they made: plain numbers are shown in the units that they have there.
     """
-    typer.secho(text, bold=True)
+    echo(text, bold=True)
     if settings:
-        typer.echo(f"with {', '.join(_as_taken(*split_pair(s, '--set', 'FIELD=VALUE'), case) for s in settings)}")
+        echo(f"with {', '.join(_as_taken(*split_pair(s, '--set', 'FIELD=VALUE'), case) for s in settings)}")
 
 
 def _as_taken(name: str, value: str, case: Case | None) -> str:

@@ -17,6 +17,7 @@ from eppanalysis.cli.common import (
     Settings,
     answer,
     check_output,
+    echo,
     load_case,
     progress,
     write_output,
@@ -64,9 +65,9 @@ def cycles(
     def show() -> None:
         _show_cycles(found, search)
         if remedies is not None:
-            typer.echo("\n".join(remedies.lines()))
+            echo("\n".join(remedies.lines()))
         elif search.stable:
-            typer.echo(f"Why it oscillates, and what ends it: {Asking.of(found).remedies()}")
+            echo(f"Why it oscillates, and what ends it: {Asking.of(found).remedies()}")
         _show_triggers(found, hits, why)
 
     answer("cycles", found, settings, as_json, data, show)
@@ -121,12 +122,12 @@ def branch(
 
 
 def _show_cycles(case: Case, search: CycleSearch) -> None:
-    typer.echo(f"{search}\nSought with {search.search}")
+    echo(f"{search}\nSought with {search.search}")
     for cycle in search:
         name = case.expected.signal or next(iter(cycle.peak_to_peak))
         kind = "stable  " if cycle.stable else "unstable"
         told = "; ".join(filter(None, (cycle.stability_criterion, cycle.note)))
-        typer.echo(
+        echo(
             f"  {kind}  period {lasting(cycle.period, cycle.units)}  frequency {number(cycle.frequency)} Hz  "
             f"{words(name)} {quantity(cycle.peak_to_peak[name], cycle.units[name])} peak to peak  {told}"
         )
@@ -134,9 +135,9 @@ def _show_cycles(case: Case, search: CycleSearch) -> None:
 
 def _show_triggers(case: Case, triggers: Sequence[Trigger], why: str) -> None:
     for hit in triggers:
-        typer.echo(f"trigger: {_trigger_text(case, hit)}")
+        echo(f"trigger: {_trigger_text(case, hit)}")
     if why:
-        typer.echo(f"trigger: {why}")
+        echo(f"trigger: {why}")
 
 
 def _trigger_text(case: Case, hit: Trigger) -> str:
@@ -158,13 +159,13 @@ def _trigger_text(case: Case, hit: Trigger) -> str:
 
 
 def _show_branch(case: Case, over: str, result: Branch) -> None:
-    typer.echo(f"{result.headline()}.")
+    echo(f"{result.headline()}.")
     for branch in (result, *result.others):
         value = branch.points["value"]
         low, high = branch.ends_of(float(value.min()), float(value.max()))
-        typer.echo(f"{count(len(branch), 'orbit')} over {words(over)} between {low} and {high}. {branch.message}")
+        echo(f"{count(len(branch), 'orbit')} over {words(over)} between {low} and {high}. {branch.message}")
         for special in branch.special:
-            typer.echo(f"  {special.kind} at {branch.place(special)}: {special.note}")
+            echo(f"  {special.kind} at {branch.place(special)}: {special.note}")
     for gap in result.missing:
         low, high = (case.text(over, v, DIGITS) for v in (gap.low, gap.high))
-        typer.echo(f"No orbit between {low} and {high}: {gap.why}.")
+        echo(f"No orbit between {low} and {high}: {gap.why}.")

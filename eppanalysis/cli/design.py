@@ -19,6 +19,7 @@ from eppanalysis.cli.common import (
     by_name,
     check_output,
     check_value,
+    echo,
     file_option,
     load_case,
     named_range,
@@ -135,18 +136,18 @@ def design(
 def _show(case: Case, result: Design) -> None:
     from eppanalysis.tables.designs import design_table
 
-    typer.echo(result.sentence)
+    echo(result.sentence)
     print_table(design_table(result))
     prices = {n: p for n, p in result.optimum.prices.items() if abs(p) > 5e-3}
     if prices:
         told = ", ".join(f"{n} {p:+.2g} %" for n, p in sorted(prices.items(), key=lambda item: -abs(item[1])))
-        typer.echo(f"One per cent more of each moves the {words(result.objective)} by: {told}.")
+        echo(f"One per cent more of each moves the {words(result.objective)} by: {told}.")
     if result.values:
         told = ", ".join(f"{n} {case.text(n, v, DIGITS)}" for n, v in result.values.items())
-        typer.echo(f"Design, {100 * result.margin:g} % inside: {told}.")
+        echo(f"Design, {100 * result.margin:g} % inside: {told}.")
     for value, best in result.front:
         if best.message and not best.confirmed:
-            typer.echo(f"{result.front_over} {case.text(result.front_over, value)}: {best.message}")
+            echo(f"{result.front_over} {case.text(result.front_over, value)}: {best.message}")
 
 
 def write_design(case: Case, result: Design, path: Path) -> None:

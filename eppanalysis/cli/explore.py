@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from eppanalysis.cli.common import NOTHING, CaseName, Settings, load_case
+from eppanalysis.cli.common import NOTHING, CaseName, Settings, echo, load_case
 
 
 def explore(
@@ -36,7 +36,7 @@ def explore(
     with ExitStack() as until_the_end:
 
         def ready(address: str) -> None:
-            typer.echo(f"{address}  (Ctrl-C ends it)")
+            echo(f"{address}  (Ctrl-C ends it)")
             sys.stdout.flush()
             if wanted:
                 webbrowser.open(until_the_end.enter_context(_leading_to(address)).as_uri())

@@ -22,6 +22,7 @@ from eppanalysis.cli.common import (
     answer,
     by_name,
     check_output,
+    echo,
     file_option,
     load_case,
     print_table,
@@ -166,12 +167,12 @@ def _show(result: Guide) -> None:
     """The strictest limit, all limits as a grid in the step of the manual, what they are in words, and their source."""
     from eppanalysis.guides.manual import source
 
-    typer.echo(str(result))
+    echo(str(result))
     if any(math.isfinite(row.allowed) for row in result.rows):
         _show_grid(result)
         for sentence in result.sentences():
-            typer.echo(sentence)
-    typer.echo(source(result))
+            echo(sentence)
+    echo(source(result))
 
 
 def _show_grid(result: Guide) -> None:

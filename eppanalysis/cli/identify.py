@@ -19,6 +19,7 @@ from eppanalysis.cli.common import (
     Settings,
     answer,
     check_output,
+    echo,
     file_option,
     load_case,
     print_json,
@@ -157,20 +158,20 @@ def _check_output(output: Path, benches: Sequence[str]) -> None:
 
 
 def _show(fit: BenchFit) -> None:
-    typer.echo()
-    typer.secho(f"{fit.bench}: {fit.source}", bold=True)
+    echo()
+    echo(f"{fit.bench}: {fit.source}", bold=True)
     for estimate in fit.estimates:
         note = f" ({estimate.note})" if estimate.note and estimate.identified else ""
         identified = "" if estimate.identified else f"  NOT IDENTIFIED BY THESE DATA: {estimate.note}"
-        typer.echo(f"  {estimate}{note}{identified}")
+        echo(f"  {estimate}{note}{identified}")
     for role, left in fit.residuals.items():
-        typer.echo(
+        echo(
             f"  residual of {role}: {quantity(left.rms, left.unit, 3)} rms, autocorrelation "
             f"{left.autocorrelation:+.2f}, drift {quantity(left.drift, left.unit, 2)}"
         )
-    typer.echo("  " + " ".join([fit.limit_sentence(), *fit.notes]))
+    echo("  " + " ".join([fit.limit_sentence(), *fit.notes]))
     if not fit.status.ok:
-        typer.echo(f"  {fit.status.value}")
+        echo(f"  {fit.status.value}")
 
 
 def _write(found: Identification, output: Path, benches: Sequence[str]) -> None:
@@ -243,14 +244,14 @@ def _show_diagnosis(case: Case, result: Diagnosis) -> None:
     from eppanalysis.tables.console import candidates_table
 
     for note in result.record.notes:
-        typer.echo(note)
-    typer.secho(f"{result.headline()}.", bold=True)
+        echo(note)
+    echo(f"{result.headline()}.", bold=True)
     detail = str(result).removeprefix(f"{result.headline()}: ")
-    typer.echo(f"{detail[:1].upper()}{detail[1:]}")
+    echo(f"{detail[:1].upper()}{detail[1:]}")
     print_table(candidates_table(result))
     for name, why in result.left_out.items():
-        typer.echo(f"{name} {why}.")
+        echo(f"{name} {why}.")
     for line in result.remedies():
-        typer.echo(line)
+        echo(line)
     if result.named:
-        typer.echo(f"What ends the oscillation of the model: {Asking.of(case).remedies()}")
+        echo(f"What ends the oscillation of the model: {Asking.of(case).remedies()}")

@@ -14,6 +14,7 @@ from eppanalysis.cli.common import (
     Settings,
     answer,
     check_output,
+    echo,
     load_case,
     print_table,
 )
@@ -47,9 +48,9 @@ def margins(
 
     def show() -> None:
         for one in result:
-            typer.echo(f"{one.headline()}; cut at {one.at}." if one.exist else str(one))
+            echo(f"{one.headline()}; cut at {one.at}." if one.exist else str(one))
         print_table(all_margins_table(result))
-        typer.echo(f"places of the loop: {', '.join(small_signal(found.to_system()).places.distinct)}")
+        echo(f"places of the loop: {', '.join(small_signal(found.to_system()).places.distinct)}")
 
     answer("margins", found, settings, as_json, lambda: {"margins": [one.to_dict() for one in result]}, show)
     if output is not None:

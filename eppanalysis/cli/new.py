@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eppanalysis.cli.common import NOTHING, by_name, check_output, split_pair
+from eppanalysis.cli.common import NOTHING, by_name, check_output, echo, split_pair
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
@@ -58,23 +58,23 @@ def new(
     else:
         draft = Draft(kind)
     write_text(draft.with_numbers(values), file)
-    typer.echo(f"{file}: {draft.about}")
+    echo(f"{file}: {draft.about}")
     if left := [question.name for question in draft.questions if question.name not in values]:
-        typer.echo(f"Plausible, not yours: {', '.join(left)}, and what the comments name.")
-    typer.echo("Next:")
+        echo(f"Plausible, not yours: {', '.join(left)}, and what the comments name.")
+    echo("Next:")
     for step in ("check", "predict", "simulate"):
-        typer.echo(f"  {command(step, str(file))}")
+        echo(f"  {command(step, str(file))}")
 
 
 def _kind() -> str:
     """The answer to the first question."""
     known = list(Machine)
-    typer.echo("Six questions; Enter takes the answer in brackets.")
+    echo("Six questions; Enter takes the answer in brackets.")
     while True:
         answer = _answer(f"What is it: {', '.join(known)}", known[0]).lower().replace("_", "-")
         if answer in known:
             return answer
-        typer.echo(f"{answer}: is not known; expected one of {', '.join(known)}.")
+        echo(f"{answer}: is not known; expected one of {', '.join(known)}.")
 
 
 def _numbers(draft: Draft) -> dict[str, str]:
@@ -87,7 +87,7 @@ def _numbers(draft: Draft) -> dict[str, str]:
                 values[question.name] = answer
                 break
             except EppError as error:
-                typer.echo(str(error).removeprefix("--set: "))
+                echo(str(error).removeprefix("--set: "))
     return values
 
 
@@ -102,5 +102,5 @@ def _answer(question: str, default: str) -> str:
     try:
         return input(f"{question} [{default}]: ").strip() or default
     except EOFError:
-        typer.echo()
+        echo()
         raise EppError("new: the answers end before the questions; expected one each. Nothing is written.") from None

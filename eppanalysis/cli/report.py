@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from eppanalysis.cli.common import NOTHING, Settings, check_output, expanded, file_option, load_case, progress
+from eppanalysis.cli.common import NOTHING, Settings, check_output, echo, expanded, file_option, load_case, progress
 from eppanalysis.progress import Progress
 
 Target = Annotated[Path, file_option("A page (.html), a notebook (.ipynb) or a document (.pdf).")]
@@ -37,7 +37,7 @@ def report(
     found = [load_case(text, settings) for text in expanded(cases)]
     with progress("report") as advance:
         write_report(found, output, full=full, progress=advance or _told([case.title for case in found]))
-    typer.echo(f"{output}: written.")
+    echo(f"{output}: written.")
 
 
 def _told(titles: Sequence[str]) -> Progress:
@@ -48,6 +48,6 @@ def _told(titles: Sequence[str]) -> Progress:
         if doing not in told and (len(titles) == 1 or doing in titles):
             told.add(doing)
             at, of = (done + 1, total) if len(titles) == 1 else (titles.index(doing) + 1, len(titles))
-            typer.echo(f"{at} of {of}: {doing}", err=True)
+            echo(f"{at} of {of}: {doing}", err=True)
 
     return tell

@@ -14,6 +14,7 @@ from eppanalysis.cli.common import (
     Settings,
     answer,
     check_output,
+    echo,
     load_case,
     print_table,
     progress,
@@ -100,7 +101,7 @@ def _show(result: Any, signals: list[str]) -> None:
     from eppanalysis.methods.driven.result import ForcedResponse
     from eppanalysis.tables.console import forced_table, special_responses_table
 
-    typer.echo(str(result))
+    echo(str(result))
     if isinstance(result, ForcedResponse):
         if len(result):
             print_table(forced_table(result, signals))

@@ -18,6 +18,7 @@ from eppanalysis.cli.common import (
     Json,
     Settings,
     check_output,
+    echo,
     file_option,
     load_case,
     print_json,
@@ -204,7 +205,7 @@ def sweep(
         curves = [_boundary(found, over, kind, allow, scheduler, workers) for kind in boundaries]
     except KeyboardInterrupt:
         where = "what is done is kept; the same command goes on." if store else "nothing is kept without -o FILE.zarr."
-        typer.echo(f"Interrupted: {where}", err=True)
+        echo(f"Interrupted: {where}", err=True)
         if scheduler == _THREADS:  # which would first finish their blocks, for a minute if need be; a store bears it
             sys.stdout.flush()
             os._exit(exit_code())
@@ -219,7 +220,7 @@ def sweep(
     else:
         _report(dataset, counts, curves)
     if merge and "not_run" in counts["status"]:
-        typer.echo("Not all shares are finished; the same command joins the rest later.", err=True)
+        echo("Not all shares are finished; the same command joins the rest later.", err=True)
         raise typer.Exit(INCOMPLETE)
 
 
@@ -231,7 +232,7 @@ def _print_cost(case: Case, axes: Axes, asked: dict[str, Any], as_json: bool, se
     if as_json:
         print_json("sweep", [(case, {"estimate": cost.to_dict()})], settings)
     else:
-        typer.echo(str(cost))
+        echo(str(cost))
 
 
 def _axes(texts: Sequence[str], design: Design, n: int | None, seed: int) -> Axes:
@@ -324,16 +325,16 @@ def _report(dataset: xarray.Dataset, counts: dict[str, Any], curves: Sequence[Bo
 
     from eppanalysis.sweep.labels import UNKNOWN, ranges_of, told
 
-    typer.echo(f"{count(counts['cells'], 'design')}: {ranges_of(dataset)}")
+    echo(f"{count(counts['cells'], 'design')}: {ranges_of(dataset)}")
     for name, found in counts.items():
         if name != "cells" and (name != "status" or {"failed", "not_run"} & set(found)):
-            typer.echo(f"{name.replace('_', ' ')}: {told(dataset, name)}")
+            echo(f"{name.replace('_', ' ')}: {told(dataset, name)}")
     if "unknown" in counts.get("outcome", ()):
-        typer.echo(UNKNOWN)
+        echo(UNKNOWN)
     if "allowed" in dataset.attrs:
-        typer.echo(f"Allowed is a stable limit cycle up to {dataset.attrs['allowed']}.")
+        echo(f"Allowed is a stable limit cycle up to {dataset.attrs['allowed']}.")
     for curve in curves:
-        typer.echo(f"boundary by {curve.label}: {curve.message}")
+        echo(f"boundary by {curve.label}: {curve.message}")
     if "failed" in counts["status"]:
         messages = dataset["message"].values.ravel()
-        typer.echo(f"first failure: {messages[np.flatnonzero(messages != '')[0]]}")
+        echo(f"first failure: {messages[np.flatnonzero(messages != '')[0]]}")

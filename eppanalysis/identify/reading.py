@@ -196,6 +196,8 @@ def _header(stream: BinaryIO, source: str) -> tuple[list[str], str, int]:
             raise _too_long(source, number)
         if text.strip() and not text.startswith("#"):
             break
+    if "\r" in text.strip("\r\n"):
+        raise CaseError(source, f"line {number}", "ended by a carriage return alone", "lines that end in a line feed")
     separator = max(_SEPARATORS, key=text.count)
     try:
         cells = next(csv.reader([text.strip("\r\n")], delimiter=separator))

@@ -192,7 +192,7 @@ MISTAKES = [
     ('num = ["K"]', 'num = [["K"]]', "blocks.plant.num", "a list of numbers"),
     ('num = ["K"]', "num = []", "blocks.plant.num", "at least one coefficient"),
     ('den = ["T^2", "2*T", 1, 0]', "den = [0, 0]", "blocks.plant.den", "a coefficient other than zero"),
-    ('den = ["T^2", "2*T", 1, 0]', "den = [1e-320, 1]", "blocks.plant", "squares and quotients are finite"),
+    ('den = ["T^2", "2*T", 1, 0]', "den = [1e-320, 1]", "blocks.plant", "from 1e-50 to 1e+50 in size"),
     ("start = [0.1, 0, 0]", 'discretisation = "tustin"', "blocks.plant.discretisation", "no sample_time"),
     ("start = [0.1, 0, 0]", 'sample_time = "T - 0.5"', "blocks.plant.sample_time", "two of one unit"),
     (

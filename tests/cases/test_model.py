@@ -234,7 +234,7 @@ def test_error_in_a_base_names_the_base(tmp_path: Path) -> None:
             "loop.elements.0.levels",
             "a whole number",
         ),
-        (("den = [1, 1, 0]", "den = [5e-324, 1, 0]"), "loop", "not finite"),
+        (("den = [1, 1, 0]", "den = [5e-324, 1, 0]"), "loop", "from 1e-50 to 1e+50"),
         (("gap = 2.0", "gap = true"), "loop.elements.0.gap", "a number"),
         (("num = [5.0]", "num = [5.0]\nA = [[1]]"), "loop", "exactly one of"),
         (("num = [5.0]", "num = [5.0]\nD = [[1]]"), "loop.D", "beside A, B and C"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -21,7 +22,6 @@ from tests.shared import mostly_slow
 NO_RUN = {
     "a loop without one answer": ("wheelchair", {"loop.blocks.4.num.0": 1e20}, "no unique solution"),
     "a tiny dead time": ("relay_fopdt_closed", {"loop.delay": "5e-13 s"}, "is negligible beside"),
-    "numbers beyond all range": ("van_der_pol_mu1", {"loop.den.1": 1e300}, "beyond all range"),
     "samples without end": ("backlash_discrete_pi_kp05_ki01", {"run.t_end": "1e12 s"}, "at most 2000000"),
 }
 
@@ -292,3 +292,26 @@ def test_a_full_disk_is_a_sentence_and_leaves_no_part_of_a_file(tmp_path: Path, 
     said = f"{command[-1]}: cannot be written (File too large); expected a place to write to.\n"
     assert (ended.returncode, ended.stderr) == (2, said)
     assert not list(tmp_path.iterdir())
+
+
+def test_names_of_files_do_not_steer_a_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An escape that clears the screen is spelled out wherever a command quotes it, and its command runs in a shell."""
+    monkeypatch.chdir(tmp_path)
+    name = "a\x1b[2Jb\x07\u202e.toml"
+    changed("relay_deadzone", {}, Path(name))
+    commands = (("predict", name), ("cycles", name), ("predict", "no\x1b[2J"), ("predict", name, "--set", "\x1b[2J"))
+    for command in commands:
+        found = CliRunner().invoke(app, list(command), color=True)
+        assert not set("\x07\u202e").intersection(found.output) and "\x1b[2J" not in found.output
+        assert "\\x1b[2J" in found.output
+    printed = next(line for line in CliRunner().invoke(app, ["cycles", name]).stdout.splitlines() if "ends it" in line)
+    shell = shlex.split(printed.partition("eppanalysis ")[2].replace("$'", "'"))
+    assert shell[1].encode().decode("unicode_escape").encode("latin-1").decode() == name
+
+
+def test_a_refusal_that_nobody_can_read_has_its_exit_code() -> None:
+    with open("/dev/full", "w") as full:
+        ended = subprocess.run(
+            [sys.executable, "-m", "eppanalysis", "predict", "no_such_case"], stderr=full, check=False
+        )
+    assert ended.returncode == 2

@@ -57,7 +57,7 @@ def test_samples_just_beside_a_step_are_those_of_their_times(size: float, step: 
     np.testing.assert_allclose(x, exact, rtol=1e-13, atol=0.0)
 
 
-@pytest.mark.parametrize("rate", [1e12, 1e18, 1e60])
+@pytest.mark.parametrize("rate", [1e12, 1e18, 1e48])
 @pytest.mark.parametrize("start", [1.0, 1e3])
 def test_a_motion_that_dies_out_before_the_clock_moves_is_followed(rate: float, start: float) -> None:
     times = np.linspace(0.0, 10.0, 11)
@@ -90,8 +90,9 @@ def test_what_rests_at_a_sample_before_it_moves_too_fast_for_the_clock_is_sample
 @pytest.mark.parametrize("behind", [[1.0, 0.0], [1.0, 3.0, 2.0], [1.0, 3.0, 2.0, 0.0]])
 def test_no_sample_of_a_motion_too_fast_for_numbers_is_none(rate: float, start: float, behind: list[float]) -> None:
     """Terms of its series overflow, and what they make up is no number: not below rounding, therefore."""
-    loop = epp.LureSystem.from_tf(([rate], behind), epp.Cube(1.0))
-    run, x = states(replace(loop, x0=np.full(len(behind) - 1, start)), np.linspace(0.0, 10.0, 11))
+    loop = epp.LureSystem.from_tf(([1.0], behind), epp.Cube(1.0))
+    fast = replace(loop, C=rate * loop.C, x0=np.full(len(behind) - 1, start))
+    run, x = states(fast, np.linspace(0.0, 10.0, 11))
     assert np.all(np.abs(x) <= 1e100)
     if not run.status.ok and run.status is not Status.DIVERGED:
         assert run.status is Status.EVENT_LIMIT and "far faster motions" in run.to_dict()["message"]

@@ -51,6 +51,7 @@ BAD = {
     "a mass": (b"time [s],force [lb],voltage [V]\n" + ROWS, "line 1, force is 'force [lb]'", "write lbf"),
     "unknown unit": (b"time [s],force [parrot],voltage [V]\n" + ROWS, "'force [parrot]'", "a known unit"),
     "column twice": (b"force [N],force [lbf],voltage [V]\n" + ROWS, "at once", "one column"),
+    "carriage returns": ((HEADER + ROWS).replace(b"\n", b"\r"), "line 1", "a line feed"),
     "one long line": (HEADER + b"1" * 300_000, "a line longer than", "one a line"),
 }
 

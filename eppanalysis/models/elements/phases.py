@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eppanalysis.arguments import floats, is_number
+from eppanalysis.arguments import LARGEST_WHOLE, ORDINARY, are_ordinary, floats, is_number
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 
@@ -59,9 +59,26 @@ def require_numbers(element: Any, fields: Iterable[str] = (), /, **expected: str
         If one is not.
     """
     for name in fields or element.units:
-        require(element, name, is_number(getattr(element, name)), "a finite number")
+        value = getattr(element, name)
+        require(element, name, is_number(value), "a finite number")
+        if not isinstance(value, float | int) or abs(value) > LARGEST_WHOLE:  # which numpy or compiled code cannot take
+            object.__setattr__(element, name, float(value))
     for name, words in expected.items():
         require(element, name, _HOLDS[words](getattr(element, name), 0), words)
+
+
+def require_ordinary(element: Any) -> None:
+    """Refuse an element with numbers of a size with which no loop can be computed; alone it takes them.
+
+    Raises
+    ------
+    ModelError
+        If one is not what `ORDINARY` says; what has no bound may be infinite.
+    """
+    for name in element.units:
+        sizes = np.abs(np.asarray(getattr(element, name), float))
+        largest = sizes[np.isfinite(sizes)].max(initial=0.0)  # of a list: its others are small beside it
+        require(element, name, are_ordinary(largest), ORDINARY)
 
 
 def require_steps(quantiser: Any) -> None:

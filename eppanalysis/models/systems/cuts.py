@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -123,9 +123,9 @@ class Cuts:
         """The same places of the loop with another state y, where ``x = T y`` and ``y = inverse x``."""
         return replace(self, B=inverse @ self.B, C=self.C @ T)
 
-    def beside(self, others: Cuts) -> Cuts:
-        """These places and those of the others whose names are new."""
-        new = [i for i, name in enumerate(others.names) if name not in self.names]
+    def beside(self, others: Cuts, hidden: Collection[str] = ()) -> Cuts:
+        """These places and those of the others whose names are new, but those of parts that are `hidden`."""
+        new = [i for i, n in enumerate(others.names) if n not in self.names and n.rpartition(".")[0] not in hidden]
         return Cuts(
             (*self.names, *(others.names[i] for i in new)),
             B=np.hstack([self.B, others.B[:, new]]),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eppanalysis.arguments import floats, is_number
+from eppanalysis.arguments import ORDINARY, are_ordinary, floats, is_number
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.engine.balances import even_out
 from eppanalysis.errors import ModelError
@@ -131,17 +131,20 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike, time_step: f
             field="num",
         )
     n = den.size - 1
-    num = np.concatenate([np.zeros(n + 1 - num.size), num]) / den[0]
-    den = den / den[0]
+    with np.errstate(all="ignore"):  # refused below
+        num = np.concatenate([np.zeros(n + 1 - num.size), num]) / den[0]
+        den = den / den[0]
+        powers = np.arange(1, n + 1)
+        sizes = np.abs(den[1:]) ** (1.0 / powers)
+        # All poles lie within twice the largest of these (Fujiwara's bound).
+        w0 = float(sizes.max()) if n and time_step is None and sizes.max() > 0 else 1.0
+        a = den[1:] / w0**powers
+        b = (num[1:] - num[0] * den[1:]) / w0**powers
+    if not are_ordinary([w0, num[0], np.abs(b).max(initial=0.0)]):
+        raise ModelError("A transfer function has a gain or a pole out of range", expected=ORDINARY)
     D = num[:1].reshape(1, 1)
     if n == 0:
         return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), D, time_step)
-    powers = np.arange(1, n + 1)
-    sizes = np.abs(den[1:]) ** (1.0 / powers)
-    # All poles lie within twice the largest of these (Fujiwara's bound).
-    w0 = float(sizes.max()) if time_step is None and sizes.max() > 0 else 1.0
-    a = den[1:] / w0**powers
-    b = (num[1:] - num[0] * den[1:]) / w0**powers
     A = np.eye(n, k=-1)
     A[0] = -a
     B = np.zeros((n, 1))

@@ -23,6 +23,8 @@ from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.dynamic.sampled import on_common_ticks
 from eppanalysis.models.elements.foreign import as_element, is_element
+from eppanalysis.models.elements.phases import require_ordinary
+from eppanalysis.models.elements.piecewise import UNITY
 from eppanalysis.models.systems.algebraic import require_unique
 from eppanalysis.models.systems.cuts import Cuts, element_cuts, require_places
 from eppanalysis.models.systems.interchange.ports import connections, linear_part
@@ -170,6 +172,8 @@ class LureSystem(Responses):
         labels = labels_of(elements, element_names)
         starts = tuple(memory) if memory is not None else (None,) * len(elements)
         require_names(name, labels, len(elements))
+        for element in elements:
+            require_ordinary(element)
         require(name, "memory", starts, len(starts) == len(elements), f"{len(elements)}, one for each element")
         require(name, "time_step", time_step, time_step is None or 0 < time_step < np.inf, "a positive number or None")
         waits = array("delays", delays, (nw,))
@@ -379,7 +383,11 @@ class LureSystem(Responses):
         """Every place at which the loop can be cut: those given, then the inputs and outputs of the elements."""
         sizes = [(e.n_inputs, e.n_outputs) for e in self.elements]
         of_elements = element_cuts(self.element_names, sizes, self.B, self.C, self.D, self.delays)
-        return of_elements if self.cuts is None else self.cuts.beside(of_elements)
+        if self.cuts is None:
+            return of_elements
+        # What hands a signal on before a dead time is a part of the diagram, which has its places there, or none.
+        passing = [name for e, name in zip(self.elements, self.element_names, strict=True) if e == UNITY]
+        return self.cuts.beside(of_elements, passing)
 
     def to_control(self) -> control.StateSpace:
         """The linear part as a python-control system with named signals, of which `from_control` makes the loop again.

@@ -428,3 +428,20 @@ def test_margins_are_those_of_the_inputs_that_a_prediction_holds():
     assert "margin" not in str(epp.predict_limit_cycles(loop)) and not epp.margins(loop).exist
     held = epp.predict_limit_cycles(loop, {"load": 0.5})
     assert held.margins["stable"] and "gain margin of the linearised loop is infinite" in str(held)
+
+
+def test_what_hands_on_a_late_input_is_no_place():
+    """A diagram's loop is cut at ports of its parts, and names no other."""
+    parts = {
+        "valve": epp.Saturation(),
+        "oven": epp.blocks.TransferFunction(num=[20.0], den=[600.0, 1.0], delay=15.0),
+        "sensor": epp.blocks.LowPass(bandwidth=0.1),
+    }
+    wires = ["-sensor -> valve", "valve + load -> oven", "oven -> sensor"]
+    loop = epp.Diagram(parts, wires, inputs={"load": 0.0}).to_system()
+    assert len(loop.elements) == 2
+    assert {name.partition(".")[0] for name in loop.places.names} == set(parts)
+    with pytest.raises(epp.ModelError, match="its places are valve.out, oven.out, sensor.out, valve.in, oven.in"):
+        epp.margins(loop, "nowhere")
+    whole, part = epp.margins(loop), epp.margins(loop, "oven.in")
+    assert part.gain_margin == pytest.approx(whole.gain_margin, rel=1e-9)
