@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.cli.common import within_of
-from eppanalysis.cli.design import design_columns, tuned, values_of, write_design
+from eppanalysis.cli.common import named_range, within_of
+from eppanalysis.cli.design import design_columns, values_of, write_design
 from eppanalysis.methods.bounds.balanced import BoundProblem
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.design.bound_curve import first_turn
@@ -205,6 +206,7 @@ def test_table_picture_and_files(servo: epp.Case, found: epp.Design, tmp_path: P
 
 
 def test_options_are_read() -> None:
+    tuned = partial(named_range, "--tune")
     assert tuned("k 1..20") == tuned("k 1:20") == ("k", ("1", "20"))
     assert within_of("0.1 deg..5 deg") == within_of("0.1 deg:5 deg") == ("0.1 deg", "5 deg")
     assert values_of("play.gap 1, 2") == ("play.gap", ["1", "2"])

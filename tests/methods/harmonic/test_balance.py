@@ -154,7 +154,8 @@ def test_derivatives_equal_central_differences(name):
 #: Shipped cases without first-order cycles, and those whose limited rate first order reads another way: to it the input
 #: is a sine, to a balance the error inside; and one with a contact angle, which a balance does not cover.
 WITHOUT = {
-    "azimuth_servo", "backlash_servo_unseen", "belt_leine", "fig6b_ball_bearing", "fig6b_three_steps",
+    "azimuth_servo", "backlash_servo_unseen", "belt_leine", "boston_digital_arm", "fig6b_ball_bearing",
+    "fig6b_three_steps",
     "fig8b_reduced_backlash", "fig8b_three_steps", "pid_hunting", "soft_cable", "stiction_deadband_none", "upright",
     "two_mass_damped_shaft", "actuator_both_limits", "clegg_loop", "rate_limited_aircraft",
 }  # fmt: skip
