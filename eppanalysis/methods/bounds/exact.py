@@ -33,7 +33,7 @@ from eppanalysis.methods.steady.changes import Change
 from eppanalysis.results import LimitCycle
 
 #: How far inside a bound an orbit is sought, relative to it, and how far beyond the branch is followed.
-_INSIDE = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
+_INSIDE = (0.05, 0.2)
 _OUTSIDE = 0.25
 #: Where families of cycles end, and what that is to a bound; with an infinite period a cycle is born as at a fold.
 BORN = {
@@ -109,10 +109,11 @@ def of_balance(question: BoundProblem, bound: BalancedBound) -> ExactBound:
     assert bound.fold is not None
     near = bound.fold.cycle
     found = correct(question, near.value, lambda value: _cycles_inside(question, near, value), bound.sign)
-    if found.cycle is None:
-        far = [farthest_turn(question, c.value, _as_cycle(question, c), bound.sign) for c in bound.far]
-        found = min((t for t in far if t is not None), key=lambda t: bound.sign * t.value, default=found)
-    return found
+    if found.cycle is not None:
+        return found
+    # The cycles far inside mostly lie on one branch, behind whose fold the others are met again.
+    far = (farthest_turn(question, c.value, _as_cycle(question, c), bound.sign) for c in bound.far)
+    return next((turn for turn in far if turn is not None), found)
 
 
 def searched(question: BoundProblem, near: float, sign: float) -> ExactBound:
