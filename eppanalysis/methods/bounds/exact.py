@@ -12,7 +12,7 @@ Where neither leads to an orbit, exact orbits are searched for, farther and fart
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -68,32 +68,26 @@ class ExactBound:
         return self.point is not None and not (at_border and self.point.arc is None)
 
 
-#: Cycles near an exact orbit at a value of the limiting parameter.
-Seeds = Callable[[float], Iterable[LimitCycle]]
-
-
-def correct(question: BoundProblem, near: float, seeds: Seeds, sign: float) -> ExactBound:
-    """The exact bound near a value.
+def correct(question: BoundProblem, near: Cycle, sign: float) -> ExactBound:
+    """The exact bound near a bound of the balance.
 
     Parameters
     ----------
     question : Question
         At one value of the parameter that runs.
-    near : float
-        Where the bound is about [SI].
-    seeds : callable
-        The cycles near which an exact orbit may be at a value inside.
+    near : Cycle
+        The cycle of the balance at its bound.
     sign : {1, -1}
         1 where the cycles lie above the bound.
     """
     message = "no exact orbit was found near the cycles of the describing function"
     # At the bound two orbits meet and Newton's matrix is singular, so the first orbit is closed some way inside.
     for share in _INSIDE:
-        inside = near * (1.0 + sign * share)
+        inside = near.value * (1.0 + sign * share)
         if not question.low <= inside <= question.high:
             continue
-        stop = float(np.clip(near * (1.0 - sign * _OUTSIDE), question.low, question.high))
-        for start in seeds(inside):
+        stop = float(np.clip(near.value * (1.0 - sign * _OUTSIDE), question.low, question.high))
+        for start in _cycles_inside(question, near, inside):
             branch = _branch(question, inside, stop, start)
             if branch is None:
                 continue
@@ -107,8 +101,7 @@ def correct(question: BoundProblem, near: float, seeds: Seeds, sign: float) -> E
 def of_balance(question: BoundProblem, bound: BalancedBound) -> ExactBound:
     """The exact bound to which the cycles of describing functions lead: near their bound, else from far inside."""
     assert bound.fold is not None
-    near = bound.fold.cycle
-    found = correct(question, near.value, lambda value: _cycles_inside(question, near, value), bound.sign)
+    found = correct(question, bound.fold.cycle, bound.sign)
     if found.cycle is not None:
         return found
     # The cycles far inside mostly lie on one branch, behind whose fold the others are met again.

@@ -344,8 +344,9 @@ def test_tolerances(wheelchair: epp.Case) -> None:
 
 def test_correction_says_why_there_is_no_orbit(case: epp.Case) -> None:
     question = BoundProblem(case, "lock_pin.backlash", 0.0005, 0.006)
-    cycle = next(c for c in epp.predict_limit_cycles(case.to_system(), case.operating_point) if c.stable)
-    bound = correct(question, 0.004, lambda _: [cycle], 1.0)
+    loop = steady_loop(case)
+    cycle = next(c for c in epp.predict_limit_cycles(loop.system, case.operating_point) if c.stable)
+    bound = correct(question, Cycle(0.004, inputs_of(loop, cycle), cycle.omega), 1.0)
     assert math.isnan(bound.value) and bound.message
 
 

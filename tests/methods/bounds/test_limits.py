@@ -19,14 +19,17 @@ from eppanalysis.methods.bounds.balanced import (
     Finding,
     idle,
     look,
+    steady_loop,
 )
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch
 from eppanalysis.methods.bounds.elasticity import exact_slopes
 from eppanalysis.methods.bounds.exact import correct, searched
+from eppanalysis.methods.bounds.fold import Cycle
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.verify import verify
 from eppanalysis.methods.design import bound_curve
 from eppanalysis.methods.design.bound_curve import first_turn
+from eppanalysis.methods.harmonic.loop import inputs_of
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
 from eppanalysis.methods.simulation.runs import judge, run_hybrid
 from eppanalysis.results import LimitCycle, Status
@@ -92,7 +95,8 @@ def test_bound_on_any_parameter(
     case: epp.Case, orbit: LimitCycle, limit: str, backlash: float, sign: float, margin: float, share: float
 ) -> None:
     question = question_at(case, limit, backlash)
-    found = correct(question, share * case.value(limit), lambda _: [orbit], sign)
+    near = Cycle(share * case.value(limit), inputs_of(steady_loop(case), orbit)[:, :10], orbit.omega)
+    found = correct(question, near, sign)
     assert found.kind == "fold" and found.cycle is not None, found.message
     assert found.value / case.value(limit) == pytest.approx(share, abs=2e-3)
     # The fold in backlash of the case with this value of the limit is the backlash of the question.
