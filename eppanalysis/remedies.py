@@ -341,9 +341,8 @@ class _Tried:
             # A file without signals has those of all ports, and that of its expectation has to stay.
             signals = {f"signals.{shown}": shown} if shown and isinstance(self.case.held("signals"), Missing) else {}
             probed = self.case.with_values({**signals, f"signals.{_PROBE}": driven})
-            system = probed.to_system()
-            if cycle is not None and cycle.state.size == len(system.A):
-                begun = replace(system, x0=cycle.state, memory=cycle.memory)
+            begun = self._begun(probed)
+            if cycle is not None and begun is not None:
                 times = np.linspace(0.0, cycle.period, _SAMPLES)
                 run = simulate(begun, self._held(probed), cycle.period, times)
                 # A sum has the unit of any of its terms.
@@ -394,39 +393,42 @@ class _Tried:
 
     def _dies_out(self, changed: Case) -> bool:
         """Whether a run from the oscillation settles, where its state is known."""
-        cycle, system = self.cycle, changed.to_system()
-        if cycle is None or cycle.state.size != len(system.A):
-            return True
+        cycle = self.cycle
         try:
-            begun = replace(system, x0=cycle.state, memory=cycle.memory)
+            begun = self._begun(changed)
+            if cycle is None or begun is None:
+                return True
             run = simulate(begun, self._held(changed), _PERIODS * cycle.period, [0.0], decide=True)
         except EppError:  # the changed elements cannot remember what those on the cycle do
             return True
         return run.status is Status.SETTLED
+
+    def _begun(self, case: Case) -> LureSystem | None:
+        """The loop of a case, begun on the oscillation; None where that has no state of it."""
+        cycle, system = self.cycle, case.to_system()
+        if cycle is None or cycle.state.size != len(system.A):
+            return None
+        return replace(system, x0=cycle.state, memory=cycle.memory)
 
     def _held(self, case: Case) -> dict[str, Constant]:
         """The inputs where they are held at the operating point."""
         system, at = case.to_system(), case.operating_point
         return {n: Constant(at.inputs[n] - float(v)) for n, v in zip(system.input_names, system.v0, strict=True)}
 
-    def with_new(self, part: _Part, changed: Case, search: CycleSearch) -> Remedy:
-        """A part that has ended it."""
-        command = Asking.of(changed).command("cycles")
-        command = command or f"epp.find_limit_cycles(case.with_values({{{part.field!r}: {part.table!r}}}))"
-        return Remedy(
-            part.field, None, part.value, f"a {part.what} of {part.size} before {part.port}", command, search.n_runs
-        )
-
     def remedy(self, step: _Part | _Factor, changed: Case, search: CycleSearch) -> Remedy:
         """A change that has ended it."""
+        held: object
         if isinstance(step, _Part):
-            return self.with_new(step, changed, search)
-        name = step.called
-        own, value = self.case.value(name), changed.value(name)
-        now, then = (self.case.text(name, v, DIGITS) for v in (own, value))
+            name, own, value, held = step.field, None, step.value, step.table
+            text = f"a {step.what} of {step.size} before {step.port}"
+        else:
+            name = step.called
+            own, value = self.case.value(name), changed.value(name)
+            now, held = (self.case.text(name, v, DIGITS) for v in (own, value))
+            text = f"{words(name)} {held} in place of {now}"
         command = Asking.of(changed).command("cycles")
-        command = command or f"epp.find_limit_cycles(case.with_values({{{name!r}: {then!r}}}))"
-        return Remedy(name, own, value, f"{words(name)} {then} in place of {now}", command, search.n_runs)
+        command = command or f"epp.find_limit_cycles(case.with_values({{{name!r}: {held!r}}}))"
+        return Remedy(name, own, value, text, command, search.n_runs)
 
 
 @dataclass(frozen=True)

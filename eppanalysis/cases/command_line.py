@@ -12,7 +12,7 @@ from typing import Any
 
 from eppanalysis.cases.files import GROUPS, Missing
 from eppanalysis.cases.model import Case
-from eppanalysis.cases.values.toml import toml_line
+from eppanalysis.cases.values.toml import toml_value
 from eppanalysis.cases.variation import takes
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.numbers import why_no_bounds
@@ -115,7 +115,7 @@ def _settings(base: Case, case: Case) -> Iterator[tuple[str, Any]]:
 
 def _typed(value: Any) -> str:
     """A value as ``--set`` takes it."""
-    return toml_line("", value).partition(" = ")[2] if isinstance(value, bool | dict) else str(value)
+    return toml_value(value) if isinstance(value, bool | dict) else str(value)
 
 
 @dataclass(frozen=True)

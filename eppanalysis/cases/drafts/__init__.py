@@ -13,7 +13,7 @@ from functools import cached_property
 from pathlib import Path
 
 from eppanalysis.cases import Case, case_from_text
-from eppanalysis.cases.values.toml import toml_line
+from eppanalysis.cases.values.toml import toml_value
 from eppanalysis.errors import CaseError, did_you_mean
 from eppanalysis.units import QuantityError, dimensions, typed_unit
 
@@ -113,5 +113,5 @@ def _as_written(name: str, value: str) -> str:
         plain = tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         plain = value
-    written = toml_line("", plain if type(plain) in (int, float) else value.strip()).partition(" = ")[2]
+    written = toml_value(plain if type(plain) in (int, float) else value.strip())
     return f"{name} = {written}"

@@ -68,12 +68,12 @@ def toml_line(key: str, value: Any) -> str:
     >>> print(toml_line("inputs", {"setpoint": "0 rad", "wind": 0.0}))
     inputs = { setpoint = "0 rad", wind = 0.0 }
     """
-    return f"{_key(key)} = {_value(value)}"
+    return f"{_key(key)} = {toml_value(value)}"
 
 
 def _section(prefix: str, data: dict[str, Any]) -> list[str]:
     plain = {k: v for k, v in data.items() if not _is_section(v)}
-    lines = [f"{_key(k)} = {_value(v)}" for k, v in plain.items()]
+    lines = [f"{_key(k)} = {toml_value(v)}" for k, v in plain.items()]
     if prefix and (lines or not data):
         lines.insert(0, f"[{prefix}]")
     for key, value in data.items():
@@ -95,15 +95,16 @@ def _text(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _value(value: Any) -> str:
+def toml_value(value: Any) -> str:
+    """A value as TOML has it in a line."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
         return _text(value)
     if isinstance(value, list):
-        return f"[{', '.join(_value(v) for v in value)}]"
+        return f"[{', '.join(toml_value(v) for v in value)}]"
     if isinstance(value, dict):
-        inside = ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items())
+        inside = ", ".join(f"{_key(k)} = {toml_value(v)}" for k, v in value.items())
         return f"{{ {inside} }}" if inside else "{}"
     return repr(value)
 
