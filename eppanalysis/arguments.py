@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ArgumentError, EppError, ModelError, did_you_mean, shown
+from eppanalysis.foreign import line_for
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -306,6 +307,7 @@ def _meant(signature: inspect.Signature, kwargs: Mapping[str, Any]) -> str:
 def _refusal(function: Callable[..., Any], name: str, value: object, words: str) -> str:
     """The sentence; of the first argument, for which a neighbour of what is wanted is a likely slip, with a hint."""
     called = _name_of(function)
+    words = line_for(value) or words
     if name != next(iter(inspect.signature(function).parameters)) or _is_plain(value):
         return f"{called}: {name} is {shown(value)}; expected {words}{'' if words.endswith('?') else '.'}"
     methods = inspect.getmembers(type(value), inspect.isfunction)

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy.linalg
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray
-from eppanalysis.methods.margins.linearised import Linear
+from eppanalysis.methods.margins.linearised import Linear, closed_size
 from eppanalysis.models.systems.linear import zeros
 from eppanalysis.roots import between
 
@@ -37,11 +38,30 @@ _PASSES = 1e-6
 _INF, _NAN = float("inf"), float("nan")
 
 
+class LoopGain(Protocol):
+    """What a response is taken of."""
+
+    def response(self, omega: Array) -> ComplexArray:
+        """At frequencies (m,) [rad/s]; nan where it has no value."""
+
+    def slope(self, omega: Array) -> ComplexArray:
+        """Derivative of the response by the frequency."""
+
+    def slow_end(self, lowest: float) -> tuple[float, float] | None:
+        """Frequency zero and the response there, below the lowest frequency of a grid; None where that is no number."""
+
+    def fast_end(self) -> tuple[float, float] | None:
+        """The highest frequency there is and the response there."""
+
+    def closed_at_rest(self, lowest: float) -> float:
+        """Size of L/(1 + L) at frequency zero."""
+
+
 @dataclass(frozen=True, eq=False)
 class Response:
     """A loop gain on a grid that shows all that it does."""
 
-    loop: Linear
+    loop: LoopGain
     omega: Array  # (m,): ascending [rad/s]
     value: ComplexArray  # (m,)
     complete: bool  # whether the grid could be made as fine as it ought to be
@@ -49,11 +69,15 @@ class Response:
     @classmethod
     def of(cls, loop: Linear, rates: ComplexArray) -> Response:
         """On a grid round the poles and zeros `rates` [rad/s] of the loop, cut open and closed."""
-        nodes = _nodes(loop, np.concatenate([rates, 1j * _candidates(loop)]))
+        # Behind a dead time the phase turns for ever: it is followed only while the loop gain is not small.
+        follow = 0.0 if loop.rational or loop.time_step else _FAR_GAIN
+        return cls.refined(loop, _nodes(loop, np.concatenate([rates, 1j * _candidates(loop)])), follow)
+
+    @classmethod
+    def refined(cls, loop: LoopGain, nodes: Array, follow: float = 0.0) -> Response:
+        """On nodes, ascending [rad/s], and as many between as it takes; the phase is followed above a gain `follow`."""
         with np.errstate(all="ignore"):
             value = loop.response(nodes)
-            # Behind a dead time the phase turns for ever: it is followed only while the loop gain is not small.
-            follow = 0.0 if loop.rational or loop.time_step else _FAR_GAIN
             while (finer := _between(nodes, value, follow)).size and nodes.size < _MOST_NODES:
                 nodes = np.concatenate([nodes, finer])
                 order = np.argsort(nodes)
@@ -78,23 +102,22 @@ class Response:
             # The sine changes its sign across a pole on the axis and
             # where the response is positive, too: no crossovers.
             crosses = np.isfinite(value) & (value.real < 0.0) & (np.abs(value.imag) < 1e-6 * np.abs(value))
-        ends = [end for end in (self._slow_end(), self._fast_end()) if end is not None and end[1] < 0.0]
+        ends = [end for end in self._ends if end[1] < 0.0]
         omega = np.append(roots[crosses], [end[0] for end in ends])
         return omega, np.append(value.real[crosses], [end[1] for end in ends])
 
     def bandwidth(self) -> float:
         """Where the closed loop L/(1 + L) first falls 3 dB below rest; nan where it passes nothing at rest."""
-        slow = _closed(self.loop.response(self.omega[:1] * 1e-3))[0]
-        level = slow / np.sqrt(2.0)
+        level = self.loop.closed_at_rest(self.omega[0]) / np.sqrt(2.0)
         if not level > _PASSES:
             return float("nan")
-        below = np.flatnonzero(_closed(self.value) < level)
+        below = np.flatnonzero(closed_size(self.value) < level)
         if not below.size or below[0] == 0:
             return float("inf") if not below.size else float("nan")
 
         i = below[:1]
         return float(
-            _crossing(lambda w: np.log(_closed(self.loop.response(w)) / level), self.omega[i - 1], self.omega[i])[0]
+            _crossing(lambda w: np.log(closed_size(self.loop.response(w)) / level), self.omega[i - 1], self.omega[i])[0]
         )
 
     def nearest_to_minus_one(self) -> tuple[float, float]:
@@ -112,8 +135,12 @@ class Response:
         lowest = int(np.argmin(size))
         if size[lowest] < best[0] * (1.0 - _ROUNDED):  # at the end of the grid
             best = float(size[lowest]), float(self.omega[lowest])
-        ends = [self._slow_end(), self._fast_end() or (float("inf"), 0.0) if not self.loop.time_step else None]
-        return min([best, *((float(_disk(np.array([e[1] + 0j]))[0]), e[0]) for e in ends if e is not None)])
+        return min([best, *((float(_disk(np.array([value + 0j]))[0]), omega) for omega, value in self._ends)])
+
+    @property
+    def _ends(self) -> list[tuple[float, float]]:
+        """The ends of the axis and the loop gain there, where that is a number."""
+        return [end for end in (self.loop.slow_end(self.omega[0]), self.loop.fast_end()) if end is not None]
 
     def _roots(
         self,
@@ -140,33 +167,12 @@ class Response:
         L = self.loop.response(omega)
         return np.asarray((self.loop.slope(omega) / ((1.0 + L) * (1.0 - L))).real, float)
 
-    def _slow_end(self) -> tuple[float, float] | None:
-        """Frequency zero and the loop gain there, where that is no pole."""
-        slow = self.omega[:1] * np.array([1e-3, 1e-4])
-        value = self.loop.response(slow)
-        rests = np.all(np.isfinite(value)) and abs(value[0] - value[1]) <= 1e-4 * abs(value[1])
-        return (0.0, float(value[1].real)) if rests and abs(value[1].imag) < 1e-4 * abs(value[1]) else None
-
-    def _fast_end(self) -> tuple[float, float] | None:
-        """The highest frequency and the loop gain there: what passes straight through, or half the sampling rate."""
-        if self.loop.time_step:
-            top = np.pi / self.loop.time_step
-            value = complex(self.loop.response(np.array([top]))[0])
-            return (top, value.real) if np.isfinite(value) else None
-        straight = float(self.loop.D[0, 0])
-        return (float("inf"), straight) if straight else None
-
 
 def _crossing(function: Callable[[Array], Array], low: Array, high: Array) -> Array:
     """Roots between two frequencies; one of them where it lies within rounding of it, on which side is not sure."""
     nearer = np.where(np.abs(function(low)) < np.abs(function(high)), low, high)
     roots = between(lambda w, _: function(w), low, high)
     return np.where(np.isnan(roots), nearer, roots)
-
-
-def _closed(L: ComplexArray) -> Array:
-    with np.errstate(all="ignore"):
-        return np.asarray(np.abs(L / (1.0 + L)), float)
 
 
 def _disk(L: ComplexArray) -> Array:

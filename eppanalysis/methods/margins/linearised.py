@@ -91,6 +91,24 @@ class Linear:
             moved += (-1j * delay * late)[:, None, None] * (a @ x + b)
         return np.asarray((self.C @ _solved(resolvent, moved))[:, 0, 0], complex)
 
+    def slow_end(self, lowest: float) -> tuple[float, float] | None:
+        """Frequency zero and the response there, where that is no pole; `lowest` is below all that it does."""
+        value = self.response(lowest * np.array([1e-3, 1e-4]))
+        rests = np.all(np.isfinite(value)) and abs(value[0] - value[1]) <= 1e-4 * abs(value[1])
+        return (0.0, float(value[1].real)) if rests and abs(value[1].imag) < 1e-4 * abs(value[1]) else None
+
+    def fast_end(self) -> tuple[float, float] | None:
+        """The highest frequency and the response there: what passes straight through, or half the sampling rate."""
+        if not self.time_step:
+            return float("inf"), float(self.D[0, 0])
+        top = np.pi / self.time_step
+        value = complex(self.response(np.array([top]))[0])
+        return (top, value.real) if np.isfinite(value) else None
+
+    def closed_at_rest(self, lowest: float) -> float:
+        """Size of the loop with this as its gain, far below a frequency that is below all that it does."""
+        return float(closed_size(self.response(np.array([1e-3 * lowest])))[0])
+
     def behind_a_ramp(self) -> float:
         """How far the loop, closed by a feedback of -1, stays behind a ramp in the end, over its rate [s].
 
@@ -127,6 +145,12 @@ class Linear:
             found = np.asarray(np.log(z[np.abs(z) > 1e-9]) / self.time_step, complex)
         size = np.abs(found)
         return np.asarray(found[size > 1e-9 * size.max(initial=0.0)], complex)
+
+
+def closed_size(L: ComplexArray) -> Array:
+    """Size of the closed loop L/(1 + L)."""
+    with np.errstate(all="ignore"):
+        return np.asarray(np.abs(L / (1.0 + L)), float)
 
 
 def within_range(name: str, *parts: Array) -> None:

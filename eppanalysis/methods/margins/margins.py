@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import overload
+from dataclasses import replace
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
@@ -11,26 +12,40 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.margins.crossovers import Response
 from eppanalysis.methods.margins.linearised import Linearised, small_signal
+from eppanalysis.methods.margins.measured import MeasuredGain, unstable_poles
 from eppanalysis.methods.margins.reach import out_of_reach
 from eppanalysis.methods.margins.result import Margins
 from eppanalysis.methods.margins.stability import is_stable
+from eppanalysis.models.elements.piecewise import UNITY
 from eppanalysis.models.systems.cuts import port_names, require_places
+from eppanalysis.models.systems.linear import is_linear
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import static_balance
+from eppanalysis.models.systems.measured.loop import DataSystem, MeasuredLoop
+from eppanalysis.models.systems.measured.response import MeasuredResponse
 from eppanalysis.models.systems.sampled.averaged import averaged
 from eppanalysis.models.systems.subject import CaseLike, facts_of, standing, system_of
+from eppanalysis.readable import number
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
+
+if TYPE_CHECKING:
+    import control
 
 _NAN, _INF = float("nan"), float("inf")
 
 
 @overload
-def margins(loop: LureSystem | CaseLike, at: str | None = None) -> Margins: ...
-@overload
-def margins(loop: LureSystem | CaseLike, at: list[str] | tuple[str, ...]) -> tuple[Margins, ...]: ...
 def margins(
-    loop: LureSystem | CaseLike, at: str | list[str] | tuple[str, ...] | None = None
+    loop: LureSystem | CaseLike | MeasuredLoop | MeasuredResponse | control.LTI, at: str | None = None
+) -> Margins: ...
+@overload
+def margins(
+    loop: LureSystem | CaseLike | MeasuredLoop | MeasuredResponse | control.LTI, at: list[str] | tuple[str, ...]
+) -> tuple[Margins, ...]: ...
+def margins(
+    loop: LureSystem | CaseLike | MeasuredLoop | MeasuredResponse | control.LTI,
+    at: str | list[str] | tuple[str, ...] | None = None,
 ) -> Margins | tuple[Margins, ...]:
     """Gain, phase, disk and delay margins of the linearised loop, cut open at a place.
 
@@ -39,7 +54,9 @@ def margins(
 
     Parameters
     ----------
-    loop : LureSystem or Case
+    loop : LureSystem, Case, MeasuredLoop, or a loop gain
+        A loop gain is a linear system of python-control, scipy or sympy with one input and one output, or its measured
+        response, closed by a feedback of -1 as for ``control.margin``.
     at : str, or list or tuple of str, optional
         Names of places (``LureSystem.places``): the inputs and outputs of elements, "gear.in" and "gear.out", and what
         else the loop names, also by a signal that is taken at one. By default where the loop says (``margins_at``), at
@@ -55,12 +72,13 @@ def margins(
     ModelError
         If there is no such place, or the algebraic loop that is left has no unique solution.
     EppError
-        If `loop` is neither a case nor a loop.
+        If `loop` is none of them.
 
     Notes
     -----
     Crossovers are roots of the exact frequency response, dead time included. The closed loop is judged by its poles;
-    with dead time by the argument principle. The numbers do not depend on the order or the coordinates of anything.
+    with dead time, and of measured data, by the argument principle. Data show crossovers between their ends alone. The
+    numbers do not depend on the order or the coordinates of anything.
 
     Examples
     --------
@@ -74,6 +92,7 @@ def margins(
     >>> [m.at for m in epp.margins(loop, ["saturation.in", "saturation.out"])]
     ['saturation.in', 'saturation.out']
     """
+    loop = _closed_by_itself(loop)
     system = small_signal(system_of(loop, "margins"))
     if at is None:
         names: Sequence[str] = places_of(loop)[:1]
@@ -81,10 +100,25 @@ def margins(
         names = [at] if isinstance(at, str) else list(at)
     names = [_place(system, name) for name in names]
     made_by = Provenance("margins", {"system": system.name}, case=facts_of(loop))
-    nowhere = _drifts(loop)
     with np.errstate(all="ignore"):
-        found = tuple(_margins(Linearised.of(system, name), name, nowhere, made_by) for name in names)
+        if isinstance(system, DataSystem):
+            found = tuple(_of_data(Linearised.of(system, name), system, name, made_by) for name in names)
+        else:
+            nowhere = _drifts(loop)
+            found = tuple(_margins(Linearised.of(system, name), name, nowhere, made_by) for name in names)
     return found[0] if at is None or isinstance(at, str) else found
+
+
+def _closed_by_itself(
+    loop: LureSystem | CaseLike | MeasuredLoop | MeasuredResponse | control.LTI,
+) -> LureSystem | CaseLike | MeasuredLoop:
+    """A loop as it is; a loop gain closed by a feedback of -1, to be cut at "loop.out"."""
+    if isinstance(loop, MeasuredResponse) or hasattr(loop, "frdata"):
+        measured = loop if isinstance(loop, MeasuredResponse) else MeasuredResponse.from_control(loop)
+        return replace(MeasuredLoop(measured, UNITY, name=measured.name).to_system(), element_names=("loop",))
+    if not is_linear(loop):
+        return loop
+    return LureSystem.from_blocks([UNITY, loop], element_names=["loop"], name="loop")
 
 
 def _place(system: LureSystem, name: str) -> str:
@@ -101,7 +135,7 @@ def _place(system: LureSystem, name: str) -> str:
     return places.called(name)
 
 
-def places_of(loop: LureSystem | CaseLike) -> tuple[str, ...]:
+def places_of(loop: LureSystem | CaseLike | MeasuredLoop) -> tuple[str, ...]:
     """Names of the places at which margins cut a loop where nothing is requested.
 
     Raises
@@ -125,7 +159,7 @@ def places_of(loop: LureSystem | CaseLike) -> tuple[str, ...]:
     return (outputs[int(acting[0]) if acting.size else 0],)
 
 
-def _drifts(loop: LureSystem | CaseLike) -> str:
+def _drifts(loop: LureSystem | CaseLike | MeasuredLoop) -> str:
     """Why a loop has no point at rest about which it could be linearised; nothing where none is known."""
     try:
         given, at = standing(loop, None, "margins")
@@ -143,23 +177,16 @@ def _margins(linearised: Linearised, at: str, nowhere: str, made_by: Provenance)
         return Margins(at, Status.INCOMPLETE, rule, nowhere, provenance=made_by)
     in_the_way = linearised.in_the_way(at)
     if in_the_way:
-        names = " and ".join(system.element_names[i] for i in in_the_way)
-        why = f"The loop leads through {names}, without a gain there, so it has no margins."
-        return Margins(at, Status.INCOMPLETE, rule, why, provenance=made_by)
+        return _without_a_gain(linearised, in_the_way, at, made_by)
     loop, closed = linearised.opened(at), linearised.closed()
     rates = np.concatenate([loop.rates, closed.rates])
     stable = is_stable(closed, rates)
     response = Response.of(loop, rates)
-    of_gain, phase_crossover = _gain_margin(*response.phase_crossovers())
     if not np.any(response.value):
         why = "A signal from there does not return: no loop of elements with a gain leads through it."
         if linearised.system.cuts is not None:
             why += f" Other places of the loop: {', '.join(p for p in linearised.system.places.distinct if p != at)}."
         return Margins(at, Status.INCOMPLETE, rule, why, stable=stable, provenance=made_by)
-    crossovers = response.gain_crossovers()
-    angles = np.angle(-loop.response(crossovers)) if crossovers.size else np.zeros(0)
-    best = _least(np.abs(angles)) if angles.size else -1
-    disk, disk_frequency = response.nearest_to_minus_one()
     message = ""
     if stable is None:
         message = "The stability of the linearised loop is undecided: it is on the border within rounding."
@@ -169,20 +196,55 @@ def _margins(linearised: Linearised, at: str, nowhere: str, made_by: Provenance)
         message = (
             f"{names} without a gain: the stability of the whole loop is unknown; the margins are of the loop cut here."
         )
-    return Margins(
-        at,
-        Status.CONVERGED if response.complete and stable is not None else Status.INCOMPLETE,
-        rule,
-        message,
+    ramp = _NAN if stable is False else loop.behind_a_ramp()
+    return _read(response, stable, float(loop.D[0, 0]), ramp, Margins(at, Status.CONVERGED, rule, message), made_by)
+
+
+def _of_data(linearised: Linearised, system: DataSystem, at: str, made_by: Provenance) -> Margins:
+    """The margins at one place of a measured loop."""
+    rule = linearised.rule()
+    if linearised.without:
+        return _without_a_gain(linearised, linearised.without, at, made_by)
+    loop = MeasuredGain.of(system, linearised.gains, at)
+    response = Response.refined(loop, loop.nodes)
+    growing = None if system.only is None else unstable_poles(system.only, response.value)
+    stable = None if growing is None else growing == 0
+    message = f"Measured from {' to '.join(map(number, system.band))} rad/s."
+    if system.only is not None:
+        message += f" Unstable poles of the measured part: {system.only.unstable_poles or 'none'}."
+    if stable is None:
+        message += " The data do not decide the stability of the closed loop."
+    return _read(response, stable, 0.0, _NAN, Margins(at, Status.CONVERGED, rule, message), made_by)
+
+
+def _without_a_gain(linearised: Linearised, which: Sequence[int], at: str, made_by: Provenance) -> Margins:
+    """What is said of a loop that leads through elements that no gain describes."""
+    names = " and ".join(linearised.system.element_names[i] for i in which)
+    why = f"The loop leads through {names}, without a gain there, so it has no margins."
+    return Margins(at, Status.INCOMPLETE, linearised.rule(), why, provenance=made_by)
+
+
+def _read(
+    response: Response, stable: bool | None, straight: float, ramp: float, begun: Margins, made_by: Provenance
+) -> Margins:
+    """The margins that a response shows, beside what is known of the loop; `straight` passes at all frequencies."""
+    of_gain, phase_crossover = _gain_margin(*response.phase_crossovers())
+    crossovers = response.gain_crossovers()
+    angles = np.angle(-response.loop.response(crossovers)) if crossovers.size else np.zeros(0)
+    best = _least(np.abs(angles)) if angles.size else -1
+    disk, disk_frequency = response.nearest_to_minus_one()
+    return replace(
+        begun,
+        status=Status.CONVERGED if response.complete and stable is not None else Status.INCOMPLETE,
         gain_margin=of_gain,
         phase_margin=float(angles[best]) if angles.size else _INF,
         disk_margin=0.0 if stable is False else disk,
-        delay_margin=_delay_margin(angles, crossovers, stable, float(loop.D[0, 0])),
+        delay_margin=_delay_margin(angles, crossovers, stable, straight),
         phase_crossover=phase_crossover,
         gain_crossover=float(crossovers[best]) if angles.size else _NAN,
         disk_frequency=disk_frequency,
         bandwidth=_NAN if stable is False else response.bandwidth(),
-        tracking_error=_NAN if stable is False else loop.behind_a_ramp(),
+        tracking_error=ramp,
         stable=stable,
         omega=response.omega,
         response=response.value,

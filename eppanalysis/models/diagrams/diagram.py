@@ -10,6 +10,7 @@ from typing import Any
 from eppanalysis.arguments import checked_class
 from eppanalysis.errors import ModelError, did_you_mean
 from eppanalysis.models.diagrams.blocks import PI, PID, Block
+from eppanalysis.models.diagrams.blocks.foreign import as_part
 from eppanalysis.models.diagrams.closing import close
 from eppanalysis.models.diagrams.of_loop import drawn
 from eppanalysis.models.diagrams.wiring import NAME, Port, Ports, driven, plain_name, port_names
@@ -26,7 +27,8 @@ class Diagram:
     Parameters
     ----------
     parts : mapping of str to Block or Nonlinearity
-        By their names.
+        By their names. Linear systems of python-control, scipy.signal and sympy are taken, too, and python-control's
+        elements; a state space keeps the names of its signals.
     connect : sequence of str
         Connections, such as ``"setpoint - encoder -> controller"``: a signed sum of outputs and external inputs, and
         the inputs that it drives. A part with a single input or output is called by its name alone.
@@ -72,7 +74,7 @@ class Diagram:
     (3, 3)
     """
 
-    parts: Mapping[str, Block | Nonlinearity]
+    parts: Mapping[str, Any]
     connect: Sequence[str]
     inputs: Mapping[str, float] | Sequence[str] = ()
     signals: Mapping[str, str] = field(default_factory=dict)
@@ -90,9 +92,8 @@ class Diagram:
                 raise ModelError(
                     self.name, name, f"a plain name of letters, digits and underscores, {such}", field="name"
                 )
-        for name, part in self.parts.items():
-            if not isinstance(part, Block | Nonlinearity):
-                raise ModelError(self.name, part, "a block or an element", field=name)
+        object.__setattr__(self, "parts", {name: self._part(name, given) for name, given in self.parts.items()})
+        for name in self.parts:
             if name in self.levels:
                 taken = f"{self.name}: {name} is a part and an external input"
                 raise ModelError(taken, expected="different names", field=f"inputs.{name}")
@@ -101,6 +102,13 @@ class Diagram:
         for field_name, name in called:
             if name not in elements:
                 raise ModelError(self.name, name, f"an element: {did_you_mean(name, elements)}", field=field_name)
+
+    def _part(self, name: str, given: Any) -> Block | Nonlinearity:
+        try:
+            return as_part(given)
+        except ModelError as error:
+            said = f"{self.name}: {name}: {error.what}"
+            raise ModelError(said, expected=error.expected or "a block or an element") from None
 
     @classmethod
     def of(cls, loop: LureSystem) -> Diagram:

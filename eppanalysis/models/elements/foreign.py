@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from eppanalysis.errors import ModelError
+from eppanalysis.foreign import line_for
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.hysteresis import HysteresisRelay
 from eppanalysis.models.elements.memory import Play
@@ -39,7 +40,8 @@ def as_element(what: Any) -> Nonlinearity:
         return Play(gap=float(what.b))
     if kind == "relay_hysteresis_nonlinearity":
         return HysteresisRelay(lower=-float(what.c), upper=float(what.c), low=-float(what.b), high=float(what.b))
-    raise ModelError(f"A {type(what).__name__} is not a known element", expected="an element of eppanalysis")
+    expected = line_for(what) or "an element of eppanalysis"
+    raise ModelError(f"A {type(what).__name__} is not a known element", expected=expected)
 
 
 def is_element(what: Any) -> bool:

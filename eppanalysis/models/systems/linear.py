@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.arguments import ORDINARY, are_ordinary, floats, is_number
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.engine.balances import even_out
-from eppanalysis.errors import ModelError
+from eppanalysis.errors import ModelError, shown
+from eppanalysis.foreign import line_for
 from eppanalysis.models.systems.own_states import diagonal
 
 #: What is smaller than this share of the terms that it is made of is rounding: a realisation in other coordinates
@@ -76,8 +77,9 @@ def as_state_space(plant: Any, time_step: float | None = None) -> StateSpace:
 
     Parameters
     ----------
-    plant : StateSpace, control.LTI, scipy.signal.lti, scipy.signal.dlti or (array_like, array_like)
-        Single input, single output.
+    plant : StateSpace, control.LTI, scipy.signal.lti, scipy.signal.dlti, sympy.Expr or (array_like, array_like)
+        Single input, single output. A sympy expression is a quotient of polynomials of s; sympy's own transfer
+        functions are taken, too.
     time_step : float, optional
         Sample time of a (numerator, denominator) pair in discrete time [s].
 
@@ -92,6 +94,8 @@ def as_state_space(plant: Any, time_step: float | None = None) -> StateSpace:
         return plant
     if isinstance(plant, tuple) and len(plant) == 2:
         return transfer_function(plant[0], plant[1], time_step)
+    if type(plant).__module__.startswith("sympy."):
+        return transfer_function(*_of_sympy(plant))
     if type(plant).__module__.startswith("scipy.") and (hasattr(plant, "gain") or hasattr(plant, "num")):
         ratio = plant.to_tf()  # of zeros, poles and a gain, too
         return transfer_function(_only_row(ratio.num), ratio.den, sample_time(ratio))
@@ -100,11 +104,24 @@ def as_state_space(plant: Any, time_step: float | None = None) -> StateSpace:
             raise ModelError("The linear part has several inputs or outputs", expected="one of each")
         return transfer_function(plant.num[0][0], plant.den[0][0], sample_time(plant))
     if hasattr(plant, "A") and hasattr(plant, "D"):
-        found = StateSpace(plant.A, plant.B, plant.C, plant.D, sample_time(plant))
+        found = state_space_of(plant)
         if found.D.shape != (1, 1):
             raise ModelError("The linear part has several inputs or outputs", expected="one of each")
         return found
-    raise ModelError(f"A {type(plant).__name__} is not a linear block", expected="a transfer function or a state space")
+    expected = line_for(plant) or "a transfer function or a state space"
+    raise ModelError(f"A {type(plant).__name__} is not a linear block", expected=expected)
+
+
+def is_linear(given: Any) -> bool:
+    """Whether something is a linear system of python-control, scipy or sympy, or a state space."""
+    foreign = type(given).__module__.startswith(("control.", "scipy.signal.", "sympy."))
+    has = (hasattr(given, "A") and hasattr(given, "D")) or hasattr(given, "num") or hasattr(given, "free_symbols")
+    return isinstance(given, StateSpace) or (foreign and has)
+
+
+def state_space_of(system: Any) -> StateSpace:
+    """State space of a system that has matrices, of any number of inputs and outputs."""
+    return StateSpace(system.A, system.B, system.C, system.D, sample_time(system))
 
 
 def transfer_function(numerator: ArrayLike, denominator: ArrayLike, time_step: float | None = None) -> StateSpace:
@@ -150,6 +167,24 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike, time_step: f
     B = np.zeros((n, 1))
     B[0, 0] = 1.0
     return StateSpace(w0 * A, w0 * B, b.reshape(1, n), D, time_step)
+
+
+def _of_sympy(plant: Any) -> tuple[list[float], list[float], float | None]:
+    """Numerator, denominator and sample time of a quotient of polynomials of s, or of sympy's transfer function."""
+    import sympy
+
+    variable = getattr(plant, "var", sympy.Symbol("s"))
+    quotient = sympy.together(plant.num / plant.den if hasattr(plant, "var") else plant)
+    # A symbol of its own name is another one to sympy where one of them is called positive, say.
+    same = {symbol: variable for symbol in quotient.free_symbols if str(symbol) == str(variable)}
+    try:
+        parts = sympy.fraction(quotient.subs(same))
+        num, den = ([float(c) for c in sympy.Poly(part, variable).all_coeffs()] for part in parts)
+    except (TypeError, ValueError, sympy.PolynomialError):
+        expected = f"a quotient of polynomials of {variable} with numbers in it; a dead time by `delay`, not by exp"
+        raise ModelError(f"The transfer function {shown(str(plant))}", expected=expected) from None
+    step = getattr(plant, "sampling_time", None)
+    return num, den, None if step is None else float(step)
 
 
 def _only_row(numerator: Array) -> Array:

@@ -45,6 +45,7 @@ from eppanalysis.models.systems.signals import (
 
 if TYPE_CHECKING:
     import control
+    import sympy
     from scipy import signal
 
 
@@ -217,7 +218,13 @@ class LureSystem(Responses):
     @checked
     def from_tf(
         cls,
-        plant: control.LTI | signal.lti | signal.dlti | StateSpace | tuple[ArrayLike, ArrayLike],
+        plant: control.LTI
+        | signal.lti
+        | signal.dlti
+        | sympy.Expr
+        | sympy.physics.control.TransferFunction
+        | StateSpace
+        | tuple[ArrayLike, ArrayLike],
         element: Nonlinearity | control.DescribingFunctionNonlinearity,
         *,
         delay: float = 0.0,
@@ -230,7 +237,7 @@ class LureSystem(Responses):
 
         Parameters
         ----------
-        plant : StateSpace, (numerator, denominator), or a system of python-control or scipy.signal
+        plant : StateSpace, (numerator, denominator), a system of python-control or scipy.signal, or a sympy expression
             Linear part G, single input and output, proper; a discrete-time system makes a discrete-time loop.
         element : Nonlinearity
             With one input and one output; python-control's elements are taken, too.
@@ -279,7 +286,7 @@ class LureSystem(Responses):
         ----------
         blocks : sequence
             Elements (python-control's, too) and linear blocks with one input and one output, each a StateSpace, a
-            (numerator, denominator) or a system of python-control or scipy.signal, in the direction of the signal.
+            (numerator, denominator), or what :meth:`from_tf` takes as a plant, in the direction of the signal.
         delay : float, optional
             Dead time [s], put behind the first element, or behind the next one where the first acts straight on it.
         feedback, x0, name : optional

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Protocol, TypeVar
 
 from eppanalysis.errors import EppError
+from eppanalysis.foreign import line_for
 from eppanalysis.models.systems.inputs import InputSignal
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.measured.loop import MeasuredLoop
@@ -54,16 +55,16 @@ class CaseLike(Protocol):
         """A value of a parameter, given in SI units, as people write it."""
 
 
-def facts_of(case: CaseLike | LureSystem) -> Mapping[str, Any]:
+def facts_of(case: CaseLike | LureSystem | MeasuredLoop) -> Mapping[str, Any]:
     """What provenance says of a case: all that it tells of itself, at least its name; nothing of a loop."""
-    if isinstance(case, LureSystem):
+    if isinstance(case, LureSystem | MeasuredLoop):
         return {}
     own = getattr(case, "provenance", None)
     return {"case": case.name} if own is None else own()
 
 
 #: Analyses that need no states, so that a measured frequency response is enough.
-_KNOW_DATA = ("predict_limit_cycles", "harmonic_balance")
+_KNOW_DATA = ("predict_limit_cycles", "harmonic_balance", "margins")
 #: An operating point as analyses take it: itself, or inputs by name [SI], the others staying where they are.
 PointLike = OperatingPoint | Mapping[str, float]
 C = TypeVar("C", bound=CaseLike)
@@ -85,7 +86,8 @@ def system_of(loop: LureSystem | CaseLike | MeasuredLoop, analysis: str) -> Lure
     if isinstance(loop, LureSystem):
         return loop
     if not hasattr(loop, "to_system"):
-        raise EppError(f"{analysis}: the first argument is a {type(loop).__name__}; expected a Case or a LureSystem.")
+        expected = line_for(loop) or "a Case or a LureSystem"
+        raise EppError(f"{analysis}: the first argument is a {type(loop).__name__}; expected {expected}.")
     return loop.to_system()
 
 

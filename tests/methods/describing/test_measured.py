@@ -365,7 +365,7 @@ def test_an_unstable_part_is_not_taken_for_a_stable_one():
 
 def test_what_needs_states_is_refused():
     loop = short(100.0)
-    for analysis in (epp.exact_orbit, epp.find_limit_cycles, epp.simulate, epp.margins):
+    for analysis in (epp.exact_orbit, epp.find_limit_cycles, epp.simulate):
         with pytest.raises(epp.EppError, match="has no states|expected"):
             analysis(loop) if analysis is not epp.exact_orbit else analysis(loop, epp.predict_limit_cycles(loop)[0])
     with pytest.raises(epp.ModelError, match="expected 2 and 2, as the elements"):

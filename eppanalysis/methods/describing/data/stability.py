@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from eppanalysis.arrays import Array
 from eppanalysis.methods.describing.balance import Balance
 from eppanalysis.methods.describing.quality import Point
+from eppanalysis.methods.margins.measured import unstable_poles
 from eppanalysis.models.systems.measured.loop import DataSystem
-from eppanalysis.models.systems.measured.response import MeasuredResponse
 
 #: Share by which an amplitude is moved to either side of a cycle for Nyquist's criterion.
 _BESIDE = 0.01
-#: How far from a whole number the slope of a response towards low frequencies may be.
-_WHOLE = 0.3
 
 
 def stability_of_data(system: DataSystem, balance: Balance, p: Point) -> tuple[bool | None, str]:
@@ -35,8 +32,7 @@ def stability_of_data(system: DataSystem, balance: Balance, p: Point) -> tuple[b
 def _unstable_poles(system: DataSystem, balance: Balance, p: Point, share: float) -> int | None:
     """Number of unstable poles of the loop with the element as the gain that it is at another amplitude.
 
-    A lag of the element counts as dead time. The curve ``1 + N G`` is closed beyond the data: towards zero by as many
-    integrators as its slope shows, upwards by a loop gain below one. None where that is not to be seen.
+    A lag of the element counts as dead time.
     """
     gain = _gain_beside(balance, p, share)
     around = np.geomspace(1e-6, 0.3, 40)
@@ -44,38 +40,8 @@ def _unstable_poles(system: DataSystem, balance: Balance, p: Point, share: float
     low, high = system.band
     omega = np.unique(omega[(omega >= low) & (omega <= high)])
     lag = np.exp(1j * np.angle(gain) * omega / p.omega)
-    back = -abs(gain) * lag * system.frequency_response(omega)[:, 0, 0]
-    if abs(back[-1]) >= 1.0:
-        return None
-    turn = np.unwrap(np.angle(1.0 + back))
-    start = _start(system, turn, abs(back[0]))
-    if start is None:
-        return None
-    # Above the data the loop gain is below one, and 1 + N G ends at one. Each half turn about zero up to there is a
-    # pole less on the right (docs/theory/measured.md, Stability).
-    end = 2.0 * np.pi * np.round(turn[-1] / (2.0 * np.pi))
-    return _only(system).unstable_poles - round((end - start) / np.pi)
-
-
-def _only(system: DataSystem) -> MeasuredResponse:
     assert system.only is not None
-    return system.only
-
-
-def _start(system: DataSystem, turn: Array, size: float) -> float | None:
-    """Argument, a multiple of pi, of ``1 + N G`` where it leaves the real axis at zero frequency."""
-    gain = _only(system).static_gain
-    if gain is not None and np.isfinite(gain):
-        return float(np.pi * np.round(turn[0] / np.pi))
-    value, by_omega = _only(system).with_slope(system.band[0])
-    slope = float((system.band[0] * by_omega / value).real)
-    if slope > 1.0 - _WHOLE and size < 1.0:
-        return float(2.0 * np.pi * np.round(turn[0] / (2.0 * np.pi)))
-    # Of k integrators 1 + N G comes from infinity, a quarter turn behind the real axis for each.
-    integrators = max(0, round(-slope))
-    if abs(slope + integrators) > _WHOLE:
-        return None
-    return float(np.pi * np.round((turn[0] + 0.5 * np.pi * integrators) / np.pi))
+    return unstable_poles(system.only, -abs(gain) * lag * system.frequency_response(omega)[:, 0, 0])
 
 
 def _gain_beside(balance: Balance, p: Point, share: float) -> complex:

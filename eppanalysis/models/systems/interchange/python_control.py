@@ -95,7 +95,8 @@ def from_control(
         As ``control.ss`` and ``control.interconnect`` make it, in continuous or discrete time. Its outputs are the
         named signals of the loop, inputs that no element drives its external inputs; names of states are kept. Inputs
         and outputs of the linear subsystems of an interconnection are places at which margins can cut the loop, as in
-        ``epp.margins(loop, "controller.voltage")``; "controller" alone means the output of one that has one.
+        ``epp.margins(loop, "voltage")``; "controller.voltage" where several have a signal of that name, "controller"
+        for the output of one that has one.
     elements : mapping of (str, ..., str) or str to Nonlinearity
         By what an element takes and drives: ``("speed", "torque")`` is fed by the output "speed" and drives the input
         "torque"; with several inputs, ``("deflection", "rate", "torque")``. A name alone is an output and an input of
@@ -339,7 +340,7 @@ def _cut(system: Any, elements: Mapping[Any, Nonlinearity], name: str) -> tuple[
     u_d[:] = M @ y_d
     u_d[~u_of, ny:] += np.eye(nu)
     back, carried = np.diag(np.vstack([own, M_linear @ own])), np.vstack([y[~y_of], u[~u_of]])
-    names = _named_ports(linear)
+    names = _named_ports(parts)
     at = list(names.values())
     ports = _Ports(
         tuple(names), B=(B @ u_d[~u_of])[:, at], C=carried[at, :n], D=carried[at, n:],
@@ -363,18 +364,25 @@ def _cut(system: Any, elements: Mapping[Any, Nonlinearity], name: str) -> tuple[
 
 def _named_ports(parts: Sequence[Any]) -> dict[str, int]:
     """Numbers of the outputs of linear subsystems, then of their inputs: "controller.voltage", or "controller.out" of
-    one that has one output.
+    one that has one output; and "voltage" alone, where one subsystem gives it, or none and one takes it.
     """
+    kinds = (("output_labels", "noutputs", "out"), ("input_labels", "ninputs", "in"))
+    linear = [part for part in parts if hasattr(part, "A")]
     ports = [
         (part.name, signal, alone if getattr(part, count) == 1 else signal)
-        for labels, count, alone in (("output_labels", "noutputs", "out"), ("input_labels", "ninputs", "in"))
-        for part in parts
+        for labels, count, alone in kinds
+        for part in linear
         for signal in getattr(part, labels)
     ]
     found: dict[str, int] = {}
     for place in (1, 2):
         for i, port in enumerate(ports):
             found.setdefault(f"{port[0]}.{port[place]}", i)
+    given, taken = ([(part.name, s) for part in parts for s in getattr(part, labels)] for labels, _, _ in kinds)
+    for signal in {signal: None for _, signal in (*given, *taken)}:
+        ends = [end for end in given if end[1] == signal] or [end for end in taken if end[1] == signal]
+        if len(ends) == 1 and ".".join(ends[0]) in found:
+            found.setdefault(signal, found[".".join(ends[0])])
     return found
 
 

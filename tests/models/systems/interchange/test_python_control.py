@@ -295,6 +295,86 @@ def test_a_friction_servo_has_margins_at_its_controller():
     assert epp.margins(loop, "controller").phase_margin == pytest.approx(np.deg2rad(want[1]), rel=1e-6)
 
 
+@pytest.mark.parametrize("at", ["voltage", "error", "angle"])
+def test_every_signal_of_an_interconnection_is_a_cut_by_its_own_name(at: str):
+    """The signals of the one loop through controller and motor, none of which an element takes or gives."""
+    loop = epp.from_control(servo(), {("speed", "friction"): FRICTION})
+    gain, phase, _, crossover = control.margin(control.tf([4.0, 2.0], [1.0, 0.0]) * control.tf([1.0], [1.0, 1.0, 0.0]))
+    for one in (loop, epp.Case.from_system(loop)):
+        found = epp.margins(one, at)
+        assert found.phase_margin == pytest.approx(np.deg2rad(phase), rel=1e-9)
+        assert found.gain_margin == gain == np.inf and found.gain_crossover == pytest.approx(crossover, rel=1e-9)
+
+
+def test_a_name_that_two_subsystems_give_is_no_cut_of_its_own():
+    twice = control.tf([1.0], [1.0, 0.0], name="other", inputs="error", outputs="voltage")
+    loop = epp.from_control(servo(motor(), controller(), twice), {("speed", "friction"): FRICTION})
+    with pytest.raises(ModelError, match="no place 'voltage' to be cut at"):
+        epp.margins(loop, "voltage")
+    assert epp.margins(loop, "motor.voltage").exist and epp.margins(loop, "other.voltage").exist
+
+
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        (control.tf([1.0], [1.0, 1.0]), "LureSystem.from_tf(system, Saturation(-1, 1))"),
+        (motor(), "from_control(system, {('angle', 'voltage'): Saturation(-1, 1)})"),
+        (
+            control.frd(control.tf([1.0], [1.0, 1.0]), np.geomspace(0.1, 10.0, 20)),
+            "MeasuredResponse.from_control(data)",
+        ),
+        (limiter(), "such as Saturation(-1, 1), or its points as PiecewiseLinear"),
+        (control.saturation_nonlinearity(1.0), "LureSystem.from_tf(plant, element)"),
+    ],
+    ids=["tf", "ss", "frd", "nlsys", "element"],
+)
+def test_a_system_handed_to_an_analysis_is_answered_with_the_line_that_makes_a_loop(given, line: str):
+    for analysis in (epp.predict_limit_cycles, epp.find_limit_cycles, epp.simulate):
+        with pytest.raises(epp.EppError) as error:
+            analysis(given)
+        assert line in str(error.value) and str(error.value).count("\n") == 0
+
+
+def test_linear_systems_and_elements_of_python_control_are_parts_of_a_diagram():
+    parts = {
+        "limit": control.saturation_nonlinearity(1.0),
+        "law": controller(),
+        "motor": motor(inputs=["volts", "load"]),
+    }
+    connect = ["ref - motor.angle -> law", "law -> limit", "limit -> motor.volts", "load -> motor.load"]
+    made = epp.Diagram(parts, connect, inputs=["ref", "load"]).to_system()
+    own = {"limit": epp.Saturation(-1.0, 1.0), "law": epp.blocks.PI(kp=4.0, ki=2.0)}
+    same = epp.Diagram(parts | own, connect, inputs=["ref", "load"]).to_system()
+    omega = np.geomspace(0.1, 10.0, 7)
+    assert np.allclose(made.frequency_response(omega), same.frequency_response(omega), rtol=1e-12)
+    one, other = (epp.simulate(loop, {"ref": epp.inputs.Step(1.0)}, 5.0) for loop in (made, same))
+    assert np.allclose(one.signals["motor_angle"], other.signals["motor_angle"], atol=1e-9)
+    for wrong in (limiter(), control.frd(controller(), omega), 3.0, "limit"):
+        with pytest.raises(ModelError, match="diagram: law"):
+            epp.Diagram(parts | {"law": wrong}, connect, inputs=["ref", "load"])
+
+
+@pytest.mark.slow
+def test_quotients_of_sympy_are_plants():
+    import sympy
+    from sympy.physics.control import TransferFunction
+
+    s, k = sympy.Symbol("s"), sympy.Symbol("k")
+    want = epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))
+    positive = sympy.Symbol("s", positive=True)
+    for plant in (
+        5 / (s**2 + s),
+        5 / s / (s + 1),
+        TransferFunction(5, s * (s + 1), s),
+        5 / (positive * (positive + 1)),
+    ):
+        assert np.array_equal(epp.LureSystem.from_tf(plant, epp.Play(gap=2.0)).A, want.A)
+    assert epp.margins(5 / (s * (s + 1))).phase_margin == epp.margins(control.tf([5.0], [1.0, 1.0, 0.0])).phase_margin
+    for wrong in (k / s, sympy.exp(-s) / s, sympy.sqrt(s), 1 / (sympy.Symbol("z") - 1), TransferFunction(k, s, s)):
+        with pytest.raises(ModelError, match="expected a quotient of polynomials of s with numbers in it"):
+            epp.LureSystem.from_tf(wrong, epp.Play(gap=2.0))
+
+
 @st.composite
 def interconnections(draw):
     """A chain of subsystems with names of python-control's own, closed through one that an element stands for."""
