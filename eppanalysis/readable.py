@@ -156,9 +156,10 @@ def words(name: str) -> str:
 
     Examples
     --------
-    >>> words("lock_pin.backlash"), words("mass.mass")
-    ('lock pin backlash', 'mass')
+    >>> words("lock_pin.backlash"), words("mass.mass"), words("run.inputs.load.size")
+    ('lock pin backlash', 'mass', 'load size')
     """
+    name = name.removeprefix("run.inputs.").removeprefix("run.")
     parts = name.replace("_", " ").replace("peak-to-peak", "peak to peak").split(".")
     return " ".join(part for before, part in pairwise(["", *parts]) if part != before)
 

@@ -70,7 +70,6 @@ class DiagramKind(Kind):
     """Cases of diagrams."""
 
     name = "diagram"
-    input_unit = ""
     file = DiagramFile
     variation = DiagramVariation
 
@@ -93,10 +92,10 @@ class DiagramKind(Kind):
             check_fields(table, place, raw)  # what is in lists, which no wire has seen
         system = replace(system, signals=system.signals.in_units(known))
         parameters = {**{name: named.parameter for name, named in reader.named.items()}, **reader.given}
-        units = {name: level.unit for name, level in levels.items()}
-        inputs = input_signals_of(file.run, system.input_names, units, raw)
+        units = {name: (level.unit, level.friendly) for name, level in levels.items()}
+        inputs = input_signals_of(file.run, system.input_names, {name: unit for name, (unit, _) in units.items()}, raw)
         said = (*unsaid(reader.tables.values()), *plays_between_bodies(diagram))
-        return Parts(parameters, inputs, system, computed=reader.computed, remarks=said)
+        return Parts(parameters, inputs, system, computed=reader.computed, input_units=units, remarks=said)
 
     def fields(self, parameters: Iterable[str]) -> list[str]:
         """The given ones."""

@@ -82,7 +82,6 @@ class ElbowKind(Kind):
     """Cases of the elbow."""
 
     name = "elbow"
-    input_unit = "m"
     file = ElbowFile
     variation = ElbowVariation
 
@@ -95,10 +94,9 @@ class ElbowKind(Kind):
                 system = replace(elbow(parameters), name=raw.name)
         except (ModelError, ArithmeticError) as error:
             raise CaseError(raw.source, "", "beyond the range of numbers", f"ordinary magnitudes ({error})") from None
-        input_signal = input_signals_of(file.run, system.input_names, self.input_unit, raw)
-        return Parts(
-            fields, Step(parameters.harness.step) if input_signal is None else input_signal, system, parameters
-        )
+        units = dict.fromkeys(system.input_names, ("m", "mm"))
+        input_signal = input_signals_of(file.run, system.input_names, "m", raw) or Step(parameters.harness.step)
+        return Parts(fields, input_signal, system, parameters, input_units=units)
 
     def fields(self, parameters: Iterable[str]) -> list[str]:
         """All that are declared."""

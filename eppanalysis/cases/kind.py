@@ -28,6 +28,8 @@ class Parts:
     elbow: ElbowParameters | None = None  # of a case of the elbow
     #: Numbers that expressions come to, by the dotted names of the fields in which these stand.
     computed: dict[str, Named] = field(default_factory=dict)
+    #: SI unit of each external input, and the unit that people use.
+    input_units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()  # sentences on what is possible but hardly meant
 
 
@@ -38,8 +40,6 @@ class Kind(ABC):
     ----------
     name : str
         What its files call it.
-    input_unit : str
-        SI unit of the external input; empty where it has none.
     file : type of CaseFile
         The model of its files.
     variation : type of Variation
@@ -47,7 +47,6 @@ class Kind(ABC):
     """
 
     name: ClassVar[str]
-    input_unit: ClassVar[str]
     file: ClassVar[type[CaseFile]]
     variation: ClassVar[type[Variation]] = LoopVariation
 

@@ -43,7 +43,6 @@ class LoopKind(Kind):
     """Cases of generic loops."""
 
     name = "loop"
-    input_unit = ""
     file = LoopFile
 
     def parts(self, file: Any, raw: RawCase) -> Parts:
@@ -58,7 +57,7 @@ class LoopKind(Kind):
             found = getattr(loop, name)
             if found is not None:
                 fields[f"loop.{name}"] = found
-        inputs = input_signals_of(file.run, system.input_names, self.input_unit, raw)
+        inputs = input_signals_of(file.run, system.input_names, "", raw)
         return Parts(fields, inputs, system, remarks=unsaid(blocks))
 
     def fields(self, parameters: Iterable[str]) -> list[str]:

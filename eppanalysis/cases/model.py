@@ -46,7 +46,6 @@ _NO_CHANGE_OF_SYSTEM = ("title", "run.t_end")
 #: What cases are of, by the names that files call them.
 KINDS: dict[str, Kind] = {kind.name: kind for kind in (ElbowKind(), LoopKind(), DiagramKind())}
 #: Units in which people read lengths.
-_FRIENDLY = {"m": "mm", "m/s": "mm/s"}
 #: Digits of a number in a message.
 _TYPED = 6
 #: Fields of an input signal that no quantity stands in.
@@ -87,6 +86,8 @@ class Case(ShownCase):
     _elbow: ElbowParameters | None = None
     #: What expressions in fields of parts come to.
     _computed: Mapping[str, Named] = field(default_factory=dict)
+    #: SI unit of each external input, and the unit that people use.
+    _input_units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     #: On how its parts are connected.
     _remarks: tuple[str, ...] = ()
     _end: float | None = None  # length of its run [s], where the file says it
@@ -279,9 +280,9 @@ class Case(ShownCase):
         return self._elbow
 
     @property
-    def input_unit(self) -> str:
-        """SI unit of the external input; empty where it has none."""
-        return KINDS[self.kind].input_unit
+    def input_units(self) -> dict[str, str]:
+        """SI unit of each external input that has one, by its name."""
+        return {name: unit for name, (unit, _) in self._input_units.items() if unit}
 
     @checked
     def value(self, name: str) -> float:
@@ -303,6 +304,8 @@ class Case(ShownCase):
         self._check_known(name, self.source)
         if name == "run.t_end":
             return self.t_end
+        if name in self._fields_of_inputs and not isinstance(held := self.held(name), Missing):
+            return self.si(name, held)
         found = None if name.startswith("run.") else KINDS[self.kind].implied(self._elbow, name)
         if found is None:
             raise CaseError(self.source, name, Missing(), "a parameter that has a value in this case")
@@ -337,19 +340,21 @@ class Case(ShownCase):
         self._check_known(name, self.source)
         if name in self.parameters:
             return self.parameters[name].unit, self.parameters[name].friendly
-        if name.startswith("run.input."):
-            return self._unit_of_input(name.removeprefix("run.input."))
+        if name in self._fields_of_inputs:
+            return self._unit_of_input(name)
         quantity = find_quantity(KINDS[self.kind].file, name.split("."))
         return ("", "") if quantity is None else (quantity.unit, quantity.friendly or quantity.unit)
 
     def _unit_of_input(self, name: str) -> tuple[str, str]:
-        """Units of a field of the input signal."""
-        if name in ("size", "amplitude"):
-            return self.input_unit, _FRIENDLY.get(self.input_unit, self.input_unit)
-        if name == "rate":
-            unit = f"{self.input_unit}/s" if self.input_unit else "1/s"
-            return unit, _FRIENDLY.get(unit, unit)
-        quantity = find_quantity(INPUTS[self._raw.data["run"]["input"]["kind"]], [name])
+        """Units of a field of an input signal."""
+        (model, of), field = self._fields_of_inputs[name], name.rpartition(".")[2]
+        unit, friendly = self._input_units.get(of, ("", ""))
+        friendly = typed_unit(self.held(name)) or friendly
+        if field in ("size", "amplitude"):
+            return unit, friendly or unit
+        if field == "rate":
+            return (f"{unit}/s", friendly or f"{unit}/s") if unit else ("1/s", "1/s")
+        quantity = find_quantity(model, [field])
         return ("", "") if quantity is None else (quantity.unit, quantity.friendly or quantity.unit)
 
     @checked
@@ -479,9 +484,21 @@ class Case(ShownCase):
 
     def fields_of_run(self) -> list[str]:
         """The fields of its run that hold a quantity."""
-        given = (self._raw.data.get("run") or {}).get("input") or {}
-        input_signal = INPUTS[given["kind"]].model_fields if "kind" in given else {}
-        return ["run.t_end", *(f"run.input.{name}" for name in input_signal if name not in _NOT_A_NUMBER)]
+        return ["run.t_end", *self._fields_of_inputs]
+
+    @cached_property
+    def _fields_of_inputs(self) -> dict[str, tuple[type[Any], str]]:
+        """The fields of its input signals that hold a quantity, each with the model of its signal and the input."""
+        run = self._raw.data.get("run") or {}
+        given = {f"run.inputs.{name}": (name, table) for name, table in (run.get("inputs") or {}).items()}
+        if run.get("input"):
+            given["run.input"] = (next(iter(self._input_units), ""), run["input"])
+        return {
+            f"{place}.{field}": (INPUTS[table["kind"]], name)
+            for place, (name, table) in given.items()
+            for field in INPUTS[table["kind"]].model_fields
+            if field not in _NOT_A_NUMBER
+        }
 
     def _known(self) -> list[str]:
         return list(dict.fromkeys([*KINDS[self.kind].fields(self.parameters), *self.fields_of_run()]))
@@ -584,7 +601,7 @@ def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> C
     system = replace(parts.system, signals=signals)
     told = raw.name, file.title, file.kind, raw.source, parts.parameters, parts.input
     end = None if file.run.t_end is None else float(file.run.t_end.value)
-    return Case(*told, expected, raw, system, parts.elbow, parts.computed, parts.remarks, end)
+    return Case(*told, expected, raw, system, parts.elbow, parts.computed, parts.input_units, parts.remarks, end)
 
 
 def opened(raw: RawCase) -> Case:

@@ -37,16 +37,26 @@ if TYPE_CHECKING:
     from eppanalysis.methods.bounds.result import DesignBounds
     from eppanalysis.tables.files import Table
 
-Field = Annotated[str, typer.Option("--over", metavar="FIELD", help="The parameter that runs, as in bands.range.")]
+Field = Annotated[
+    str | None,
+    typer.Option(
+        "--over", metavar="FIELD", help="The parameter that runs, as in bands.range; without it one bound is found."
+    ),
+]
 Limit = Annotated[
-    str, typer.Option("--limit", metavar="FIELD", help="The parameter that is bounded, as in lock_pin.backlash.")
+    str,
+    typer.Option(
+        "--limit",
+        metavar="FIELD",
+        help="The parameter that is bounded, as in lock_pin.backlash, or a field of an input, as in run.input.size.",
+    ),
 ]
 
 
 def bounds(
     case: CaseName,
-    over: Field,
     limit: Limit,
+    over: Field = None,
     settings: Settings = NOTHING,
     start: Annotated[str | None, typer.Option("--from", metavar="VALUE", help="First value of --over.")] = None,
     stop: Annotated[str | None, typer.Option("--to", metavar="VALUE", help="Last value of --over.")] = None,
@@ -72,11 +82,15 @@ def bounds(
     step: Step = None,
 ) -> None:
     """Bound a parameter over another one: exact folds, tested on both sides, beside the describing function."""
+    from eppanalysis.cases import variation_of
     from eppanalysis.methods.bounds.design import design_bounds
     from eppanalysis.workers import cores
 
     check_output(output)
     found = load_case(case, settings)
+    if over is None:
+        over, points = next(name for name in variation_of(found).over() if name != limit), 1
+        start = start or found.text(over, found.value(over))
     for option, name, value in (("--from", over, start), ("--to", over, stop)):
         check_value(found, option, name, value)
     for value in within_of(within) or ():

@@ -144,8 +144,7 @@ def _trigger_text(case: Case, hit: Trigger) -> str:
     """The threshold between its two sides, with as many digits as tell them apart."""
     from eppanalysis.methods.search.trigger import GROWS
 
-    external = hit.name in case.to_system().input_names
-    unit, factor = readable(hit.unit or (case.input_unit if external else ""))
+    unit, factor = readable(hit.unit or case.input_units.get(hit.name, ""))
     name, tail = words(hit.name), f" {unit}" if unit else " (SI unit)"
     if math.isnan(hit.size):
         return f"{name} by up to {number(hit.tried * factor)}{tail} starts no cycle."

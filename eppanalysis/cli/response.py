@@ -82,7 +82,7 @@ def _unit_of(found: Case, input: str | None) -> str:
     system = found.to_system()
     name = system.input_names[0] if input is None and len(system.input_names) == 1 else input
     units = system.signals.units_by_name()
-    return units.get(name or "", "") or found.input_unit
+    return units.get(name or "", "") or found.input_units.get(name or "", "")
 
 
 def _numbers(option: str, text: str | None, unit: str) -> list[float]:

@@ -376,7 +376,7 @@ class Guide(Result):
             step = (
                 f"{1e3 * abs(row.trigger):.2g} mm"
                 if self.of_backlash
-                else quantity(abs(row.trigger), self.case.input_unit, 2)
+                else quantity(abs(row.trigger), self.case.input_units.get(row.struck, ""), 2)
             )
             where = "at the harness" if self.of_backlash else f"of {words(row.struck)}"
             if row.trigger == 0.0:

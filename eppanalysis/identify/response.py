@@ -47,7 +47,7 @@ def layout_of(case: Case) -> Layout:
         return ELBOW
     system = case.to_system()
     signals = {name: name for name in system.signals.names if name not in system.input_names}
-    units = {**{name: case.input_unit for name in system.input_names}, **system.signals.units_by_name()}
+    units = {**dict.fromkeys(system.input_names, ""), **case.input_units, **system.signals.units_by_name()}
     return Layout(signals, {name: name for name in system.input_names}, units)
 
 

@@ -166,7 +166,7 @@ class Task:
         return (*system.input_names, *system.state_names)[0]
 
     def _trigger_variables(self) -> dict[str, Variable]:
-        unit = self.case.input_unit if self.case.to_system().input_names else ""
+        unit = self.case.input_units.get(self.disturbed, "")
         name = self.disturbed
         found = {
             "trigger_outcome": Variable("i1", "", f"what a disturbance of {name} at rest does", TriggerOutcome.words())

@@ -43,6 +43,8 @@ _WITHIN, _RUN = (0.05, 2.0), (0.4, 2.0)
 _SEED = 20050901
 _MOST_FAMILIES = 3
 _SLOW = " Near the bound a cycle that has vanished decays slowly; a larger margin leaves it room."
+#: Fields of the run, and why a bound on one of its input is where the run ceases to come to rest.
+_OF_THE_RUN, _INPUT = "run.", "The input does not change the loop"
 #: What describing functions may find of a cell that exact orbits are asked about.
 _CORRECTED = (Finding.BOUND, Finding.BEYOND, Finding.FAILED)
 
@@ -90,7 +92,9 @@ def design_bounds(
         where the answer of the search for limit cycles changes; `DesignBounds.not_covered` says what
         that does not cover.
     over, limit : str
-        Dotted names: the parameter that runs ("bands.range"), and the one that is bounded ("lock_pin.backlash").
+        Dotted names: the parameter that runs ("bands.range"), and the one that is bounded ("lock_pin.backlash"). The
+        bound on a field of an input ("run.input.size", "run.inputs.load.size") is how large a step, a load or a rate
+        the case's own run bears from its start: `own_run` is understood.
     start, stop : str or number, optional
         First and last value of `over` (plain numbers are SI); 0.4 and 2 times the case's own by default.
     points : int
@@ -171,7 +175,9 @@ def design_bounds(
     sweep = sweep or BalancedSweep(question)
     sweep.turn_to(question)
     settings = Settings(exact, verify and exact, margin, starts, seed, allowed)
-    why = why_by_search(case.to_system())
+    of_run = limit.startswith(_OF_THE_RUN)
+    own_run = own_run or of_run
+    why = _INPUT if of_run else why_by_search(case.to_system())
     # What is done at each value only this process can tell.
     asking = (
         SearchedProblem(allowed, margin, own_run, why, progress=progress if workers == 1 else None) if why else None

@@ -83,7 +83,7 @@ class SearchedProblem:
         case = question.case_at(value)
         if self.progress is not None:
             self.progress(0, None, f"{case.name}: {question.limit} = {case.text(question.limit, value, DIGITS)}")
-        run = simulate(case)
+        run = simulate(case, decide=self.own_run)
         own = [] if run.limit_cycle is None else [run.limit_cycle]
         told = self.own_run or (self.first and any(map(self.is_bad, own)))
         search = None if told else search_from(case, known, self.is_bad if self.first else None, self.progress)

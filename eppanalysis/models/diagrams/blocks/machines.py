@@ -39,7 +39,7 @@ class Inertia(Block, kind="inertia"):
 
     inertia: float = required("Moment of inertia", "kg*m^2", above=0)
     damping: float = quantity(0.0, "Viscous friction", "N*m*s/rad", at_least=0)
-    stiffness: float = quantity(0.0, "Spring to the ground", "N*m/rad", at_least=0)
+    stiffness: float = quantity(0.0, "Spring to the ground; negative where it falls, as a pendulum does", "N*m/rad")
 
     def continuous(self) -> StateSpace:
         """States: angle and speed."""
@@ -56,7 +56,7 @@ class Mass(Block, kind="mass"):
 
     mass: float = required("Mass", "kg", above=0)
     damping: float = quantity(0.0, "Viscous friction", "N*s/m", at_least=0)
-    stiffness: float = quantity(0.0, "Spring to the ground", "N/m", at_least=0)
+    stiffness: float = quantity(0.0, "Spring to the ground; negative where it falls, as a pendulum does", "N/m")
 
     def continuous(self) -> StateSpace:
         """States: position and speed."""
