@@ -115,6 +115,7 @@ from eppanalysis.models.elements import (
     StictionPulley as StictionPulley,
     StribeckFriction as StribeckFriction,
     Tanh as Tanh,
+    TimedRelay as TimedRelay,
     ViscousCoulomb as ViscousCoulomb,
 )
 from eppanalysis.models.elements.automaton import (

@@ -268,6 +268,7 @@ def _own(case: CaseLike, name: str, argument: str, wanted: str) -> float:
     """
     own = value_of(case, name)
     if own is None:
+        case.si(name, 0.0)  # refuses an expression, which has a value but takes none
         raise _not_given(f"{name} has no value", argument, wanted)
     return own
 

@@ -15,6 +15,7 @@ from eppanalysis.models.elements.dynamic.presliding import DahlFriction
 from eppanalysis.models.elements.dynamic.rate import RateLimitedServo, RateLimiter
 from eppanalysis.models.elements.dynamic.reset import CleggIntegrator, FirstOrderReset
 from eppanalysis.models.elements.dynamic.sampled import ControllerMemory, SampledController
+from eppanalysis.models.elements.dynamic.timed import TimedRelay
 from eppanalysis.models.elements.friction import Friction
 from eppanalysis.models.elements.hysteresis import HysteresisRelay, HysteresisRelayDeadZone
 from eppanalysis.models.elements.memory import BacklashCompensator, JumpAndFollow, Play, Slip, StictionPulley
@@ -84,5 +85,6 @@ __all__ = [
     "StictionPulley",
     "StribeckFriction",
     "Tanh",
+    "TimedRelay",
     "ViscousCoulomb",
 ]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from eppanalysis.errors import ModelError
-from eppanalysis.foreign import line_for
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.hysteresis import HysteresisRelay
 from eppanalysis.models.elements.memory import Play
@@ -40,8 +39,7 @@ def as_element(what: Any) -> Nonlinearity:
         return Play(gap=float(what.b))
     if kind == "relay_hysteresis_nonlinearity":
         return HysteresisRelay(lower=-float(what.c), upper=float(what.c), low=-float(what.b), high=float(what.b))
-    expected = line_for(what) or "an element of eppanalysis"
-    raise ModelError(f"A {type(what).__name__} is not a known element", expected=expected)
+    raise ModelError(f"A {type(what).__name__} is not a known element", expected="an element of eppanalysis")
 
 
 def is_element(what: Any) -> bool:

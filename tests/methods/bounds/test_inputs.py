@@ -97,11 +97,18 @@ def test_the_command_needs_nothing_but_the_limit(servo) -> None:
     [
         ("run.inputs.ref.rate", None, "run.inputs.ref.rate is 'not known'; expected a known field"),
         ("run.inputs.wind.size", None, "run.inputs.wind.size is 'not known'; expected a known field"),
+        ("plant.num", None, "plant.num"),
         ("run.inputs.load.size", None, "load.size is 0 deg in this case; expected a range"),
         ("run.inputs.ref.size", ("1 V", "2 V"), "is '1 V'; expected a quantity in rad"),
     ],
-    ids=["field", "input", "range", "unit"],
+    ids=["field", "input", "list", "range", "unit"],
 )
 def test_limits_that_are_none_are_refused(servo, limit: str, within, sentence: str) -> None:
     with pytest.raises(epp.EppError, match=re.escape(sentence)):
         epp.design_bounds(epp.read_case(servo), "K", limit, at=[4.0], within=within)
+
+
+def test_an_expression_runs_by_its_parameters_alone() -> None:
+    for over, limit in (("controller.kp", "gap"), ("Kp", "controller.kp")):
+        with pytest.raises(epp.EppError, match="controller.kp is 'Kp'; .* vary the parameters of its expression"):
+            epp.design_bounds(epp.case("azimuth_servo"), over, limit)

@@ -141,7 +141,7 @@ class SampledController(Nonlinearity):
             raise ModelError("SampledController", self.delay, expected, field="delay")
         object.__setattr__(self, "n_inputs", self._m + 1)
         object.__setattr__(self, "n_outputs", self._p)
-        object.__setattr__(self, "own_states", _clock(self._m, self._p))
+        object.__setattr__(self, "own_states", clock(self._m, self._p))
 
     def _read_matrices(self) -> None:
         read = {name: floats(getattr(self, name), f"SampledController: {name}", ndmin=2) for name in "ABCD"}
@@ -352,7 +352,7 @@ class SampledController(Nonlinearity):
         return np.hstack([np.asarray(self.D), np.zeros((self._p, 1))])
 
 
-def _clock(m: int, p: int) -> OwnStates:
+def clock(m: int, p: int) -> OwnStates:
     """A clock as the last of the inputs; all else passes."""
     D = np.zeros((m + 1 + p, m + p))
     D[:m, :m], D[m + 1 :, m:] = np.eye(m), np.eye(p)
