@@ -146,8 +146,10 @@ class TimedRelay(Nonlinearity, kind="timed_relay"):
                 memory_from_input=[0.0, 1.0],
             )  # fmt: skip
             # The time is over where the clock is beyond the switch by so much.
-            time = {"on_input": [0.0, 1.0], "on_memory": -1.0, "constant": -levels[before][1]}
-            build.guard(f"{before} long enough", held[before], free[before], **time)
+            build.guard(
+                f"{before} long enough", held[before], free[before], on_input=[0.0, 1.0], on_memory=-1.0,
+                constant=-levels[before][1],
+            )  # fmt: skip
         return build.build(free["low"])
 
     def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, Array]:
