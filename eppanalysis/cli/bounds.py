@@ -63,7 +63,9 @@ def bounds(
     points: Annotated[int, typer.Option("--points", help="Number of values of --over.")] = 9,
     within: Annotated[
         str | None,
-        typer.Option("--within", metavar="LOW..HIGH", help='Range of --limit to look in, as in "0.1 deg..5 deg".'),
+        typer.Option(
+            "--within", metavar="LOW..HIGH", help='Range of --limit to look in, as in "0.1 deg..5 deg" or "± 50 %".'
+        ),
     ] = None,
     allow: Allow = None,
     own_run: Annotated[
@@ -93,9 +95,10 @@ def bounds(
         start = start or found.text(over, found.value(over))
     for option, name, value in (("--from", over, start), ("--to", over, stop)):
         check_value(found, option, name, value)
-    for value in within_of(within) or ():
+    ends = within_of(found, limit, within)
+    for value in ends or ():
         check_value(found, "--within", limit, value)
-    rounding = step_for_manual(found, limit, manuals, step, within_of(within))
+    rounding = step_for_manual(found, limit, manuals, step, ends)
     with progress(f"bounds {found.name}") as advance:
         result = design_bounds(
             found,
@@ -104,7 +107,7 @@ def bounds(
             start=start,
             stop=stop,
             points=points,
-            within=within_of(within),
+            within=ends,
             allow=allow,
             own_run=own_run,
             verify=verify,

@@ -48,7 +48,7 @@ Within = Annotated[
     typer.Option(
         "--within",
         metavar='"FIELD RANGE"',
-        help='One proof of absence for all values of a parameter, as in "loop.gain 0.8..2"; repeatable.',
+        help='One proof of absence for all values of a parameter, as in "Kp 0.8..2" or "Kp ± 10 %"; repeatable.',
     ),
 ]
 File = Annotated[Path | None, file_option("Write the certificate (.json), or a picture.")]
@@ -80,7 +80,7 @@ def certify(
 
     check_output(output, (".json", *PICTURES))
     found = load_case(case, settings)
-    ranges = by_name("--within", (named_range("--within", text, found.parameters) for text in within))
+    ranges = by_name("--within", (named_range("--within", text, found, found.parameters) for text in within))
     for name, value in ((name, value) for name, both in ranges.items() for value in both):
         check_value(found, "--within", name, value)
     result = prove(found, statement or (Asked.ABSENCE if ranges else Asked.ROOTS), within=ranges or None)

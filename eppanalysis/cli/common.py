@@ -194,8 +194,27 @@ def range_of(text: str) -> tuple[str, str] | None:
     return (low, high) if low and high else None
 
 
-def named_range(option: str, text: str, fields: Iterable[str] = ()) -> tuple[str, tuple[str, str]]:
-    """Name and range of FIELD LOW..HIGH, where a name of these fields may hold spaces.
+def range_about(case: Case, name: str, text: str) -> tuple[str, str] | None:
+    """Both ends of ± SHARE or ± DISTANCE about a case's own value of a parameter; None where it is neither.
+
+    Raises
+    ------
+    EppError
+        If the parameter has no value, or the distance another dimension.
+    """
+    mark, half = text.strip()[:1], text.strip().removeprefix("±").removeprefix("+-").removeprefix("+/-").strip()
+    if mark not in ("±", "+") or not half:
+        return None
+    own, share = case.value(name), half.removesuffix("%").strip()
+    try:
+        width = abs(own) * float(share) / 100.0 if half.endswith("%") else case.si(name, half)
+    except ValueError:
+        return None
+    return case.text(name, own - width, 15), case.text(name, own + width, 15)
+
+
+def named_range(option: str, text: str, case: Case, fields: Iterable[str] = ()) -> tuple[str, tuple[str, str]]:
+    """Name and range of FIELD LOW..HIGH or FIELD ± SHARE, where a name of these fields may hold spaces.
 
     Raises
     ------
@@ -204,27 +223,33 @@ def named_range(option: str, text: str, fields: Iterable[str] = ()) -> tuple[str
 
     Examples
     --------
-    >>> named_range("--tune", "lock_pin.backlash 0.1 deg..5 deg")
+    >>> from eppanalysis import case
+    >>> named_range(
+    ...     "--tune", "lock_pin.backlash 0.1 deg..5 deg", case("fig8a_original")
+    ... )
     ('lock_pin.backlash', ('0.1 deg', '5 deg'))
+    >>> named_range("--within", "play.gap ± 25 %", case("wheelchair"))
+    ('play.gap', ('9 mm', '15 mm'))
     """
     name, rest = leading_name(text, fields)
-    both = range_of(rest)
+    both = range_about(case, name, rest) or range_of(rest)
     if both is None:
-        raise EppError(f'{option} {text}: is no field with a range; expected "FIELD LOW..HIGH", as in "Kp 1..10".')
+        expected = '"FIELD LOW..HIGH" or "FIELD ± SHARE", as in "Kp 1..10" or "Kp ± 10 %"'
+        raise EppError(f"{option} {text}: is no field with a range; expected {expected}.")
     return name, both
 
 
-def within_of(text: str | None) -> tuple[str, str] | None:
-    """Both ends of what ``--within`` holds.
+def within_of(case: Case, name: str, text: str | None) -> tuple[str, str] | None:
+    """Both ends of what ``--within`` holds for a parameter.
 
     Raises
     ------
     EppError
         If it is no range.
     """
-    found = None if text is None else range_of(text)
+    found = None if text is None else range_about(case, name, text) or range_of(text)
     if text is not None and found is None:
-        raise EppError(f'--within {text}: is no range; expected LOW..HIGH, as in "0.1 deg..5 deg".')
+        raise EppError(f'--within {text}: is no range; expected LOW..HIGH, as in "0.1 deg..5 deg", or ± 20 %.')
     return found
 
 

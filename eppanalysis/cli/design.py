@@ -104,7 +104,7 @@ def design(
         raise EppError(f"design: {given} given; expected one of the two.")
     found = load_case(case, settings)
     fields = list(found.parameters)
-    ranges = by_name("--tune", (named_range("--tune", text, fields) for text in tune))
+    ranges = by_name("--tune", (named_range("--tune", text, found, fields) for text in tune))
     fronts = {} if front is None else dict([values_of(front, fields)])
     typed: dict[str, Mapping[str, Sequence[str]]] = {"--tune": ranges, "--front": fronts}
     for option, name in ((option, name) for option, fields in typed.items() for name in fields):

@@ -104,7 +104,8 @@ def guide(
         check_file(path)
     found = load_case(case, settings)
     over, limit = pair_of(found, over, limit)
-    rounding = step_for_manual(found, limit, manuals, step, within_of(within))
+    ends = within_of(found, limit, within)
+    rounding = step_for_manual(found, limit, manuals, step, ends)
     values = (_GAINS if over == GAIN else None) if gains is None else _values(gains)
     chosen = {name: _values(text) for name, text in _pairs("--vary", vary, "FIELD=VALUES").items()}
     for option, given in (("--gains", {} if values is None else {over: values}), ("--vary", chosen)):
@@ -118,7 +119,7 @@ def guide(
             variants=chosen,
             tolerances=_pairs("--tolerance", tolerances, "FIELD=VALUE") or None,
             margins={name: _factor(name, text) for name, text in _pairs("--margin", margins, "FIELD=FACTOR").items()},
-            within=within_of(within),
+            within=ends,
             allow=allow,
             samples=samples,
             starts=starts,

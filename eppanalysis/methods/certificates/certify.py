@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -17,10 +17,11 @@ from eppanalysis.errors import ArgumentError, EppError, did_you_mean, require_pa
 from eppanalysis.methods.certificates.numbers import NotCovered
 from eppanalysis.methods.certificates.registry import STATEMENTS, Asked, Statement, of_text
 from eppanalysis.methods.certificates.result import Certificate, Check, enclosure, sentence
-from eppanalysis.methods.certificates.stated import another_loop, stated_box, stated_loop
+from eppanalysis.methods.certificates.stated import another, another_loop, stated_box, stated_loop
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, require_case, standing
+from eppanalysis.readable import listed
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
 
@@ -69,8 +70,9 @@ def certify(
         frequency).
     within : mapping of str to (quantity, quantity), optional
         Of "absence", for a case: up to three parameters and their ranges, from and to. Along each of them the
-        coefficients of the linear part run along straight lines, as they do with gains. By sectors it is one parameter,
-        which changes nothing but the numerator. One file then holds for all values.
+        coefficients of the linear part run along straight lines, as they do with gains, and the element keeps to the
+        sector of one; of play, to any gap. By sectors one parameter may change the numerator, and none else but the
+        gap. One file then holds for all values.
     sectors : int, optional
         Of "absence" with play: most sectors of a quarter plane in which the function is quadratic, 2 to 200; more of
         them come nearer to the exact onset of cycles.
@@ -145,15 +147,16 @@ def certify(
     try:
         if within is None:
             stated, off = stated_loop(asked, system, at)
+            seen: list[dict[str, Any]] = []
         else:
-            stated, off = stated_box(require_case(loop, "certify"), within, operating_point)
+            stated, off, seen = stated_box(require_case(loop, "certify"), within, operating_point)
         made_by = Provenance("certificate", settings, {"coefficients": off}, case=case)
         made = partial(Certificate, asked, provenance=made_by, operating_point=at)
         if asked is Asked.ROOTS:
             return _roots(system, stated, box, at, made)
         if asked is Asked.CYCLES:
             return _cycles(system, stated, made)
-        return _absence(system.name, stated, sectors, within or {}, made)
+        return _absence(system.name, stated, sectors, within or {}, seen, made)
     except NotCovered as error:
         made_by = Provenance("certificate", settings, case=case)
         message = f"Not covered: {error}"
@@ -186,16 +189,19 @@ def _absence(
     stated: dict[str, Any],
     sectors: int,
     within: Mapping[str, tuple[object, object]],
+    seen: Sequence[Mapping[str, Any]],
     made: Callable[..., Certificate],
 ) -> Certificate:
-    """The certificate of absence, checked, or why there is none."""
+    """The certificate of absence, checked and held against loops of its range, or why there is none."""
     from eppanalysis.methods.certificates import absence
 
     document = absence.find(stated, sectors)
     if isinstance(document, str):
         return made(Status.INCOMPLETE, f"Not decided: {document}")
     _accepted(document)
-    values = " and ".join(f"{parameter} from {low} to {high}" for parameter, (low, high) in within.items())
+    if any(another(document, loop) for loop in seen):
+        return made(Status.INCOMPLETE, "Not decided: what was proved holds for one element of the range alone.")
+    values = listed([f"{parameter} from {low} to {high}" for parameter, (low, high) in within.items()])
     return made(
         Status.CONVERGED, sentence(document, name, f" with {values}" * bool(within)) + _growth(stated), document
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from itertools import product
 from typing import Any
@@ -28,6 +28,8 @@ _ASKED = {
         ("cycles", Asked.CYCLES),
     )
 }
+#: Statements that hold for all elements of a sector, and for play with any gap.
+_OF_A_SECTOR = (STATEMENTS[Asked.ABSENCE].text, STATEMENTS["absence_with_play"].text)
 #: What the parts of a loop are called.
 _CALLED = {"num": "numerator", "den": "denominator", "delay": "dead time", "time_step": "time step"}
 #: What of a loop may change within a box.
@@ -66,18 +68,19 @@ def stated_loop(asked: Asked, system: LureSystem, at: OperatingPoint) -> tuple[d
 
 def stated_box(
     case: CaseLike, within: Mapping[str, tuple[object, object]], point: PointLike | None
-) -> tuple[dict[str, Any], float]:
+) -> tuple[dict[str, Any], float, list[dict[str, Any]]]:
     """The loops of a case within ranges of parameters, as certificates of absence state them.
 
-    A file speaks of all linear parts between those at the corners. That those of the case are among them is seen at
-    some values.
+    A file speaks of all linear parts between those at the corners, and of all elements in the sector of its own. That
+    those of the case are among them is seen at some values: the loops there are given, too.
 
     Raises
     ------
     ArgumentError
         If a range has no low and high end.
     NotCovered
-        If a parameter changes more than the linear part, or the coefficients do not run along a straight line with it.
+        If a parameter changes more than linear part and element, the coefficients do not run along a straight line
+        with it, or no element of the range has a sector in which the others lie.
     """
     sides = []
     for name, ends in within.items():
@@ -96,17 +99,54 @@ def stated_box(
     first = made[0][0]
     if "num" not in first:
         raise NotCovered("ranges are proved of loops with one element of one input and output.")
-    family = first | {name: [loop[name][0] for loop, _ in made[: 2 ** len(sides)]] for name in _ROWS}
+    corners = [[loop[name][0] for name in _ROWS] for loop, _ in made[: 2 ** len(sides)]]
+    # Sides along which the linear part stays as it is are none of its box.
+    moving = sum(1 << i for i in range(len(sides)) if any(row != corners[k ^ 1 << i] for k, row in enumerate(corners)))
+    kept = [row for k, row in enumerate(corners) if k | moving == moving]
+    family = first | {name: [row[i] for row in kept] for i, name in enumerate(_ROWS)}
+    elements = [loop["element"] for loop, _ in made]
+    widest = next((e for e in elements if all(covers(e, other) for other in elements)), None)
+    if widest is None:
+        raise NotCovered(f"no sector of an element with {' and '.join(within)} in the range holds the others.")
+    family["element"] = widest
     for loop, _ in made:
-        if any(loop[name] != first[name] for name in first if name not in _ROWS):
-            raise NotCovered(f"{' or '.join(within)} changes more than the linear part, and ranges are proved of that.")
+        if any(loop[name] != first[name] for name in first if name not in (*_ROWS, "element")):
+            raise NotCovered(
+                f"{' or '.join(within)} changes more than linear part and element, and ranges are proved of these."
+            )
         if not _lies_within(loop, family):
             raise NotCovered(
                 f"coefficients of the linear part do not run along straight lines with {' or '.join(within)}."
             )
-    if all(family[name] == family[name][:1] * len(family[name]) for name in _ROWS):
-        family = first
-    return family, max(off for _, off in made)
+    return family, max(off for _, off in made), [loop for loop, _ in made]
+
+
+def covers(element: Mapping[str, Any], other: Mapping[str, Any], edges: Sequence[str | None] | None = None) -> bool:
+    """Whether what a criterion proves with an element holds with another one: by its sector, of play with any gap.
+
+    Parameters
+    ----------
+    element, other : mapping
+        As certificates state them.
+    edges : (str or None, str or None), optional
+        Sector that is claimed, in place of that of the element; without both ends any memoryless element lies in it.
+    """
+    from eppanalysis.methods.certificates.check_absence import Refused, number, sector
+
+    if other == element:
+        return True
+    if "play" in (element["kind"], other["kind"]):
+        return element["kind"] == other["kind"]
+    try:
+        within, (low, high) = sector(element), sector(other)
+    except Refused:
+        return False
+    if edges is not None:
+        within = tuple(None if edge is None else number(edge) for edge in edges)
+    least, most = within
+    return within == (None, None) or (
+        low is not None and least is not None and least <= low and (most is None or (high is not None and high <= most))
+    )
 
 
 def _loop_of_roots(system: LureSystem, at: OperatingPoint) -> tuple[dict[str, Any], float]:
@@ -143,16 +183,22 @@ def another_loop(document: Mapping[str, Any], system: LureSystem, at: OperatingP
         from eppanalysis.methods.certificates.orbits.document import other_arcs
 
         return other_arcs(document["loop"], system, at)
-    asked = _ASKED[document["statement"]]
     try:
-        stated, _ = stated_loop(asked, system, at)
+        stated, _ = stated_loop(_ASKED[document["statement"]], system, at)
     except NotCovered as reason:
         return f"no such certificate covers it ({str(reason).rstrip('.')})"
-    given = document["loop"]
+    return another(document, stated)
+
+
+def another(document: Mapping[str, Any], stated: Mapping[str, Any]) -> str:
+    """The same of a loop as certificates of the statement state it."""
+    asked, given = _ASKED[document["statement"]], document["loop"]
     if stated.keys() != given.keys():
         return "the file states a loop of another kind"
     for name, value in stated.items():
         among = asked is Asked.ABSENCE and name in _ROWS and _lies_within(stated, given)
+        if name == "element" and document["statement"] in _OF_A_SECTOR:
+            among = covers(given[name], value, document["claim"].get("sector"))
         if given[name] != value and not among:
             called = _CALLED.get(name, name.replace("_", " "))
             return f"its {called} is {shown(value)}, and that of the file {shown(given[name])}"

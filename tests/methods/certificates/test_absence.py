@@ -295,7 +295,7 @@ def test_a_box_of_parameters_is_proved_by_one_file(tmp_path: Path) -> None:
     case = tuned(tmp_path / "tuned.toml")
     box = {"Kp": (1.0, 3.0), "Ki": (0.1, 0.9), "damping": (0.8, 1.2)}
     found = epp.certify(case, "absence", within=box)
-    assert found.proved and "with Kp from 1.0 to 3.0 and Ki from 0.1 to 0.9 and damping from 0.8 to 1.2" in str(found)
+    assert found.proved and "with Kp from 1.0 to 3.0, Ki from 0.1 to 0.9 and damping from 0.8 to 1.2" in str(found)
     assert len(found.document["loop"]["num"]) == 8 and len(found.document["evidence"]["polynomials"]) == 27
     file = found.write(tmp_path / "box.json")
     assert (
@@ -309,6 +309,50 @@ def test_a_box_of_parameters_is_proved_by_one_file(tmp_path: Path) -> None:
         outside = case.with_values(values | {name: box[name][1] * 1.0001})
         assert epp.check_certificate(file, outside).about is False
         assert epp.certify(case.with_values(values), "absence").proved
+
+
+@pytest.mark.parametrize(
+    ("name", "share", "field"),
+    [
+        ("backlash_servo", 0.5, "play.gap"),
+        ("backlash_servo_unseen", 0.5, "play.gap"),
+        ("sat_asymmetric", 0.25, "saturation.upper"),
+        ("sat_asymmetric", 0.25, "saturation.lower"),
+    ],
+)
+def test_a_field_of_the_element_may_be_a_side_of_the_box(tmp_path: Path, name: str, share: float, field: str) -> None:
+    case = epp.case(name)
+    case = case.with_values({"loop.gain": share * case.value("loop.gain")})
+    box = {p: tuple(sorted((0.9 * case.value(p), 1.1 * case.value(p)))) for p in ("loop.gain", field)}
+    found = epp.certify(case, "absence", within=box)
+    assert found.proved and len(found.document["loop"]["num"]) == 2
+    file, rng = found.write(tmp_path / "box.json"), np.random.default_rng(5)
+    for _ in range(4):
+        inside = case.with_values({p: float(rng.uniform(*ends)) for p, ends in box.items()})
+        assert epp.check_certificate(file, inside).about and not epp.find_limit_cycles(inside)
+
+
+def test_elements_of_a_range_lie_in_the_sector_that_the_file_claims(tmp_path: Path) -> None:
+    """A steeper limiter is beyond it; one that is less steep, or limits elsewhere, is not."""
+    case = epp.Case.from_system(limited(3.0, [1.0, 3.0, 2.0, 0.0], epp.Saturation(-1.0, 1.0, 1.0)))
+    found = epp.certify(case, "absence", within={"saturation.slope": (0.9, 1.1), "saturation.upper": (0.5, 2.0)})
+    assert found.proved and found.document["claim"]["sector"] == ["0", "11/10"]
+    assert "saturation.slope from 0.9 to 1.1 and saturation.upper from 0.5 to 2.0" in str(found)
+    file = found.write(tmp_path / "box.json")
+    for values, about in (
+        ({"saturation.slope": 1.05, "saturation.upper": 1.7}, True),
+        ({"saturation.slope": 1.2}, False),
+    ):
+        assert epp.check_certificate(file, case.with_values(values)).about is about
+    # Of a slope of 2.1 the sector ends where Popov's criterion does not hold any more: k = 6 is the limit.
+    assert not epp.certify(case, "absence", within={"saturation.slope": (0.9, 2.1)}).proved
+
+
+def test_what_is_proved_for_one_element_alone_is_proved_of_no_range() -> None:
+    case = epp.case("relay_deadzone").with_values({"loop.gain": 0.5})
+    assert epp.certify(case, "absence").proved
+    found = epp.certify(case, "absence", within={"relay_dead_zone.threshold": (0.99, 1.01)})
+    assert not found.proved and "holds for one element of the range alone" in found.message
 
 
 def test_a_box_that_reaches_a_loop_with_a_cycle_is_not_proved(tmp_path: Path) -> None:
