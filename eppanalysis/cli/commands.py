@@ -43,6 +43,7 @@ from eppanalysis.cli.design import design
 from eppanalysis.cli.explore import explore
 from eppanalysis.cli.guide import guide
 from eppanalysis.cli.identify import diagnose, identify
+from eppanalysis.cli.joint import joint
 from eppanalysis.cli.margins import margins
 from eppanalysis.cli.new import new
 from eppanalysis.cli.report import report
@@ -409,6 +410,9 @@ app.command("diagnose", cls=_Command)(diagnose)
 app.command("report", cls=_Command)(report)
 app.command("explore", cls=_Command)(explore)
 app.command("schema", cls=_Command)(schema)
+imports = typer.Typer(help="Make a case file of a model elsewhere.", no_args_is_help=True)
+imports.command("joint", cls=_Command)(joint)
+app.add_typer(imports, name="import")
 
 
 @dataclass(frozen=True)
