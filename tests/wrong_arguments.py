@@ -96,6 +96,7 @@ def _needed(case: epp.Case) -> dict[str, dict[str, Any]]:
         "check_certificate": {"path": Path("nowhere.json")},
         "check_element": {"element": epp.HysteresisRelay(-0.1, 0.1), "amplitudes": [1.0, 2.0], "name": "relay"},
         "from_control": {"system": case.to_system().to_control(), "elements": case.to_system().connections},
+        "from_robot": {"path": Path("nowhere.xml"), "joint": "shoulder"},
         "olop": {
             "loop": epp.LureSystem.from_tf(([4.0], [1.0, 1.0, 0.0]), epp.RateLimiter(1.0)), "amplitude": 0.5
         },

@@ -6,7 +6,7 @@ import copy
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,20 +29,11 @@ _UNITS = {
 _BODY = {"hinge": ("inertia", "torque", "angle", "deg", "5 deg"), "slide": ("mass", "force", "position", "mm", "5 mm")}
 #: What an actuator file may hold. Of the actuator's own force and travel: kp, kd, ki, force_limit; others of the joint.
 FIELDS = {
-    "armature": "inertia",
-    "damping": "damping",
-    "frictionloss": "force",
-    "gear": "ratio",
-    "kp": "stiffness",
-    "kd": "damping",
-    "ki": "integral",
-    "force_limit": "force",
-    "encoder_step": "position",
-    "sample_time": "time",
-    "backlash": "position",
-    "contact_stiffness": "stiffness",
-    "contact_damping": "damping",
-}
+    "armature": "inertia", "damping": "damping", "frictionloss": "force", "gear": "ratio",
+    "kp": "stiffness", "kd": "damping", "ki": "integral", "force_limit": "force",
+    "encoder_step": "position", "sample_time": "time",
+    "backlash": "position", "contact_stiffness": "stiffness", "contact_damping": "damping",
+}  # fmt: skip
 #: What MuJoCo says of an actuator, and the enumerations of its words.
 _ACTUATOR = {"trntype": "mjtTrn", "gaintype": "mjtGain", "biastype": "mjtBias", "dyntype": "mjtDyn"}
 _UNLIMITED, _MOST_LEVELS = (-math.inf, math.inf), 100_000
@@ -97,13 +88,25 @@ def from_robot(
     >>> import eppanalysis as epp
     >>> loop = epp.from_robot("arm.xml", "shoulder", encoder="360/4096 deg")
     Traceback (most recent call last):
-    eppanalysis.errors.CaseError: arm.xml is missing; expected a robot model (URDF or MJCF).
+    eppanalysis.errors.CaseError: arm.xml is missing;
+    expected a robot model (URDF or MJCF).
     """
-    found = _Joint(Path(path), joint, keyframe, pose or {})
+    path, name = Path(path), re.sub(r"\W+", "_", joint, flags=re.ASCII)
+    if not path.is_file():
+        raise CaseError(str(path), "", Missing(), "a robot model (URDF or MJCF)")
+    require_packages("from_robot", "robot", "mujoco")
     options = {"encoder_step": encoder, "sample_time": sample_time}
-    given = _given(found, actuator, {name: value for name, value in options.items() if value is not None})
-    name = re.sub(r"\W+", "_", joint, flags=re.ASCII)
-    return opened(RawCase(name, name, Path(), _Loop(found, given).tables()))
+    import mujoco
+
+    said: list[str] = []
+    mujoco.set_mju_user_warning(said.append)  # else it writes its warnings into a file of the current folder
+    try:
+        found = _Joint(path, joint, keyframe, pose or {})
+        given = _given(found, actuator, {name: value for name, value in options.items() if value is not None})
+        case = opened(RawCase(name, name, Path(), _Loop(found, given).tables()))
+    finally:
+        mujoco.set_mju_user_warning(None)
+    return replace(case, _remarks=(*case.remarks, *(f"MuJoCo warns: {' '.join(text.split())}" for text in said)))
 
 
 def _given(joint: _Joint, file: str | Path | None, options: Mapping[str, Any]) -> dict[str, Parameter]:
@@ -139,9 +142,7 @@ class _Joint:
 
     def __init__(self, path: Path, name: str, keyframe: str | None, pose: Mapping[str, Any]) -> None:
         self.path, self.name = path, name
-        self.pose = ", ".join(
-            [*([keyframe] if keyframe else []), *(f"{other} {value}" for other, value in pose.items())]
-        )
+        self.pose = ", ".join(filter(None, (keyframe, *(f"{other} {value}" for other, value in pose.items()))))
         self.model = m = _model(path)
         import mujoco
 
@@ -171,12 +172,11 @@ class _Joint:
         index = self._index("joint", name, self.model.njnt, self.model.joint)
         kind = _word(self.mj.mjtJoint, self.model.jnt_type[index])
         if kind not in _UNITS:
-            expected = "a hinge or a slide, which have one coordinate"
-            raise EppError(f"{self.path}: joint {name} is a {kind} joint; expected {expected}.")
+            raise self.refused(f"is a {kind} joint", "a hinge or a slide, which have one coordinate", name)
         return index, kind
 
-    def refused(self, said: str, expected: str) -> EppError:
-        return EppError(f"{self.path}: joint {self.name} {said}; expected {expected}.")
+    def refused(self, said: str, expected: str, name: str = "") -> EppError:
+        return EppError(f"{self.path}: joint {name or self.name} {said}; expected {expected}.")
 
     def unit(self, kind: str) -> str:
         return _UNITS[self.kind][_KINDS.index(kind)]
@@ -191,12 +191,13 @@ class _Joint:
 
     def _require_alone(self) -> None:
         """Refuse a joint that moves others by a tendon or a constraint."""
-        m, moving, expected = self.model, self.moving, "one that moves alone"
-        for tendon in np.flatnonzero(moving.ten_velocity):
-            raise self.refused(f"is coupled by tendon {m.tendon(tendon).name or tendon}", expected)
+        m, moving = self.model, self.moving
+        coupled = [f"tendon {m.tendon(tendon).name or tendon}" for tendon in np.flatnonzero(moving.ten_velocity)]
         for kind, number, speed in zip(moving.efc_type, moving.efc_id, moving.efc_vel, strict=True):
             if kind == self.mj.mjtConstraint.mjCNSTR_EQUALITY and abs(speed) > 1e-12:  # more than rounding
-                raise self.refused(f"is coupled by constraint {m.eq(number).name or number}", expected)
+                coupled.append(f"constraint {m.eq(number).name or number}")
+        if coupled:
+            raise self.refused(f"is coupled by {coupled[0]}", "one that moves alone")
 
     def inertia(self) -> float:
         """Its entry on the diagonal of the mass matrix."""
@@ -222,15 +223,11 @@ class _Joint:
 
         About an axis the torque of gravity is a sinusoid of the angle: its slope is its value a quarter turn on.
         """
-        m, turns = self.model, self.kind == "hinge"
-        force, slope = (
-            float((data.qfrc_bias - data.qfrc_gravcomp)[self.dof])
-            for data in (self.resting, self._at(position=math.pi / 2))
-        )
-        mass = float(m.body_subtreemass[m.jnt_bodyid[self.index]])
-        size = mass * float(np.linalg.norm(m.opt.gravity)) * (math.sqrt(self.inertia() / mass) if turns else 1.0)
-        rounding = 1e-12 * size
-        return force if abs(force) > rounding else 0.0, slope if turns and abs(slope) > rounding else 0.0
+        m, moved = self.model, (0.0, math.pi / 2)
+        found = (float((d.qfrc_bias - d.qfrc_gravcomp)[self.dof]) for d in (self._at(position=x) for x in moved))
+        weight = float(m.body_subtreemass[m.jnt_bodyid[self.index]]) * float(np.linalg.norm(m.opt.gravity))
+        force, slope = (value if abs(value) > 1e-12 * weight else 0.0 for value in found)  # rounding at arms of a metre
+        return force, slope if self.kind == "hinge" else 0.0
 
     def drive(self) -> _Drive:
         """Its actuator; without one there is no gain."""
@@ -266,35 +263,29 @@ def _limited(is_limited: bool, ends: Any) -> tuple[float, float]:
 
 
 def _model(path: Path) -> Any:
-    """MuJoCo's model of a file, without the meshes of bodies whose inertia the file gives: they need not be there."""
-    if not path.is_file():
-        raise CaseError(str(path), "", Missing(), "a robot model (URDF or MJCF)")
-    require_packages("from_robot", "robot", "mujoco")
+    """MuJoCo's model of a file, without meshes of bodies whose inertia is given, as they need not be there."""
     import mujoco
 
     try:
         spec = mujoco.MjSpec.from_file(str(path))
-        for geom in [geom for geom in spec.geoms if geom.meshname and geom.parent.explicitinertial]:
+        by_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+        for geom in [g for g in spec.geoms if g.meshname and g.parent.explicitinertial and not by_geoms]:
             spec.delete(geom)
         used = {geom.meshname for geom in spec.geoms}
         for mesh in [mesh for mesh in spec.meshes if mesh.name not in used]:
             spec.delete(mesh)
         return spec.compile()
-    except (ValueError, TypeError, mujoco.FatalError) as error:
+    except (ValueError, mujoco.FatalError) as error:
         said = " ".join(str(error).split()).removesuffix(".")
         raise EppError(f"{path}: MuJoCo does not read it ({said}); expected a robot model (URDF or MJCF).") from None
 
 
-@dataclass
 class _Loop:
     """The sections of a case while they grow; signals are left sides of connections."""
 
-    joint: _Joint
-    given: Mapping[str, Parameter]
-    parameters: dict[str, Parameter] = field(default_factory=dict)
-    blocks: dict[str, Any] = field(default_factory=dict)
-    elements: dict[str, Any] = field(default_factory=dict)
-    connect: list[str] = field(default_factory=list)
+    def __init__(self, joint: _Joint, given: Mapping[str, Parameter]) -> None:
+        self.joint, self.given, self.connect = joint, given, list[str]()
+        self.sections: dict[str, dict[str, Any]] = {"parameters": {}, "blocks": {}, "elements": {}}
 
     def tables(self) -> dict[str, Any]:
         joint, m = self.joint, self.joint.model
@@ -303,15 +294,14 @@ class _Loop:
             low, high = m.jnt_range[joint.index]
             title += f", without its stops at {low:g} and {high:g} {joint.unit('position')}"
         *_, position, shown, step = _BODY[joint.kind]
-        self._body(self._drive(), position)
-        sections = {"parameters": plain_value(self.parameters), "blocks": self.blocks, "elements": self.elements}
+        self._body(self._drive(f"joint.{position}"), position)
         return {
             "kind": "diagram",
             "title": visible(title),
             "connect": self.connect,
             "inputs": {"setpoint": f"0 {joint.unit('position')}"},
             "margins_at": "controller",
-            **{name: section for name, section in sections.items() if section},
+            **{name: plain_value(section) for name, section in self.sections.items() if section},
             "signals": {"joint": {"of": f"joint.{position}", "unit": shown}},
             "run": {"t_end": "10 s", "input": {"kind": "step", "size": step}},
         }
@@ -324,12 +314,15 @@ class _Loop:
         unit = self.joint.unit(FIELDS.get(name, kind))
         found = self.given.get(name) or Parameter(value, unit, unit, mark, source)
         if found.value:
-            self.parameters[name] = found
+            self.sections["parameters"][name] = found
         return name if found.value else ""
 
     def _part(self, name: str, kind: str, **fields: Any) -> None:
-        section = self.elements if kind in ("saturation", "quantiser", "friction", "lock_pin") else self.blocks
-        section[name] = {"kind": kind, **{field: value for field, value in fields.items() if value != ""}}
+        section = "elements" if kind in ("saturation", "quantiser", "friction", "lock_pin") else "blocks"
+        self.sections[section][name] = {
+            "kind": kind,
+            **{field: value for field, value in fields.items() if value != ""},
+        }
 
     def _through(self, signal: str, name: str, kind: str, **fields: Any) -> str:
         """A signal behind a part."""
@@ -343,7 +336,7 @@ class _Loop:
             self._part(name, "constant", value=number)
         return f" + {name}" if number else ""
 
-    def _drive(self) -> str:
+    def _drive(self, position: str) -> str:
         """Controller and actuator; the force on the joint."""
         drive = self.joint.drive()
         who = f"actuator {drive.name}"
@@ -355,24 +348,19 @@ class _Loop:
         ratio = self.given.get("gear", Parameter(drive.gear)).value
         gear = self._number("gear", drive.gear, self._source("gear", who)) if ratio != 1.0 else ""
         kp, ki, kd = (f"{gear}*{gain}" if gear and gain else gain for gain in (kp, ki, kd))
-        gains = {"kp": kp, "ki": ki} if ki else {"gain": kp}
-        error = f"setpoint - {self._measured()}"
-        force = self._through(error, "controller", "pi" if ki else "gain", **gains, sample_time=sample_time)
+        law, gains = ("pi", {"kp": kp, "ki": ki}) if ki else ("gain", {"gain": kp})
+        measured = position
+        if step := self._number("encoder_step"):  # half a turn or a metre to either side
+            reach = math.pi if self.joint.kind == "hinge" else 1.0
+            levels = min(math.ceil(reach / float(self.given[step].value)), _MOST_LEVELS)
+            measured = self._through(position, "encoder", "quantiser", step=step, levels=levels)
+        force = self._through(f"setpoint - {measured}", "controller", law, **gains, sample_time=sample_time)
         force = self._limited(force, "command", drive.commands, self._source("ctrlrange", who))
         if kd:  # of an inner loop, which is faster than the controller, and of a speed that is not in steps
             force += f" - {self._through('joint.speed', 'damper', 'gain', gain=kd)}"
         force += self._constant("offset", drive.offset, self._source("biasprm", who))
         force = self._limited(force, "force", *self._limits(drive, float(ratio)))
         return self._through(force, "transmission", "gain", gain=gear) if gear else force
-
-    def _measured(self) -> str:
-        """The position as the controller has it, in steps half a turn or a metre to either side."""
-        position = f"joint.{_BODY[self.joint.kind][2]}"
-        if not (step := self._number("encoder_step")):
-            return position
-        reach = math.pi if self.joint.kind == "hinge" else 1.0
-        levels = min(math.ceil(reach / float(self.given[step].value)), _MOST_LEVELS)
-        return self._through(position, "encoder", "quantiser", step=step, levels=levels)
 
     def _limits(self, drive: _Drive, gear: float) -> tuple[tuple[float, float], str]:
         """Limits of the actuator's force, which those of the joint may narrow, and their source."""
@@ -381,9 +369,8 @@ class _Loop:
         m, i = self.joint.model, self.joint.index
         low, high = _limited(m.jnt_actfrclimited[i], m.jnt_actfrcrange[i] / gear)
         narrower = max(low, drive.limits[0]), min(high, drive.limits[1])
-        own = narrower == drive.limits
-        source = self._source("forcerange", f"actuator {drive.name}") if own else self._source("limit of its actuators")
-        return narrower, source
+        who = f"actuator {drive.name}" if narrower == drive.limits else ""
+        return narrower, self._source("forcerange" if who else "limit of its actuators", who)
 
     def _limited(self, signal: str, what: str, limits: tuple[float, float], source: str) -> str:
         """A signal within limits, where there are any."""
@@ -398,16 +385,19 @@ class _Loop:
         """The mechanics: the joint, or rotor and link with backlash between them."""
         joint, m, source = self.joint, self.joint.model, self._source
         kind, port, *_ = _BODY[joint.kind]
-        armature = joint.with_actuators("armature")
-        entry = source("entry in the mass matrix at the pose, less armature")
+        weight, slope = joint.gravity()
+        armature, entry = joint.with_actuators("armature"), "entry in the mass matrix at the pose, less armature"
         spring = joint.linear("spring", float(m.jnt_stiffness[joint.index]), "qfrc_spring", "position")
         viscous = joint.linear("damping", joint.with_actuators("damping"), "qfrc_passive", "speed")
         rotor = self._number("armature", armature, source("armature"))
-        link = self._number("link_inertia", joint.inertia() - armature, entry, "derived", "inertia")
+        link = self._number("link_inertia", joint.inertia() - armature, source(entry), "derived", "inertia")
         damping = self._number("damping", viscous, source("damping"))
-        stiffness = self._number("stiffness", spring, source("stiffness"), kind="stiffness")
         friction = self._number("frictionloss", float(m.dof_frictionloss[joint.dof]), source("frictionloss"))
-        loads, driven = self._loads(position), "joint"
+        own = self._number("stiffness", spring, source("stiffness"), kind="stiffness")
+        falls = self._number("gravity_stiffness", slope, source("slope of gravity at the pose"), "derived", "stiffness")
+        stiffness = " + ".join(filter(None, (own, falls)))
+        load = float(joint.resting.qfrc_spring[joint.dof]) - weight
+        loads, driven = self._constant("load", load, source("gravity and spring at the pose")), "joint"
         if teeth := [name for name in ("backlash", "contact_stiffness", "contact_damping") if self._number(name)]:
             driven = "rotor"
             if not (teeth[:2] == ["backlash", "contact_stiffness"] and rotor and joint.kind == "hinge"):
@@ -415,24 +405,14 @@ class _Loop:
                 raise joint.refused(f"has {', '.join(teeth)} only", expected)
             self._part("rotor", kind, **{kind: rotor}, damping=damping)
             self._part("joint", kind, **{kind: link}, stiffness=stiffness)
-            contact = dict(zip(("gap", "stiffness", "damping"), [*teeth, 0.0], strict=False))
-            self._part("gears", "lock_pin", **contact)
+            self._part("gears", "lock_pin", gap=teeth[0], stiffness=teeth[1], damping=[*teeth, 0.0][2])
             ends = ((position, "twist"), ("speed", "rate"))
             self.connect += [f"rotor.{signal} - joint.{signal} -> gears.{end}" for signal, end in ends]
             self.connect.append(f"gears{loads} -> joint.{port}")
             loads = " - gears"
         else:
-            whole = f"{rotor} + {link}" if rotor else link
+            whole = " + ".join(filter(None, (rotor, link)))
             self._part("joint", kind, **{kind: whole}, damping=damping, stiffness=stiffness)
         if friction:
             loads += f" - {self._through(f'{driven}.speed', 'friction', 'friction', coulomb=friction)}"
         self.connect.append(f"{force}{loads} -> {driven}.{port}")
-
-    def _loads(self, position: str) -> str:
-        """Gravity over the position, and what gravity and spring do at the pose, as the end of a sum."""
-        (weight, slope), loads = self.joint.gravity(), ""
-        source = self._source("slope of gravity at the pose")
-        if gain := self._number("gravity_stiffness", slope, source, "derived", "stiffness"):
-            loads = f" - {self._through(f'joint.{position}', 'gravity', 'gain', gain=gain)}"
-        load = float(self.joint.resting.qfrc_spring[self.joint.dof]) - weight
-        return loads + self._constant("load", load, self._source("gravity and spring at the pose"))

@@ -15,24 +15,13 @@ def joint(
     robot: Annotated[Path, typer.Argument(metavar="FILE", help="Robot model: URDF or MJCF.", show_default=False)],
     name: Annotated[str, typer.Argument(metavar="JOINT", help="A hinge or a slide of it.", show_default=False)],
     output: Annotated[Path | None, file_option("Write it to a case file (.toml).")] = None,
-    keyframe: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Pose of the model by its name.", show_default=False)
-    ] = None,
-    pose: Annotated[
-        list[str],
-        typer.Option("--pose", metavar="JOINT=POSITION", help="Position of a joint, as in elbow=90deg; repeatable."),
-    ] = NOTHING,
-    actuator: Annotated[
-        Path | None, file_option("What the model lacks or has otherwise (.toml), such as ki or backlash.", "--actuator")
-    ] = None,
+    keyframe: Annotated[str | None, typer.Option(help="Pose of the model by its name.", show_default=False)] = None,
+    pose: Annotated[list[str], typer.Option(metavar="JOINT=POSITION", help="As in elbow=90deg; repeatable.")] = NOTHING,
+    actuator: Annotated[Path | None, file_option("What the model lacks (.toml), such as ki.", "--actuator")] = None,
     encoder: Annotated[
-        str | None,
-        typer.Option(metavar="STEP", help='Step of the measured position, as in "360/4096 deg".', show_default=False),
+        str | None, typer.Option(help='Step of the position: "360/4096 deg".', show_default=False)
     ] = None,
-    sample_time: Annotated[
-        str | None,
-        typer.Option("--sample-time", metavar="TIME", help='Of the controller, as in "1 ms".', show_default=False),
-    ] = None,
+    sample_time: Annotated[str | None, typer.Option(help="Of the controller: 1ms.", show_default=False)] = None,
 ) -> None:
     """Make a case file of the position loop of a robot's joint, each number with its source; print it without -o."""
     check_output(output, (".toml",))
@@ -43,6 +32,8 @@ def joint(
     positions = by_name("--pose", (split_pair(text, "--pose", "JOINT=POSITION") for text in pose))
     read = partial(from_robot, robot, name, keyframe=keyframe, pose=positions)
     case = read(actuator=actuator, encoder=encoder, sample_time=sample_time)
+    for remark in case.remarks:
+        echo(remark, err=True)
     if output is None:
         echo(case.to_toml().rstrip("\n"))
         return

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +47,9 @@ URDF = """<robot name="arm"><link name="base"/>
 <limit lower="-2" upper="2" effort="9" velocity="3"/><dynamics damping="0.2"/></joint>
 <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.25 0 0"/>
 <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="5" velocity="3"/><dynamics friction="0.03"/></joint></robot>"""
+TIP = (
+    """<inertial><mass value="0.1"/><inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial>"""
+)
 #: A slide with a spring beside its bearing, which carries a pendulum that stands.
 CART = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody>
 <body><joint name="cart" type="slide" axis="1 0 0" stiffness="40" springref="0.1" damping="3"/>
@@ -353,3 +358,32 @@ def test_forces_that_are_not_linear_are_refused(tmp_path):
     fluid = written(tmp_path, CHAIN.replace("<default>", '<option density="1000" viscosity="0.1"/><default>'))
     with pytest.raises(epp.EppError, match="joint shoulder has a damping that is not linear; expected"):
         epp.from_robot(fluid, "shoulder")
+
+
+def test_what_mujoco_warns_of_is_remarked_and_no_file_of_its_own_appears(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    loose = '<joint name="loose" type="planar"><parent link="fore"/><child link="tip"/><mimic joint="elbow"/></joint>'
+    written(tmp_path, URDF.replace("</robot>", f'{loose}<link name="tip">{TIP}</link></robot>'))
+    case = epp.from_robot("robot.xml", "shoulder", actuator=written(tmp_path, "kp = 9", "gains.toml"))
+    assert case.remarks and all("MuJoCo warns: <mimic> on joint 'loose'" in remark for remark in case.remarks)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["gains.toml", "robot.xml"]
+    code, said = command("import", "joint", "robot.xml", "shoulder", "--actuator", "gains.toml", "-o", "out.toml")
+    assert code == 0 and case.remarks[0] in said
+
+
+def test_the_page_shows_what_its_commands_print(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[2] / "docs" / "howto" / "robot_joint.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```(\w+)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    shown = {kind: text for kind, text in blocks}
+    written(tmp_path, shown["xml"], "arm.xml")
+    written(tmp_path, shown["toml"], "servo.toml")
+    for line in shown["bash"].splitlines():
+        code, said = command(*shlex.split(line)[1:])
+        assert code == 0
+    assert shown["text"].strip() in said
+    known: dict[str, object] = {"epp": epp}
+    assignment, expression = shown["python"].splitlines()
+    exec(assignment, known)
+    said, _, expected = expression.partition("  # ")
+    assert eval(said, known) == eval(expected)
