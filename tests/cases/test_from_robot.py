@@ -387,3 +387,9 @@ def test_the_page_shows_what_its_commands_print(tmp_path, monkeypatch):
     exec(assignment, known)
     said, _, expected = expression.partition("  # ")
     assert eval(said, known) == eval(expected)
+
+
+def test_without_mujoco_a_sentence_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr("eppanalysis.errors.util.find_spec", lambda name: None)
+    with pytest.raises(epp.EppError, match=r"from_robot needs mujoco; expected what .* 'eppanalysis\[robot\]'"):
+        epp.from_robot(written(tmp_path, CHAIN), "base")
