@@ -121,7 +121,7 @@ def bounds(
     try:
         result = stepped(result, rounding)
     finally:  # a bound may be smaller than the step: what was computed is shown all the same
-        answer("bounds", found, settings, as_json, result.to_dict, lambda: _show(found, result))
+        answer("bounds", found, settings, as_json, result, lambda: _show(found, result))
         write_output(output, result, bounds_columns)
     if certificates is not None:
         result.write_certificates(certificates)

@@ -84,7 +84,7 @@ def certify(
     for name, value in ((name, value) for name, both in ranges.items() for value in both):
         check_value(found, "--within", name, value)
     result = prove(found, statement or (Asked.ABSENCE if ranges else Asked.ROOTS), within=ranges or None)
-    answer("certify", found, settings, as_json, result.to_dict, lambda: _show(result))
+    answer("certify", found, settings, as_json, result, lambda: _show(result))
     if output is not None:
         _write(result, output)
 

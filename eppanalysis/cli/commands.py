@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
@@ -25,6 +26,7 @@ from eppanalysis.cli.certify import certify
 from eppanalysis.cli.common import (
     NOTHING,
     Drawn,
+    Found,
     Json,
     Settings,
     check_output,
@@ -235,10 +237,10 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
     texts = expanded(cases)
     valid = [case for text in texts if (case := _valid(text, settings)) is not None]
     if as_json:
-        print_json("check", [(case, _checked(case)) for case in valid], settings)
+        print_json("check", [(case, Found(_valid_sentence(case), partial(_checked, case))) for case in valid], settings)
     else:
         for case in valid:
-            heading(f"{case.name}: valid ({case.kind}): {case.title}", settings, case)
+            heading(_valid_sentence(case), settings, case)
             if why_not := _why_not_predicted(case):
                 echo(f"The command predict refuses it: {why_not}")
             if len(texts) == 1:
@@ -265,6 +267,10 @@ def _valid(text: str, settings: Sequence[str]) -> Case | None:
         echo(f"{text}: {error}", err=True)
         return None
     return case
+
+
+def _valid_sentence(case: Case) -> str:
+    return f"{case.name}: valid ({case.kind}): {case.title}"
 
 
 def _checked(case: Case) -> dict[str, Any]:
@@ -372,7 +378,7 @@ def list_cases(as_json: Json = False) -> None:
 
     found = [shipped(name) for name in shipped_cases()]
     if as_json:
-        print_json("cases", [(case, None) for case in found], ())
+        print_json("cases", [(case, Found(case.title, lambda: None)) for case in found], ())
         return
     from eppanalysis.tables.console import cases_table
 
@@ -455,12 +461,17 @@ def _carry_out(
         together(cases, results)
     if as_json:
         found = [
-            (case, {**result.to_dict(), **(analysis.beside(case, result) if analysis.beside else {})})
+            (case, Found(str(result), partial(_with_what_is_known, case, result, analysis)))
             for case, result in zip(cases, results, strict=True)
         ]
         print_json(command, found, settings)
     if output is not None:
         _write(output, cases, results, analysis)
+
+
+def _with_what_is_known(case: Case, result: Any, analysis: _Analysis) -> dict[str, Any]:
+    """Plain data of a result, and beside them what is known of the case."""
+    return {**result.to_dict(), **(analysis.beside(case, result) if analysis.beside else {})}
 
 
 def _check_output(output: Path, n_cases: int) -> None:

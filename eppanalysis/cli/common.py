@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol, TypeVar
 
 import typer
 
@@ -25,6 +25,24 @@ if TYPE_CHECKING:
     from eppanalysis.tables.files import Table as FileTable
 
 Given = TypeVar("Given")
+
+
+class Verdict(Protocol):
+    """What a command found: its text is the sentence that comes first."""
+
+    def to_dict(self) -> Any:
+        """Plain data in SI units."""
+
+
+class Found(NamedTuple):
+    """A sentence, and what gives its plain data, where no single result has both."""
+
+    sentence: str
+    to_dict: Callable[[], Any]
+
+    def __str__(self) -> str:
+        return self.sentence
+
 
 #: Default of options that may be repeated.
 NOTHING: list[str] = []
@@ -358,7 +376,7 @@ def answer(
     case: Case,
     settings: Sequence[str],
     as_json: bool,
-    data: Callable[[], Any],
+    result: Verdict,
     show: Callable[[], None],
     title: str = "",
 ) -> None:
@@ -368,22 +386,22 @@ def answer(
     ----------
     settings : sequence of str
         As ``--set`` takes them.
-    data : callable
-        Gives the plain data of the document.
+    result : Verdict
+        Its sentence and its plain data are those of the document.
     show : callable
         Prints tables and sentences.
     title : str
         Name and title of the case by default.
     """
     if as_json:
-        print_json(command, [(case, data())], settings)
+        print_json(command, [(case, result)], settings)
         return
     heading(title or f"{case.name}: {case.title}", settings, case)
     show()
 
 
-def print_json(command: str, results: Sequence[tuple[Case, Any]], settings: Sequence[str]) -> None:
-    """One document on the standard output: what was requested, and the result of every case.
+def print_json(command: str, results: Sequence[tuple[Case, Verdict]], settings: Sequence[str]) -> None:
+    """One document on the standard output: what was requested, and sentence and result of every case.
 
     Parameters
     ----------
@@ -402,7 +420,8 @@ def print_json(command: str, results: Sequence[tuple[Case, Any]], settings: Sequ
             {
                 **{"name": case.name, "title": case.title, "kind": case.kind},
                 **({"remarks": list(case.remarks)} if case.remarks else {}),
-                "result": result,
+                "verdict": str(result),
+                "result": result.to_dict(),
             }
             for case, result in results
         ],

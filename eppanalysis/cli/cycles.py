@@ -11,6 +11,7 @@ import typer
 from eppanalysis.cli.common import (
     NOTHING,
     CaseName,
+    Found,
     Json,
     Output,
     Picture,
@@ -70,7 +71,7 @@ def cycles(
             echo(f"Why it oscillates, and what ends it: {Asking.of(found).remedies()}")
         _show_triggers(found, hits, why)
 
-    answer("cycles", found, settings, as_json, data, show)
+    answer("cycles", found, settings, as_json, Found(str(search), data), show)
     write_output(output, search, lambda result: cycle_table(result.cycles))
 
 
@@ -116,7 +117,7 @@ def branch(
         found.with_values({over: value}, option)
     with progress(f"branch {found.name}") as advance:
         result = continue_branch(found, over, start, stop, n_points=points, progress=advance)
-    answer("branch", found, settings, as_json, result.to_dict, lambda: _show_branch(found, over, result))
+    answer("branch", found, settings, as_json, result, lambda: _show_branch(found, over, result))
     if output is not None:
         write_figure(result.plot(signal=found.expected.signal), output)
 

@@ -128,7 +128,7 @@ def design(
             seed=seed,
             progress=advance,
         )
-    answer("design", found, settings, as_json, result.to_dict, lambda: _show(found, result))
+    answer("design", found, settings, as_json, result, lambda: _show(found, result))
     for path in output:
         write_design(found, result, path)
 

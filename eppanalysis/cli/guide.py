@@ -133,7 +133,7 @@ def guide(
     finally:  # a bound may be smaller than the step: what was computed is shown all the same
         for path in outputs:
             result.write(path)
-        answer("guide", found, settings, as_json, result.to_dict, lambda: _show(result), title(result))
+        answer("guide", found, settings, as_json, result, lambda: _show(result), title(result))
     if certificates is not None:
         result.write_certificates(certificates)
     write_manual(result, manuals)

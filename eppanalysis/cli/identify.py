@@ -120,7 +120,7 @@ def identify(
             fit=fit or None, seed=seed, progress=advance,
         )  # fmt: skip
     if as_json:
-        print_json("identify", [(found.case, found.to_dict())], settings)
+        print_json("identify", [(found.case, found)], settings)
     else:
         for part in found.fits:
             _show(part)
@@ -235,7 +235,7 @@ def diagnose(
             steps=STEPS if steps is None else steps,
             progress=advance,
         )
-    answer("diagnose", found, settings, as_json, result.to_dict, lambda: _show_diagnosis(found, result))
+    answer("diagnose", found, settings, as_json, result, lambda: _show_diagnosis(found, result))
     write_output(output, result, diagnosis_table)
 
 

@@ -9,6 +9,7 @@ import typer
 from eppanalysis.cli.common import (
     NOTHING,
     CaseName,
+    Found,
     Json,
     Picture,
     Settings,
@@ -52,6 +53,7 @@ def margins(
         print_table(all_margins_table(result))
         echo(f"places of the loop: {', '.join(small_signal(found.to_system()).places.distinct)}")
 
-    answer("margins", found, settings, as_json, lambda: {"margins": [one.to_dict() for one in result]}, show)
+    said = Found(" ".join(map(str, result)), lambda: {"margins": [one.to_dict() for one in result]})
+    answer("margins", found, settings, as_json, said, show)
     if output is not None:
         write_figure(result[0].plot(), output)

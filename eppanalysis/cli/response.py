@@ -56,7 +56,7 @@ def response(
     name, shown = signal or found.expected.signal, [signal] if signal else list(found.named_signals)
     with progress(f"response {found.name}"):
         result = _asked(found, input, name, amplitude, frequency)
-    answer("response", found, settings, as_json, result.to_dict, lambda: _show(result, shown))
+    answer("response", found, settings, as_json, result, lambda: _show(result, shown))
     write_output(output, result, response_table, **({"signals": shown} if isinstance(result, ForcedResponse) else {}))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,6 +15,7 @@ from eppanalysis.cli.common import (
     NOTHING,
     Allow,
     CaseName,
+    Found,
     Json,
     Settings,
     check_output,
@@ -216,7 +217,8 @@ def sweep(
         files = {"output": output, "picture": picture}
         shown = {name: None if path is None else str(path) for name, path in files.items()}
         summary = {**counts, **shown, "boundaries": [curve.to_dict() for curve in curves]}
-        print_json("sweep", [(found, summary)], settings)
+        said = Found(" ".join(_sentences(dataset, counts)), lambda: summary)
+        print_json("sweep", [(found, said)], settings)
     else:
         _report(dataset, counts, curves)
     if merge and "not_run" in counts["status"]:
@@ -230,7 +232,7 @@ def _print_cost(case: Case, axes: Axes, asked: dict[str, Any], as_json: bool, se
 
     cost = sweep_cost(case, axes, **asked)
     if as_json:
-        print_json("sweep", [(case, {"estimate": cost.to_dict()})], settings)
+        print_json("sweep", [(case, Found(str(cost), lambda: {"estimate": cost.to_dict()}))], settings)
     else:
         echo(str(cost))
 
@@ -319,16 +321,24 @@ def _counts(dataset: xarray.Dataset) -> dict[str, Any]:
     return counts
 
 
+def _sentences(dataset: xarray.Dataset, counts: dict[str, Any]) -> Iterator[str]:
+    """What was swept, and how the cells ended."""
+    from eppanalysis.sweep.labels import ranges_of, told
+
+    yield f"{count(counts['cells'], 'design')}: {ranges_of(dataset)}"
+    for name, found in counts.items():
+        if name != "cells" and (name != "status" or {"failed", "not_run"} & set(found)):
+            yield f"{name.replace('_', ' ')}: {told(dataset, name)}"
+
+
 def _report(dataset: xarray.Dataset, counts: dict[str, Any], curves: Sequence[Boundary]) -> None:
     """What was swept, how the cells ended, what the boundaries are, and the first sentence of the cells that failed."""
     import numpy as np
 
-    from eppanalysis.sweep.labels import UNKNOWN, ranges_of, told
+    from eppanalysis.sweep.labels import UNKNOWN
 
-    echo(f"{count(counts['cells'], 'design')}: {ranges_of(dataset)}")
-    for name, found in counts.items():
-        if name != "cells" and (name != "status" or {"failed", "not_run"} & set(found)):
-            echo(f"{name.replace('_', ' ')}: {told(dataset, name)}")
+    for sentence in _sentences(dataset, counts):
+        echo(sentence)
     if "unknown" in counts.get("outcome", ()):
         echo(UNKNOWN)
     if "allowed" in dataset.attrs:

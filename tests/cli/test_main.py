@@ -226,7 +226,8 @@ def test_simulate_json_is_documented_data():
     (case,) = json.loads(run("simulate", "fig8a_original", "--json").stdout)["cases"]
     assert case["result"]["status"] == "limit_cycle"
     assert case["result"]["limit_cycle"]["frequency"] > 0
-    assert set(case) == {"name", "title", "kind", "result"}
+    assert set(case) == {"name", "title", "kind", "verdict", "result"}
+    assert case["verdict"].startswith("Oscillates") and case["verdict"] in run("simulate", "fig8a_original").stdout
 
 
 def test_predict_finds_both_cycles_of_the_original_elbow_where_the_harness_ends():
