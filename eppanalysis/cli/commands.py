@@ -47,6 +47,7 @@ from eppanalysis.cli.guide import guide
 from eppanalysis.cli.identify import diagnose, identify
 from eppanalysis.cli.joint import joint
 from eppanalysis.cli.margins import margins
+from eppanalysis.cli.mcp import mcp
 from eppanalysis.cli.new import new
 from eppanalysis.cli.report import report
 from eppanalysis.cli.response import response
@@ -416,6 +417,7 @@ app.command("diagnose", cls=_Command)(diagnose)
 app.command("report", cls=_Command)(report)
 app.command("explore", cls=_Command)(explore)
 app.command("schema", cls=_Command)(schema)
+app.command("mcp", cls=_Command)(mcp)
 imports = typer.Typer(help="Make a case file of a model elsewhere.", no_args_is_help=True)
 imports.command("joint", cls=_Command)(joint)
 app.add_typer(imports, name="import")

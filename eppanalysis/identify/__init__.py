@@ -203,7 +203,9 @@ def _beside(case: Case, path: str | Path | None) -> str | Path | None:
     if path is None or Path(path).exists():
         return path
     own = case.folder / path
-    return own if own.exists() else path
+    # A case from elsewhere must not read outside its folder, by a link either.
+    inside = own.resolve().is_relative_to(case.folder.resolve())
+    return own if inside and own.exists() else path
 
 
 def with_estimates(case: Case, fit: BenchFit) -> Case:
