@@ -74,7 +74,10 @@ def sentences_of(text: str, first: EppError) -> list[str]:
     """The mistakes of a case file, a sentence each, of which the first is known; that alone where it is none of it."""
     if not (os.path.isfile(text) and isinstance(first, CaseError) and first.field):
         return [str(first)]
-    found, not_seen, not_through = mistakes_in(text)
+    try:
+        found, not_seen, not_through = mistakes_in(text)
+    except CaseError as error:  # a base that is not there: nothing more is known of the file
+        return [str(error)]
     sentences = [str(error) for error in found]
     if str(first) not in sentences:
         sentences.append(str(first))

@@ -301,6 +301,8 @@ def _verdict_first(printed: str) -> list[str]:
         cases = document["cases"]
     except (ValueError, KeyError):
         return [printed.strip()]
+    if not cases:  # each of them is refused, as the messages say
+        return []
     said = [case["verdict"] if len(cases) == 1 else f"{case['name']}: {case['verdict']}" for case in cases]
     return ["\n".join(said), json.dumps(document, separators=(",", ":"), ensure_ascii=False)]
 

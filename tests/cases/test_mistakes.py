@@ -90,6 +90,14 @@ def test_check_prints_them_all_and_says_what_it_has_not_seen() -> None:
     assert lines[-1].endswith("could not be checked; check again when that is mended.")
 
 
+def test_the_next_file_is_checked_though_one_has_no_base(tmp_path: Path) -> None:
+    paths = [str(tmp_path / f"{base}.toml") for base in ("first", "second")]
+    for path in paths:
+        Path(path).write_text(f'base = "none_of_{Path(path).stem}"\ntitle = "t"\n', encoding="utf-8")
+    said = CliRunner().invoke(app, ["check", *paths]).stderr.splitlines()
+    assert [line.partition(": ")[0] for line in said] == paths and all("base is 'none_of_" in line for line in said)
+
+
 def test_what_is_missing_beside_a_mistake_is_named_and_what_is_not_read_is_told(tmp_path: Path) -> None:
     file = tmp_path / "wrong.toml"
     file.write_text(
