@@ -47,6 +47,7 @@ templates_path = ["_templates"]
 html_theme = "furo"
 html_title = "eppanalysis"
 html_static_path = ["_static"]
+html_extra_path = ["llms.txt", "SKILL.md"]  # where assistants look for them
 html_css_files = ["wide.css"]
 html_show_copyright = False
 

@@ -22,7 +22,7 @@ from eppanalysis.models.diagrams import BLOCKS
 from eppanalysis.models.diagrams.wiring import port_names
 from eppanalysis.models.elements import ELEMENTS
 from studies import DOCS
-from studies.pages import api, blocks, elements, kinds
+from studies.pages import api, assistants, blocks, elements, kinds
 
 LOOPS = (DOCS / "reference" / "loops.md").read_text(encoding="utf-8")
 DIAGRAMS = (DOCS / "reference" / "diagrams.md").read_text(encoding="utf-8")
@@ -40,6 +40,13 @@ def _literals(page):
 
 def test_the_page_on_the_interface_is_that_of_the_code():
     assert api.PAGE.read_text(encoding="utf-8") == api.page(), "run python -m studies.pages.api"
+
+
+def test_what_assistants_read_first_is_that_of_the_help_and_the_pages():
+    told = {assistants.SKILL: assistants.skill(), assistants.LLMS: assistants.llms()}
+    for page, text in told.items():
+        assert page.read_text(encoding="utf-8") == text, "run python -m studies.pages.assistants"
+    assert sum(len(text.split()) for text in told.values()) <= 500
 
 
 def test_every_public_name_stands_on_the_page_of_the_interface():
