@@ -271,6 +271,8 @@ def test_tools_are_the_commands_with_their_options(told: dict[str, Any]) -> None
         left_out = {"json", "help"} | ({"scheduler", "shard", "merge"} if tool.name == "sweep" else set())
         assert tool.input_schema["properties"].keys() == options.keys() - left_out
         assert {*tool.input_schema.get("required", ())} == {name for name, p in options.items() if p.required}
+        files = {name for name, p in options.items() if p.metavar in ("CASE", "CSV", "FILE", "FOLDER")}
+        assert {*paths_of(tool.input_schema)} == files & tool.input_schema["properties"].keys()
         assert tool.description.splitlines()[0] in commands[tool.name].help
     assert "Limit cycles of loops" in told["instructions"]
 
