@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
@@ -238,7 +237,7 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
     texts = expanded(cases)
     valid = [case for text in texts if (case := _valid(text, settings)) is not None]
     if as_json:
-        print_json("check", [(case, Found(_valid_sentence(case), partial(_checked, case))) for case in valid], settings)
+        print_json("check", [(case, Found(_valid_sentence(case), _checked(case))) for case in valid], settings)
     else:
         for case in valid:
             heading(_valid_sentence(case), settings, case)
@@ -379,7 +378,7 @@ def list_cases(as_json: Json = False) -> None:
 
     found = [shipped(name) for name in shipped_cases()]
     if as_json:
-        print_json("cases", [(case, Found(case.title, lambda: None)) for case in found], ())
+        print_json("cases", [(case, Found(case.title, None)) for case in found], ())
         return
     from eppanalysis.tables.console import cases_table
 
@@ -431,7 +430,7 @@ class _Analysis:
     to_table: Callable[[Any], Table]
     show: Callable[[Case, Any], None]
     show_all: Callable[[Sequence[Case], Sequence[Any]], None] | None = None
-    beside: Callable[[Case, Any], Mapping[str, Any]] | None = None
+    beside: Callable[[Case, Any], Mapping[str, Any]] = lambda case, result: {}
     drawn: Callable[[Case], list[str]] = lambda case: []  # the signals in its picture, where it has some of many
     asked: Sequence[str] = ()  # those that are requested
 
@@ -463,17 +462,12 @@ def _carry_out(
         together(cases, results)
     if as_json:
         found = [
-            (case, Found(str(result), partial(_with_what_is_known, case, result, analysis)))
+            (case, Found(str(result), {**result.to_dict(), **analysis.beside(case, result)}))
             for case, result in zip(cases, results, strict=True)
         ]
         print_json(command, found, settings)
     if output is not None:
         _write(output, cases, results, analysis)
-
-
-def _with_what_is_known(case: Case, result: Any, analysis: _Analysis) -> dict[str, Any]:
-    """Plain data of a result, and beside them what is known of the case."""
-    return {**result.to_dict(), **(analysis.beside(case, result) if analysis.beside else {})}
 
 
 def _check_output(output: Path, n_cases: int) -> None:

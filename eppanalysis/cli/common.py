@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
 
 import typer
 
@@ -27,21 +27,18 @@ if TYPE_CHECKING:
 Given = TypeVar("Given")
 
 
-class Verdict(Protocol):
-    """What a command found: its text is the sentence that comes first."""
-
-    def to_dict(self) -> Any:
-        """Plain data in SI units."""
-
-
 class Found(NamedTuple):
-    """A sentence, and what gives its plain data, where no single result has both."""
+    """A sentence and plain data, where no single result has both."""
 
     sentence: str
-    to_dict: Callable[[], Any]
+    data: Any
 
     def __str__(self) -> str:
         return self.sentence
+
+    def to_dict(self) -> Any:
+        """The data."""
+        return self.data
 
 
 #: Default of options that may be repeated.
@@ -376,7 +373,7 @@ def answer(
     case: Case,
     settings: Sequence[str],
     as_json: bool,
-    result: Verdict,
+    result: Any,
     show: Callable[[], None],
     title: str = "",
 ) -> None:
@@ -386,7 +383,7 @@ def answer(
     ----------
     settings : sequence of str
         As ``--set`` takes them.
-    result : Verdict
+    result : Result or Found
         Its sentence and its plain data are those of the document.
     show : callable
         Prints tables and sentences.
@@ -400,7 +397,7 @@ def answer(
     show()
 
 
-def print_json(command: str, results: Sequence[tuple[Case, Verdict]], settings: Sequence[str]) -> None:
+def print_json(command: str, results: Sequence[tuple[Case, Any]], settings: Sequence[str]) -> None:
     """One document on the standard output: what was requested, and sentence and result of every case.
 
     Parameters

@@ -71,7 +71,7 @@ def cycles(
             echo(f"Why it oscillates, and what ends it: {Asking.of(found).remedies()}")
         _show_triggers(found, hits, why)
 
-    answer("cycles", found, settings, as_json, Found(str(search), data), show)
+    answer("cycles", found, settings, as_json, Found(str(search), data()), show)
     write_output(output, search, lambda result: cycle_table(result.cycles))
 
 

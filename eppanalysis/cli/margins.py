@@ -53,7 +53,7 @@ def margins(
         print_table(all_margins_table(result))
         echo(f"places of the loop: {', '.join(small_signal(found.to_system()).places.distinct)}")
 
-    said = Found(" ".join(map(str, result)), lambda: {"margins": [one.to_dict() for one in result]})
-    answer("margins", found, settings, as_json, said, show)
+    both = Found(" ".join(map(str, result)), {"margins": [one.to_dict() for one in result]})
+    answer("margins", found, settings, as_json, both, show)
     if output is not None:
         write_figure(result[0].plot(), output)

@@ -16,8 +16,10 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
+from subprocess import DEVNULL
+from tempfile import TemporaryFile
 from types import NoneType
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
@@ -26,22 +28,21 @@ import typer
 from eppanalysis.errors import CaseError, EppError, did_you_mean, require_packages
 
 if TYPE_CHECKING:
-    from anyio.abc import ByteReceiveStream, Process
+    from anyio.abc import Process
     from pydantic import BaseModel
 
 #: Commands that serve someone themselves.
 _SERVERS = ("explore", "mcp")
 #: What leads to other machines, and what the server decides.
 _NOT_OFFERED = ("scheduler", "shard", "merge", "as_json")
+#: Whole numbers that say nothing of the work.
+_NO_WORK = ("seed", "workers", "chunk")
 #: How long a command that has to end may put away its files [s].
 _GRACE = 1.0
 
 
 def mcp(
-    folder: Annotated[
-        Path,
-        typer.Argument(metavar="FOLDER", help="Where all files lie that are read and written.", show_default=False),
-    ],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where all files lie.", show_default=False)],
     budget: Annotated[float, typer.Option("--budget", metavar="SECONDS", help="Longest time of a call.")] = 60.0,
 ) -> None:
     """Offer the commands to an assistant as tools (Model Context Protocol), on standard input and output."""
@@ -57,17 +58,10 @@ def mcp(
 
 @dataclass(frozen=True)
 class Tool:
-    """A command of the program as a tool.
-
-    Attributes
-    ----------
-    name : str
-    command : Any
-        As typer makes it.
-    """
+    """A command of the program as a tool."""
 
     name: str
-    command: Any
+    command: Any  # as typer makes it
 
     @property
     def description(self) -> str:
@@ -83,9 +77,7 @@ class Tool:
     def _hints(self) -> dict[str, Any]:
         """Types of the arguments by their names in Python; that there may be none, the default says."""
         hints = get_type_hints(self.command.callback)
-        return {
-            name: next((t for t in get_args(hint) if NoneType in get_args(hint)), hint) for name, hint in hints.items()
-        }
+        return {name: get_args(hint)[0] if NoneType in get_args(hint) else hint for name, hint in hints.items()}
 
     @cached_property
     def _parameters(self) -> list[Any]:
@@ -99,12 +91,9 @@ class Tool:
         defaults = inspect.signature(self.command.callback).parameters
         fields: dict[str, Any] = {}
         for p in self._parameters:
-            default = defaults[p.name].default
+            default = ... if defaults[p.name].default is inspect.Parameter.empty else defaults[p.name].default
             about = (p.help or "").replace("\\[", "[")  # as typer wants a bracket that is none of its markup
-            fields[p.name] = (
-                self._hints[p.name],
-                Field(... if default is inspect.Parameter.empty else default, alias=_word(p), description=about),
-            )
+            fields[p.name] = (self._hints[p.name], Field(default, alias=_word(p), description=about))
         return create_model(self.name, __config__=ConfigDict(extra="forbid", coerce_numbers_to_str=True), **fields)
 
     def checked(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -117,6 +106,8 @@ class Tool:
         """
         from pydantic import ValidationError
 
+        if "\\u0000" in json.dumps(arguments):
+            raise EppError(f"{self.name}: an argument holds a zero byte; expected text.")
         try:
             given = self._model.model_validate({k: v for k, v in arguments.items() if v is not None})
         except ValidationError as error:
@@ -132,19 +123,11 @@ class Tool:
     def paths(self, given: Mapping[str, Any]) -> Iterator[str]:
         """What leads to files: arguments of that type, and cases, each of which is the name of one or a file."""
         for p in self._parameters:
-            if p.name in given and (
-                Path in (self._hints[p.name], *get_args(self._hints[p.name])) or p.metavar == "CASE"
-            ):
-                yield from _listed(given[p.name])
+            if p.metavar == "CASE" or Path in (self._hints[p.name], *get_args(self._hints[p.name])):
+                yield from _listed(given.get(p.name))
 
     def command_line(self, given: Mapping[str, Any]) -> list[str]:
-        """The words of the command; of a command that prints JSON those with which it does.
-
-        Raises
-        ------
-        EppError
-            If a text holds what no word can hold.
-        """
+        """The words of the command, with which it prints JSON where it can."""
         options, words = [self.name], list[str]()
         # A certificate that is checked has a verdict and no data.
         if any(p.name == "as_json" for p in self.command.params) and "check" not in given:
@@ -157,19 +140,13 @@ class Tool:
                 options += p.opts[:1] if value else p.secondary_opts[:1]
             else:
                 options += [f"{p.opts[-1]}={one}" for one in _listed(value)]
-        if "\0" in "".join([*options, *words]):
-            raise EppError(f"{self.name}: an argument holds a zero byte; expected text.")
         return [*options, "--", *words]
 
-    def too_long(self, budget: float) -> str:
-        """What a call that was ended says, with the numbers that make it shorter."""
-        counts = [
-            _word(p) for p in self._parameters if self._hints[p.name] is int and p.name not in ("seed", "workers")
-        ]
-        less = f"smaller {', '.join(counts)}" if counts else "fewer cases, or shorter runs"
-        return (
-            f"{self.name}: was ended after {budget:g} s, the budget of a call; expected {less}, or a larger --budget."
-        )
+    @property
+    def less(self) -> str:
+        """What makes a call shorter: the numbers of the command."""
+        counts = [_word(p) for p in self._parameters if self._hints[p.name] is int and p.name not in _NO_WORK]
+        return f"smaller {', '.join(counts)}" if counts else "fewer cases, or shorter runs"
 
 
 def tools() -> dict[str, Tool]:
@@ -199,14 +176,7 @@ def _listed(value: Any) -> list[Any]:
 
 
 def places(folder: Path, text: str) -> list[Path]:
-    """Files of a folder that a path stands for, and those beside it that are called after it.
-
-    Parameters
-    ----------
-    folder : Path
-        Without links in it.
-    text : str
-        A name in braces, as in ``run_{case}.png``, stands for anything.
+    """Files of a folder that a path stands for (``run_{case}.png`` for many), and those that are called after it.
 
     Raises
     ------
@@ -223,9 +193,7 @@ def places(folder: Path, text: str) -> list[Path]:
     except (OSError, RuntimeError, ValueError):  # a link to itself, a name that no file can have
         outside = True
     if outside:
-        raise EppError(
-            f"{text}: leads out of the folder {folder}; expected a path below it, without links that lead out."
-        )
+        raise EppError(f"{text}: leads out of the folder {folder}; expected a path below it, not a link out of it.")
     return found
 
 
@@ -274,20 +242,14 @@ async def _serve(folder: Path, budget: float) -> None:
 
 
 async def _answer(tool: Tool, arguments: Mapping[str, Any], folder: Path, budget: float) -> tuple[bool, list[str]]:
-    """Whether a call failed, and its texts: the verdict, the data, the files written.
-
-    Raises
-    ------
-    EppError
-        If an argument is refused, or the time is over.
-    """
+    """Whether a call failed, and its texts: the verdict, the data, the files written."""
     given = tool.checked(arguments)
     line, paths = tool.command_line(given), list(tool.paths(given))
     before = _when_written(folder, paths)
-    ended = await _run(line, folder, budget)
-    if ended is None:
-        raise EppError(tool.too_long(budget))
-    code, printed, said = ended
+    code, printed, said = await _run(line, folder, budget)
+    if code is None:
+        ended = f"{tool.name}: was ended after {budget:g} s, the budget of a call"
+        raise EppError(f"{ended}; expected {tool.less}, or a larger --budget.")
     texts = _verdict_first(printed) if code == 0 else [_sentences(tool.name, code, said), *_verdict_first(printed)]
     after = _when_written(folder, paths)
     written = sorted(str(path.relative_to(folder)) for path in after if after[path] != before.get(path))
@@ -301,10 +263,9 @@ def _verdict_first(printed: str) -> list[str]:
         cases = document["cases"]
     except (ValueError, KeyError):
         return [printed.strip()]
-    if not cases:  # each of them is refused, as the messages say
-        return []
     said = [case["verdict"] if len(cases) == 1 else f"{case['name']}: {case['verdict']}" for case in cases]
-    return ["\n".join(said), json.dumps(document, separators=(",", ":"), ensure_ascii=False)]
+    data = json.dumps(document, separators=(",", ":"), ensure_ascii=False)
+    return ["\n".join(said), data] if cases else []  # where none is left, each of them was refused
 
 
 def _sentences(name: str, code: int, said: str) -> str:
@@ -315,51 +276,34 @@ def _sentences(name: str, code: int, said: str) -> str:
     return "\n".join(lines)
 
 
-async def _run(line: Sequence[str], folder: Path, budget: float) -> tuple[int, str, str] | None:
-    """Exit code, output and messages of a command; None where its time was over."""
-    import subprocess
-
+async def _run(line: Sequence[str], folder: Path, budget: float) -> tuple[int | None, str, str]:
+    """Exit code, output and messages of a command; no code where its time was over."""
     import anyio
 
     # No module is taken from the folder, whatever is called like one there.
     environment = {**os.environ, "PYTHONSAFEPATH": "1", "PYTHONIOENCODING": "utf-8"}
-    process = await anyio.open_process(
-        [sys.executable, "-m", "eppanalysis", *line],
-        stdin=subprocess.DEVNULL,
-        cwd=folder,
-        env=environment,
-        start_new_session=True,
-    )
-    output, messages = bytearray(), bytearray()
-    try:
-        with anyio.move_on_after(budget) as time:
-            async with anyio.create_task_group() as readers:
-                readers.start_soon(_read, process.stdout, output)
-                readers.start_soon(_read, process.stderr, messages)
-            await process.wait()
-    finally:
-        with anyio.CancelScope(shield=True):
-            if process.returncode is None:
+    command = [sys.executable, "-m", "eppanalysis", *line]
+    with TemporaryFile() as output, TemporaryFile() as messages:
+        files: dict[str, Any] = {"stdin": DEVNULL, "stdout": output, "stderr": messages}
+        process = await anyio.open_process(command, cwd=folder, env=environment, start_new_session=True, **files)
+        try:
+            with anyio.move_on_after(budget):
+                await process.wait()
+        finally:
+            code = process.returncode
+            if code is None:
                 await _end(process)
-            await process.aclose()
-    if time.cancelled_caught:
-        return None
-    return process.returncode or 0, output.decode(errors="replace"), messages.decode(errors="replace")
-
-
-async def _read(stream: ByteReceiveStream | None, into: bytearray) -> None:
-    if stream is not None:
-        async for part in stream:
-            into += part
+        for file in (output, messages):
+            file.seek(0)
+        return code, output.read().decode(errors="replace"), messages.read().decode(errors="replace")
 
 
 async def _end(process: Process) -> None:
     """End a process with all that it has started, at first so that it can put away its files."""
     import anyio
 
-    for number, patience in ((signal.SIGTERM, _GRACE), (getattr(signal, "SIGKILL", signal.SIGTERM), None)):
-        with suppress(ProcessLookupError):
-            send = partial(os.killpg, process.pid) if hasattr(os, "killpg") else process.send_signal
-            send(number)
-        with anyio.move_on_after(patience or 10.0 * _GRACE):
-            await process.wait()
+    with anyio.CancelScope(shield=True):
+        for number in (signal.SIGTERM, getattr(signal, "SIGKILL", signal.SIGTERM)):
+            with suppress(ProcessLookupError), anyio.move_on_after(_GRACE):
+                os.killpg(process.pid, number) if hasattr(os, "killpg") else process.send_signal(number)
+                await process.wait()

@@ -217,8 +217,7 @@ def sweep(
         files = {"output": output, "picture": picture}
         shown = {name: None if path is None else str(path) for name, path in files.items()}
         summary = {**counts, **shown, "boundaries": [curve.to_dict() for curve in curves]}
-        said = Found(" ".join(_sentences(dataset, counts)), lambda: summary)
-        print_json("sweep", [(found, said)], settings)
+        print_json("sweep", [(found, Found(" ".join(_sentences(dataset, counts)), summary))], settings)
     else:
         _report(dataset, counts, curves)
     if merge and "not_run" in counts["status"]:
@@ -232,7 +231,7 @@ def _print_cost(case: Case, axes: Axes, asked: dict[str, Any], as_json: bool, se
 
     cost = sweep_cost(case, axes, **asked)
     if as_json:
-        print_json("sweep", [(case, Found(str(cost), lambda: {"estimate": cost.to_dict()}))], settings)
+        print_json("sweep", [(case, Found(str(cost), {"estimate": cost.to_dict()}))], settings)
     else:
         echo(str(cost))
 
