@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from anyio.abc import Process
     from pydantic import BaseModel
 
-#: Commands that serve someone themselves.
-_SERVERS = ("explore", "mcp")
+#: What is no tool: servers, and models of other programs, whose readers open what these name wherever it is.
+_NO_TOOLS = ("explore", "mcp", "import")
 #: What leads to other machines, and what the server decides.
 _NOT_OFFERED = ("scheduler", "shard", "merge", "as_json")
 #: Whole numbers that say nothing of the work.
@@ -156,7 +156,7 @@ def tools() -> dict[str, Tool]:
     from eppanalysis.cli.commands import app
 
     every: Mapping[str, Any] = get_command(app).commands  # type: ignore[attr-defined]  # of a group
-    return {name: Tool(name, command) for name, command in every.items() if name not in _SERVERS}
+    return {name: Tool(name, command) for name, command in every.items() if name not in _NO_TOOLS}
 
 
 def instructions() -> str:

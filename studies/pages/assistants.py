@@ -48,17 +48,11 @@ def llms() -> str:
     index = (DOCS / "index.md").read_text(encoding="utf-8")
     groups = {name: pages.split() for name, pages in _GROUP.findall(index) if name in _GROUPS}
     sections = [_section(name, pages) for name, pages in {**groups, "Reference": _REFERENCE}.items()]
-    return "\n".join([f"# eppanalysis\n\n> {_lead()}\n", *sections])
+    return "\n".join([f"# eppanalysis\n\n> {instructions()}\n", *sections])
 
 
 def _section(name: str, pages: Iterable[str]) -> str:
     return f"## {name}\n\n" + "".join(f"- [{_title(page)}]({page}.html)\n" for page in pages)
-
-
-def _lead() -> str:
-    """The first paragraph of the documentation, as plain text on one line."""
-    paragraph = (DOCS / "index.md").read_text(encoding="utf-8").split("\n\n")[1]
-    return " ".join(paragraph.replace("`", "").split())
 
 
 def _title(page: str) -> str:

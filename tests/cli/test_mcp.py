@@ -266,7 +266,7 @@ def test_question_is_answered(told: dict[str, Any], task: Task) -> None:
 
 def test_tools_are_the_commands_with_their_options(told: dict[str, Any]) -> None:
     commands = command_line().commands
-    assert {tool.name for tool in told["tools"]} == commands.keys() - {"explore", "mcp"}
+    assert {tool.name for tool in told["tools"]} == commands.keys() - {"explore", "mcp", "import"}
     for tool in told["tools"]:
         options = {p.opts[-1].lstrip("-").replace("-", "_"): p for p in commands[tool.name].params}
         left_out = {"json", "help"} | ({"scheduler", "shard", "merge"} if tool.name == "sweep" else set())
