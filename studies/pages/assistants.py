@@ -48,7 +48,8 @@ def llms() -> str:
     index = (DOCS / "index.md").read_text(encoding="utf-8")
     groups = {name: pages.split() for name, pages in _GROUP.findall(index) if name in _GROUPS}
     sections = [_section(name, pages) for name, pages in {**groups, "Reference": _REFERENCE}.items()]
-    return "\n".join([f"# eppanalysis\n\n> {instructions()}\n", *sections])
+    about = instructions().split(". ", 1)[0]
+    return "\n".join([f"# eppanalysis\n\n> {about}.\n", *sections])
 
 
 def _section(name: str, pages: Iterable[str]) -> str:
