@@ -8,7 +8,7 @@ from eppanalysis.cases import (
     shipped_cases as shipped_cases,
 )
 from eppanalysis.cases.from_robot import from_robot as from_robot
-from eppanalysis.cases.values.responses import read_response as read_response
+from eppanalysis.cases.values.responses import read_linear as read_linear, read_response as read_response
 from eppanalysis.diagnose import Diagnosis as Diagnosis, diagnose as diagnose
 from eppanalysis.errors import (
     CaseError as CaseError,

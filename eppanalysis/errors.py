@@ -158,6 +158,13 @@ class _Text(str):
         return str(self)
 
 
+class Missing:
+    """What a message shows for a field that is not there."""
+
+    def __repr__(self) -> str:
+        return "missing"
+
+
 class EppError(Exception):
     r"""A request that cannot be carried out, in one sentence that says why and what was expected.
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from eppanalysis.cases.values.expressions import is_expression
 from eppanalysis.cases.words import in_our_words
-from eppanalysis.errors import CaseError, ModelError, visible
+from eppanalysis.errors import CaseError, Missing, ModelError, visible
 from eppanalysis.models.devices.elbow.parameters import Bands
 
 LARGEST_FILE = 1_000_000
@@ -59,13 +59,6 @@ _IN_FILES = {
     "D_input": "input_feedthrough",
     "frequency_hz": "frequency",
 }
-
-
-class Missing:
-    """What a message shows for a field that is not there."""
-
-    def __repr__(self) -> str:
-        return "missing"
 
 
 class Connections:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import math
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,10 +14,11 @@ from eppanalysis.cases.schema import RampInput, RecordedInput, SineInput, StepIn
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.errors import CaseError, ModelError, UnknownName
 from eppanalysis.models.systems.inputs import InputSignal, Ramp, Recorded, Sine, Step, Steps
-from eppanalysis.units import QuantityError, parse_quantity
+from eppanalysis.records.columns import TIME, Column, Headings, find_columns, unit_factor
+from eppanalysis.records.formats import opened
+from eppanalysis.records.reading import read
 
 LARGEST_RECORDING = 64_000_000
-_HEADER = re.compile(r"\s*([A-Za-z_][A-Za-z_ ]*?)\s*(?:\[([^\]]*)\])?\s*")
 
 Input = StepInput | StepsInput | RampInput | SineInput | RecordedInput
 
@@ -41,16 +40,16 @@ def input_signals_of(
         if len(names) > 1 or run.inputs is not None:
             expected = "inputs by name, as in run.inputs.<name>"
             raise CaseError(raw.origin("run.input"), "run.input", run.input.kind, expected)
-        return make_input_signal(run.input, units[names[0]], raw)
+        return make_input_signal(run.input, units[names[0]], raw, names[0])
     for name in run.inputs or {}:
         if name not in names:
             known = ", ".join(names) or "none"
             expected, fault = f"an input of the loop: {known}", UnknownName(name)
             raise CaseError(raw.origin("run.inputs"), f"run.inputs.{name}", name, expected, fault)
-    return {n: make_input_signal(m, units[n], raw, f"run.inputs.{n}") for n, m in (run.inputs or {}).items()} or None
+    return {n: make_input_signal(m, units[n], raw, n, f"run.inputs.{n}") for n, m in (run.inputs or {}).items()} or None
 
 
-def make_input_signal(given: Input, unit: str, raw: RawCase, field: str = "run.input") -> InputSignal:
+def make_input_signal(given: Input, unit: str, raw: RawCase, name: str, field: str = "run.input") -> InputSignal:
     """The input signal of a case, in SI units.
 
     Parameters
@@ -59,6 +58,8 @@ def make_input_signal(given: Input, unit: str, raw: RawCase, field: str = "run.i
         SI unit of the system's input.
     raw : RawCase
         The case that it stands in.
+    name : str
+        What the system calls the input.
     field : str
         Where in it.
 
@@ -68,14 +69,14 @@ def make_input_signal(given: Input, unit: str, raw: RawCase, field: str = "run.i
         If a value has the wrong dimension, times are out of order, or a recording cannot be read.
     """
     try:
-        return _input_signal(given, unit, raw, field)
+        return _input_signal(given, unit, raw, name, field)
     except ModelError as error:
         raise raw.refused_by_model(error, field) from None
 
 
-def _input_signal(given: Input, unit: str, raw: RawCase, field: str) -> InputSignal:
+def _input_signal(given: Input, unit: str, raw: RawCase, name: str, field: str) -> InputSignal:
     if isinstance(given, RecordedInput):
-        return _recorded(given, unit, raw, field)
+        return _recorded(given, unit, raw, name, field)
     if isinstance(given, StepInput):
         return Step(_value(given.size, f"{field}.size", unit, raw), _time(given.time))
     if isinstance(given, StepsInput):
@@ -90,10 +91,10 @@ def _input_signal(given: Input, unit: str, raw: RawCase, field: str) -> InputSig
     return Sine(_value(given.amplitude, f"{field}.amplitude", unit, raw), float(given.frequency.value), phase)
 
 
-def _recorded(given: RecordedInput, unit: str, raw: RawCase, field: str) -> Recorded:
+def _recorded(given: RecordedInput, unit: str, raw: RawCase, name: str, field: str) -> Recorded:
     """From a file, or from the samples that stand in the case itself."""
     if given.file is not None and given.times is None and given.values is None:
-        return read_recording(raw.folder / given.file, unit, given.file, raw)
+        return read_recording(raw.folder / given.file, unit, name, given.file, raw)
     if given.file is not None or given.times is None or given.values is None:
         wrong = "file" if given.file is None and given.times is None and given.values is None else "times"
         shown = Missing() if given.file is None else "given"
@@ -127,10 +128,10 @@ def _value(given: Parameter, field: str, unit: str, raw: RawCase) -> float:
     return float(given.value)
 
 
-def read_recording(path: Path, unit: str, label: str, raw: RawCase) -> Recorded:
-    """A recorded input signal: a CSV file with two columns, time and position, under a header.
+def read_recording(path: Path, unit: str, name: str, label: str, raw: RawCase) -> Recorded:
+    """A recorded input signal: the only column beside the time of a file, or the one that is called as the input.
 
-    The header may give units in brackets, as in ``time [ms], position [mm]``; without them they are SI.
+    A column without a unit is in SI units.
 
     Raises
     ------
@@ -138,64 +139,27 @@ def read_recording(path: Path, unit: str, label: str, raw: RawCase) -> Recorded:
         If the file is not there, a row has a hole, or times do not increase.
     """
     # A case from elsewhere must not read outside its folder, by a link either.
-    if not path.is_file() or path.resolve().parent != path.parent.resolve():
+    if not path.exists() or path.resolve().parent != path.parent.resolve():
         field = "run.input.file"
-        raise CaseError(raw.origin(field), field, label, "the name of a CSV file in the case's folder")
-    if path.stat().st_size > LARGEST_RECORDING:
-        raise CaseError(str(path), "", f"{path.stat().st_size} bytes long", f"at most {LARGEST_RECORDING} bytes")
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [(number, row) for number, row in enumerate(csv.reader(stream), start=1) if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise CaseError(str(path), "", f"not readable ({error})", "a CSV file in UTF-8") from None
-    if len(rows) < 3:
-        raise CaseError(
-            str(path),
-            "",
-            f"{len(rows)} row{'s' * (len(rows) != 1)} long",
-            "a header and two or more rows of time and position",
-        )
-    factors = _factors(rows[0][1], unit, str(path))
-    times: list[float] = []
-    values: list[float] = []
-    for number, row in rows[1:]:
-        time, value = _read_row(row, number, str(path))
-        if times and time * factors[0] <= times[-1]:
-            raise CaseError(str(path), f"line {number}, time", row[0], "a later time than in the line before")
-        if time < 0:
-            raise CaseError(str(path), f"line {number}, time", row[0], "a time that is not negative")
-        times.append(time * factors[0])
-        values.append(value * factors[1])
-    return Recorded(np.array(times), np.array(values))
+        raise CaseError(raw.origin(field), field, label, "the name of a file in the case's folder, such as CSV")
+    header = f"a header such as 'time [s],{name}{f' [{unit}]' if unit else ''}'"
+    table = opened(path, header, has_si=True, largest=LARGEST_RECORDING)
+    columns = _columns(table.headings, unit, name)
+    found = read(table, columns, fewest=2, whole=True, largest=math.inf)
+    if found[TIME][0] < 0.0:
+        raise CaseError(str(path), TIME, f"{found[TIME][0]:g} s", "a time that is not negative")
+    return Recorded(found[TIME], found[columns[1].role])
 
 
-def _factors(header: list[str], unit: str, source: str) -> tuple[float, float]:
-    """SI values of the units that a header gives."""
-    if len(header) != 2:
-        raise CaseError(source, "line 1", ", ".join(header), "a header of two columns: time and position")
-    factors = []
-    for cell, si, column in zip(header, ("s", unit), ("time", "position"), strict=True):
-        match = _HEADER.fullmatch(cell)
-        if match is None:
-            raise CaseError(source, f"line 1, {column}", cell, f"a name such as '{column} [{si or '1'}]'")
-        try:
-            factors.append(parse_quantity(f"1 {match[2] or si}", si))
-        except QuantityError as error:
-            raise CaseError(source, f"line 1, {column}", cell, f"the unit of {error.expected}") from None
-    return factors[0], factors[1]
-
-
-def _read_row(row: list[str], number: int, source: str) -> tuple[float, float]:
-    if len(row) != 2:
-        raise CaseError(source, f"line {number}", ", ".join(row), "two numbers: time and position")
-    numbers = []
-    for cell, column in zip(row, ("time", "position"), strict=True):
-        try:
-            found = float(cell)
-        except ValueError:
-            found = math.nan
-        if not math.isfinite(found):
-            shown: object = cell if cell.strip() else Missing()
-            raise CaseError(source, f"line {number}, {column}", shown, "a finite number; a recording has no holes")
-        numbers.append(found)
-    return numbers[0], numbers[1]
+def _columns(headings: Headings, unit: str, name: str) -> Sequence[Column]:
+    """Time and value."""
+    if len(headings.all) > 2:
+        return find_columns(headings, (TIME, name), (), {}, {TIME: "s", name: unit})
+    if len(headings.all) < 2:
+        found = ", ".join(heading.text for heading in headings.all)
+        raise CaseError(headings.source, headings.line, found, f"two columns: time and {name}")
+    both = zip((TIME, name), headings.all, ("s", unit), strict=True)
+    return [
+        Column(role, i, unit_factor(headings, heading, role, heading.unit, si) if heading.unit else 1.0, heading)
+        for i, (role, heading, si) in enumerate(both)
+    ]

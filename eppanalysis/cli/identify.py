@@ -1,5 +1,5 @@
-"""The commands of measured CSV files: ``identify`` makes a case with measured parameters of them, ``diagnose`` says
-which element of a loop explains a recorded oscillation.
+"""The commands of measured files: ``identify`` makes a case with measured parameters of them, ``diagnose`` says which
+element of a loop explains a recorded oscillation.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 _PICTURES = (".png", ".svg", ".pdf")
 _FILES = (".toml", ".csv", *_PICTURES)
 
-Measured = Annotated[Path | None, typer.Option(metavar="CSV", show_default=False)]
+Measured = Annotated[Path | None, typer.Option(metavar="FILE", show_default=False)]
 Outputs = Annotated[
     list[Path],
     file_option(
@@ -49,7 +49,7 @@ Outputs = Annotated[
 
 
 def _roles() -> list[str]:
-    """Begins of what ``--column`` takes."""
+    """Begins of what ``--signal`` takes."""
     from eppanalysis.identify.columns import Role
 
     return [f"{role}=" for role in Role]
@@ -61,17 +61,17 @@ def identify(
     ],
     tray: Annotated[
         Path | None,
-        typer.Option("--tray", metavar="CSV", help="Weight tray: force, voltage [, time].", show_default=False),
+        typer.Option("--tray", metavar="FILE", help="Weight tray: force, voltage [, time].", show_default=False),
     ] = None,
     backlash: Annotated[
         Path | None,
-        typer.Option("--backlash", metavar="CSV", help="Cycling: angle, force [, time, torque].", show_default=False),
+        typer.Option("--backlash", metavar="FILE", help="Cycling: angle, force [, time, torque].", show_default=False),
     ] = None,
     step: Annotated[
         Path | None,
         typer.Option(
             "--step",
-            metavar="CSV",
+            metavar="FILE",
             help="Step: time, angle [, force, harness]; of other cases time and any of their signals and inputs.",
             show_default=False,
         ),
@@ -79,9 +79,10 @@ def identify(
     columns: Annotated[
         list[str],
         typer.Option(
+            "--signal",
             "--column",
-            metavar="ROLE=HEADER:UNIT",
-            help=r'Which column is what, as in force="F (lbf):lbf"; by default headers are "force \[lbf]". Repeatable.',
+            metavar="SIGNAL=NAME:UNIT",
+            help=r'Which column is what, as in force="F (lbf):lbf"; by default as in "force \[lbf]". Repeatable.',
             autocompletion=lambda incomplete: [role for role in _roles() if role.startswith(incomplete)],
         ),
     ] = NOTHING,
@@ -99,7 +100,7 @@ def identify(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON in SI units.")] = False,
     outputs: Outputs = NO_FILES,
 ) -> None:
-    """Identify parameters with intervals from measured CSV files; what the data cannot identify is named."""
+    """Identify parameters with intervals from measured files; what the data cannot identify is named."""
     from eppanalysis.cases.files import own_or_shipped
     from eppanalysis.identify import identify as run
     from eppanalysis.identify.response import layout_of
@@ -112,7 +113,7 @@ def identify(
     if not benches:
         expected = "--tray, --backlash or --step" if base.kind == "elbow" else "--step"
         raise EppError(f"identify: no measured file is given; expected {expected}.")
-    chosen = _choices(columns, "column", {"time": "s", **layout_of(base).units}) if columns else {}
+    chosen = _choices(columns, {"time": "s", **layout_of(base).units}) if columns else {}
     tray, backlash, step = (None if path is None else own_or_shipped(path) for path in (tray, backlash, step))
     with progress("identify") as advance:
         found = run(
@@ -128,15 +129,15 @@ def identify(
         _write(found, output, benches)
 
 
-def _choices(texts: Sequence[str], what: str, names: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """Header and unit of each role (or signal, as `what` calls it) that ``--column`` names, of those with a unit."""
-    from eppanalysis.identify.columns import parse_choice
+def _choices(texts: Sequence[str], names: Mapping[str, str]) -> dict[str, tuple[str, str]]:
+    """Name and unit of the column of each signal that ``--signal`` names, of those with a unit."""
+    from eppanalysis.records.columns import parse_choice
 
     out: dict[str, tuple[str, str]] = {}
     for text in texts:
         name, header, unit = parse_choice(text, names)
         if name in out:
-            raise EppError(f"--column {text}: {name} is given twice; expected each {what} once.")
+            raise EppError(f"--signal {text}: {name} is given twice; expected each signal once.")
         out[name] = (header, unit)
     return out
 
@@ -194,14 +195,16 @@ def _write(found: Identification, output: Path, benches: Sequence[str]) -> None:
 
 def diagnose(
     case: CaseName,
-    record: Annotated[Path, typer.Argument(metavar="CSV", help="The record: time and signals of the loop.")],
+    record: Annotated[Path, typer.Argument(metavar="FILE", help="The record: time and signals of the loop.")],
     settings: Settings = NOTHING,
     columns: Annotated[
         list[str],
         typer.Option(
+            "--signal",
             "--column",
-            metavar="SIGNAL=HEADER:UNIT",
-            help=r'Which column is what, as in level="LT 4 (mm):mm"; by default headers are "level \[mm]". Repeatable.',
+            metavar="SIGNAL=NAME:UNIT",
+            help=r'Which column is what, as in level="LT 4 (mm):mm" or theta=attitude.pitch; by default as in '
+            r'"level \[mm]". A name alone is of the signal so called, or of the only one. Repeatable.',
         ),
     ] = NOTHING,
     model_error: Annotated[
@@ -225,7 +228,7 @@ def diagnose(
 
     check_output(output)
     found = load_case(case, settings)
-    chosen = _choices(columns, "signal", {"time": "s", **found.to_system().signals.units_by_name()})
+    chosen = _choices(columns, {"time": "s", **found.to_system().signals.units_by_name()})
     with progress(f"diagnose {found.name}") as advance:
         result = run(
             found,

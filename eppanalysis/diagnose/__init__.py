@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.cases import Case
@@ -25,11 +22,9 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import sampled_among
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, standing
 from eppanalysis.progress import Progress
+from eppanalysis.records.formats import Given
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 __all__ = ["Diagnosis", "Explanation", "Oscillation", "Record", "Verdict", "diagnose"]
 
@@ -40,7 +35,7 @@ _NAMED, _NO_CHANCE = 0.95, 1e-3
 
 def diagnose(
     case: LureSystem | CaseLike,
-    record: str | Path | Mapping[str, ArrayLike] | DataFrame,
+    record: Given,
     *,
     columns: Mapping[str, tuple[str, str]] | None = None,
     model_error: float = 0.02,
@@ -59,12 +54,13 @@ def diagnose(
     Parameters
     ----------
     case : Case, Diagram or LureSystem
-    record : path, mapping of str to array, or DataFrame
-        A CSV file with a column ``time [s]`` and one for each recorded signal, by the loop's names, or such arrays or
-        columns in SI units. Three periods or more, of an oscillation that is sustained or grows; of a loop in discrete
-        time its signals at the samples.
+    record : path, mapping of str to array, DataFrame, Dataset or DataArray
+        A file of any format of :doc:`/howto/records`, or a table in memory, with a column ``time [s]`` and one for each
+        recorded signal, by the loop's names. Without a unit it is in SI units; a CSV file must have units. Three
+        periods or more, of an oscillation that is sustained or grows; of a loop in discrete time its signals at the
+        samples.
     columns : mapping of str to (str, str), optional
-        Header and unit of a signal whose column has another name.
+        Name and unit of a signal whose column has another name.
     model_error : float
         Relative standard deviation of what the model says of periods, sizes and harmonics, 0.001 to 0.5.
     operating_point : OperatingPoint or mapping of str to float, optional

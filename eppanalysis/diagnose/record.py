@@ -8,19 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from eppanalysis.arguments import floats
 from eppanalysis.arrays import Array, ComplexArray
-from eppanalysis.errors import EppError, ModelError, did_you_mean
-from eppanalysis.identify.reading import read_signals
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
+from eppanalysis.errors import EppError
+from eppanalysis.records.formats import Given
+from eppanalysis.records.reading import read_signals
 
 #: Fewest periods and samples a period, most harmonics, and samples a period that a harmonic needs.
 FEWEST_PERIODS, FEWEST_SAMPLES, _MOST_HARMONICS, PER_HARMONIC = 3.0, 8, 7, 2.5
@@ -85,60 +79,26 @@ class Oscillation:
         return 2.0 * np.pi / self.omega
 
 
-def record_of(
-    given: str | Path | Mapping[str, ArrayLike] | DataFrame,
-    units: Mapping[str, str],
-    columns: Mapping[str, tuple[str, str]] | None = None,
-) -> Record:
-    """A record from a CSV file, or from arrays by name with "time" among them, in SI units.
+def record_of(given: Given, units: Mapping[str, str], columns: Mapping[str, tuple[str, str]] | None = None) -> Record:
+    """A record of signals of a loop, from a file or from what is in memory.
 
     Parameters
     ----------
-    given : path, mapping of str to array, or DataFrame
-        A file has a column ``time [s]`` and one a signal, such as ``theta [deg]``; or a data frame of such columns.
+    given : path, mapping of str to array, DataFrame, Dataset or DataArray
+        It has a column ``time [s]`` and one a signal, such as ``theta [deg]``.
     units : mapping of str to str
         SI unit of every signal that the loop has.
     columns : mapping of str to (str, str), optional
-        Header and unit of a signal whose column has another name.
+        Name and unit of a signal whose column has another name.
 
     Raises
     ------
     EppError
         If it is no such table, or holds no signal of the loop.
     """
-    if isinstance(given, str | Path):
-        source = str(given)
-        recording = read_signals(given, tuple(units), units, columns, fewest=4 * FEWEST_SAMPLES)
-        found = {name: recording[name] for name in units if name in recording}
-        return Record(source, recording["time"], found, tuple(recording.sentences()))
-    if "time" not in given:
-        raise EppError("diagnose: the record has no 'time'; expected 'time' and signals by name, or a CSV file.")
-    time = floats(given["time"], "diagnose: time")
-    signals = {str(name): floats(given[name], f"diagnose: {name}") for name in given if name != "time"}
-    unknown = [name for name in signals if name not in units]
-    if unknown or not signals:
-        what = f"there is no signal {unknown[0]!r}" if unknown else "the record has no signal"
-        raise ModelError(f"diagnose: {what}", expected=did_you_mean(unknown[0] if unknown else "", units))
-    if time.ndim != 1 or not time.size:
-        raise EppError(f"diagnose: time has shape {time.shape}; expected a number for each sample.")
-    _require_finite("time", time)
-    if np.any(np.diff(time) <= 0):
-        later = int(np.argmax(np.diff(time) <= 0)) + 1
-        raise EppError(
-            f"diagnose: time is {time[later]:g} at sample {later}, behind {time[later - 1]:g}; expected a later time."
-        )
-    for name, values in signals.items():
-        if values.shape != time.shape:
-            raise EppError(f"diagnose: {name} has shape {values.shape}; expected that of time, {time.shape}.")
-        _require_finite(name, values)
-    return Record("record", time, signals)
-
-
-def _require_finite(name: str, values: Array) -> None:
-    holes = np.flatnonzero(~np.isfinite(values))
-    if holes.size:
-        first = f"{values[holes[0]]:g} at sample {holes[0]}"
-        raise EppError(f"diagnose: {name} is {first}; expected finite numbers, as a record has no holes.")
+    recording = read_signals(given, tuple(units), units, columns, fewest=4 * FEWEST_SAMPLES)
+    found = {name: recording[name] for name in units if name in recording}
+    return Record(recording.source, recording["time"], found, tuple(recording.sentences()))
 
 
 def oscillation_of(record: Record, fewest: float = FEWEST_SAMPLES, rates: Sequence[float] = ()) -> Oscillation:

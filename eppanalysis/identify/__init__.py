@@ -1,6 +1,7 @@
 """Measured data to parameters: a response of any case, an elbow's weight tray and backlash cycling; and a case of them.
 
-Every test is a CSV file. What one of them identifies the next one takes as known, within its tolerance.
+Every test is a record, in a file or in memory. What one of them identifies the next one takes as known, within its
+tolerance.
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ from typing import TYPE_CHECKING
 from eppanalysis.arguments import checked
 from eppanalysis.cases import Case, Parameter
 from eppanalysis.errors import EppError
-from eppanalysis.identify.columns import ELBOW, Layout, Role
+from eppanalysis.identify.columns import ELBOW, ROLES, Layout, Role
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, brief_estimates, estimates_frame
-from eppanalysis.identify.reading import Recording, read_recording, read_signals
 from eppanalysis.progress import Progress
 from eppanalysis.readable import count, listed
+from eppanalysis.records.formats import Given
+from eppanalysis.records.reading import Recording, read_recording, read_signals
 from eppanalysis.results import Result
 from eppanalysis.units import rounded
 
@@ -26,9 +28,9 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-__all__ = ["BenchFit", "Estimate", "Identification", "Recording", "Residual", "identify", "read_recording"]
+__all__ = ["BenchFit", "Estimate", "Identification", "Residual", "identify"]
 
-#: Columns by header and unit where the header is not the role, as ``--column`` gives them.
+#: Columns by name and unit where the name is not the role, as ``--signal`` gives them.
 Choices = Mapping[str, tuple[str, str]]
 
 
@@ -99,9 +101,9 @@ class Identification(Result):
 def identify(
     case: Case,
     *,
-    tray: str | Path | None = None,
-    backlash: str | Path | None = None,
-    step: str | Path | None = None,
+    tray: Given | None = None,
+    backlash: Given | None = None,
+    step: Given | None = None,
     columns: Choices | None = None,
     wrap: float = math.pi,
     press: float = 0.0,
@@ -115,17 +117,17 @@ def identify(
     ----------
     case : Case
         What is known; what the tests do not identify stays as it is there.
-    tray : path, optional
-        Weight-tray test: columns force, voltage and, where there is one, time. A file that the working folder does not
-        have is looked for in that of the case.
-    backlash : path, optional
+    tray : path, mapping of str to array, DataFrame, Dataset or DataArray, optional
+        Weight-tray test: columns force, voltage and, where there is one, time. A file, of any format of
+        :doc:`/howto/records`, that the working folder does not have is looked for in that of the case.
+    backlash : path, mapping of str to array, DataFrame, Dataset or DataArray, optional
         Backlash cycling: columns angle, force and, where there are any, time and torque (of the hand).
-    step : path, optional
+    step : path, mapping of str to array, DataFrame, Dataset or DataArray, optional
         Recorded response. Of an elbow columns time, angle and, where there are any, force and harness (its motion); of
         another case in continuous time columns time, one or more of its signals, and external inputs that were
         recorded, by their names.
     columns : mapping of str to (str, str), optional
-        Header and unit of a role whose column has another name.
+        Name and unit of a role whose column has another name.
     wrap : float
         Angle psi at which the pulley was loaded in the weight-tray test [rad].
     press : float
@@ -170,14 +172,16 @@ def identify(
     if tray is not None:
         from eppanalysis.identify.tray import fit_tray
 
-        recording = read_recording(tray, (Role.FORCE, Role.VOLTAGE), (Role.TIME,), columns, progress=progress)
+        recording = read_recording(
+            tray, (Role.FORCE, Role.VOLTAGE), (Role.TIME,), columns, units=ROLES, progress=progress
+        )
         fits.append(fit_tray(recording, wrap=wrap))
         found = with_estimates(found, fits[-1])
     if backlash is not None:
         from eppanalysis.identify.backlash import fit_backlash
 
         recording = read_recording(
-            backlash, (Role.ANGLE, Role.FORCE), (Role.TIME, Role.TORQUE), columns, progress=progress
+            backlash, (Role.ANGLE, Role.FORCE), (Role.TIME, Role.TORQUE), columns, units=ROLES, progress=progress
         )
         fits.append(fit_backlash(recording, found, press=press))
         found = with_estimates(found, fits[-1])
@@ -191,21 +195,22 @@ def identify(
     return Identification(_titled(found, fits), tuple(fits), provenance=fits[-1].provenance)
 
 
-def _read_response(path: str | Path, layout: Layout, columns: Choices | None, progress: Progress | None) -> Recording:
+def _read_response(given: Given, layout: Layout, columns: Choices | None, progress: Progress | None) -> Recording:
     """The recorded response of a case: of an elbow its angle at least, of others any of their signals."""
     if layout is ELBOW:
-        return read_recording(path, (Role.TIME, Role.ANGLE), (Role.FORCE, Role.HARNESS), columns, progress=progress)
-    return read_signals(path, tuple(layout.signals), layout.units, columns, progress=progress)
+        needed, optional = (Role.TIME, Role.ANGLE), (Role.FORCE, Role.HARNESS)
+        return read_recording(given, needed, optional, columns, units=ROLES, progress=progress)
+    return read_signals(given, tuple(layout.signals), layout.units, columns, progress=progress)
 
 
-def _beside(case: Case, path: str | Path | None) -> str | Path | None:
+def _beside(case: Case, given: Given | None) -> Given | None:
     """A file of the working folder; where that has none of this name, the one in the case's own folder."""
-    if path is None or Path(path).exists():
-        return path
-    own = case.folder / path
+    if not isinstance(given, str | Path) or Path(given).exists():
+        return given
+    own = case.folder / given
     # A case from elsewhere must not read outside its folder, by a link either.
     inside = own.resolve().is_relative_to(case.folder.resolve())
-    return own if inside and own.exists() else path
+    return own if inside and own.exists() else given
 
 
 def with_estimates(case: Case, fit: BenchFit) -> Case:

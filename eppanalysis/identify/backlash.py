@@ -25,9 +25,9 @@ from eppanalysis.identify.columns import Role
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.intervals import Weighted, confounded, rounding, weighted
 from eppanalysis.identify.plausible import mistaken
-from eppanalysis.identify.reading import Recording
 from eppanalysis.identify.strokes import Pulley, sensor_force, strokes
 from eppanalysis.models.elements.memory import StictionPulley
+from eppanalysis.records.reading import Recording
 from eppanalysis.results.provenance import Provenance
 
 #: Fewest stays at the ends, rows in a stay, and parts of a stay where the hand's torque is known.

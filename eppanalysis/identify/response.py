@@ -14,7 +14,6 @@ from eppanalysis.cases.variation import takes
 from eppanalysis.errors import CaseError, EppError
 from eppanalysis.identify.columns import ELBOW, Layout, Role
 from eppanalysis.identify.intervals import rounding
-from eppanalysis.identify.reading import Recording
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.runs import run_hybrid
 from eppanalysis.models.devices.elbow.loop import elbow
@@ -23,6 +22,7 @@ from eppanalysis.models.systems.inputs import InputSignal, Recorded, Sine, input
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.clocked import Clocked
 from eppanalysis.models.systems.sampled.strobe import Strobe
+from eppanalysis.records.reading import Recording
 
 #: A shorter dead time than this makes no difference, but stiff equations [s].
 SHORTEST_DELAY = 2e-5

@@ -22,12 +22,12 @@ from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.plausible import LEAST_SHARE, explained, refuse_what_is_no_response
-from eppanalysis.identify.reading import Recording
 from eppanalysis.identify.response import Response, Unknown
 from eppanalysis.identify.sampling import WALKED, Cloud, anneal, walk
 from eppanalysis.identify.surface import DRAWS, ENOUGH, explore
 from eppanalysis.identify.whitening import WIDEST_START, bounds_of, local, suspects
 from eppanalysis.progress import Progress
+from eppanalysis.records.reading import Recording
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
 

@@ -18,8 +18,8 @@ from eppanalysis.errors import EppError
 from eppanalysis.identify.columns import Role
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.intervals import Weighted, confounded, rounding, weighted
-from eppanalysis.identify.reading import Recording
 from eppanalysis.identify.strokes import Pulley, Stroke, sensor_force, strokes
+from eppanalysis.records.reading import Recording
 from eppanalysis.results.provenance import Provenance
 
 #: Kinetic over static friction: what is taken to be possible before anything is measured.

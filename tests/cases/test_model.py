@@ -614,14 +614,14 @@ def test_inputs(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("rows", "field", "expected"),
     [
-        ("0,0\n1,\n2,3", "line 3, position", "no holes"),
-        ("0,0\n1,nan\n2,3", "line 3, position", "no holes"),
-        ("0,0\n1\n2,3", "line 3", "two numbers"),
-        ("0,0\n1,2,3\n2,3", "line 3", "two numbers"),
-        ("0,0\n1,x\n2,3", "line 3, position", "a finite number"),
+        ("0,0\n1,\n2,3", "line 3, harness_position", "no holes"),
+        ("0,0\n1,nan\n2,3", "line 3, harness_position", "a finite number"),
+        ("0,0\n1\n2,3", "line 3", "2 cells"),
+        ("0,0\n1,2,3\n2,3", "line 3", "2 cells"),
+        ("0,0\n1,x\n2,3", "line 3, harness_position", "a finite number"),
         ("0,0\n1,1\n1,2", "line 4, time", "a later time"),
-        ("-1,0\n1,1\n2,2", "line 2, time", "not negative"),
-        ("0,0", "", "two or more rows"),
+        ("-1,0\n1,1\n2,2", "time", "not negative"),
+        ("0,0", "", "2 or more complete rows"),
     ],
 )
 def test_recordings_that_are_refused(tmp_path: Path, rows: str, field: str, expected: str) -> None:

@@ -46,12 +46,12 @@ def test_what_explains_a_record_is_said_and_drawn(record, tmp_path, monkeypatch)
     module_seeks = module.candidates_of
     monkeypatch.setattr(module, "candidates_of", sought_once)
     picture, table = tmp_path / "found.png", tmp_path / "found.csv"
-    result = run("backlash_servo", record, "--column", "x=LT 4", "-o", picture)
+    result = run("backlash_servo", record, "--signal", "x=LT 4", "-o", picture)
     assert result.exit_code == 0, result.output
     assert "Explained by external disturbance." in result.stdout
     assert "candidate" in result.stdout and "play" in result.stdout
     assert picture.stat().st_size > 10_000
-    document = json.loads(run("backlash_servo", record, "--column", "x=LT 4", "--json", "-o", table).stdout)
+    document = json.loads(run("backlash_servo", record, "--signal", "x=LT 4", "--json", "-o", table).stdout)
     found = document["cases"][0]["result"]
     assert found["verdict"] == "named" and found["named"] == ["external disturbance"]
     assert found["period"] == pytest.approx(2 * np.pi / 0.9, rel=1e-3)
@@ -62,10 +62,10 @@ def test_what_explains_a_record_is_said_and_drawn(record, tmp_path, monkeypatch)
     ("arguments", "sentence"),
     [
         ((), "expected a column of a signal of the loop: one of x, y"),
-        (("--column", "z=LT 4"), "a role that is one of time, x, y"),
-        (("--column", "x=LT 4", "--column", "x=LT 5"), "each signal once"),
-        (("--column", "x=LT 4", "--model-error", "2"), "--model-error is 2.0; expected 0.001 to 0.5"),
-        (("--column", "x=LT 4", "-o", "found.xyz"), "found.xyz"),
+        (("--signal", "z=LT 4"), "a signal that is one of time, x, y"),
+        (("--signal", "x=LT 4", "--signal", "x=LT 5"), "each signal once"),
+        (("--signal", "x=LT 4", "--model-error", "2"), "--model-error is 2.0; expected 0.001 to 0.5"),
+        (("--signal", "x=LT 4", "-o", "found.xyz"), "found.xyz"),
     ],
 )
 def test_what_is_wrong_is_said_in_a_sentence(record, arguments, sentence):

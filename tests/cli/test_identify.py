@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import eppanalysis as epp
 from eppanalysis.cases import shipped_cases_folder
 from eppanalysis.cli.commands import app
-from tests.identify.test_reading import BAD
+from tests.records.test_csv import BAD
 
 runner = CliRunner()
 MEASURED = shipped_cases_folder() / "measured"
@@ -57,8 +57,8 @@ def test_json_is_strict_and_in_si_units():
         (("--tray", MEASURED / "backlash_cycling.csv"), "line 1, voltage"),
         (("--tray", MEASURED / "weight_tray.csv", "--wrap", "3 kg"), "--wrap is '3 kg'"),
         (("--tray", MEASURED / "weight_tray.csv", "--wrap", "270 deg"), "0 to 180 deg"),
-        (("--tray", MEASURED / "weight_tray.csv", "--column", "force=F:lbf"), "the column 'F' of --column"),
-        (("--tray", MEASURED / "weight_tray.csv", "--column", "voltage=force:V"), "line 1, voltage"),
+        (("--tray", MEASURED / "weight_tray.csv", "--signal", "force=F:lbf"), "the column 'F' of --signal"),
+        (("--tray", MEASURED / "weight_tray.csv", "--signal", "voltage=force:V"), "line 1, voltage"),
         (("--tray", MEASURED / "weight_tray.csv", "-o", "x.xlsx"), "expected one of .toml"),
         (("--backlash", MEASURED / "backlash_cycling.csv", "--press", "-1 N*m"), "press is -1.0 N*m"),
     ],

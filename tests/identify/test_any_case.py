@@ -198,7 +198,7 @@ def test_loops_of_matrices_and_rings_are_fitted_from_their_start(tmp_path, few_d
         ("time [s],motor_angle [deg],current [V]", ("--fit", "J_load"), "expected the unit of a quantity in A"),
         ("time [s],motor_angle [deg],current [A]", (), "--fit with one or more of J_load, coulomb, k."),
         ("time [s],motor_angle [deg],current [A]", ("--fit", "J_laod"), "did you mean 'J_load'?"),
-        ("time [s],theta [deg],current [A]", ("--fit", "k", "--column", "motr=theta"), "one of time, "),
+        ("time [s],theta [deg],current [A]", ("--fit", "k", "--signal", "motr=theta"), "one of time, "),
     ],
 )
 def test_what_is_wrong_is_one_sentence(tmp_path, header, arguments, expected):
@@ -217,7 +217,7 @@ def test_without_a_record_only_that_which_a_case_can_take_is_asked_for():
 
 
 def test_other_columns_are_named(tmp_path):
-    from eppanalysis.identify.reading import read_recording
+    from eppanalysis.records.reading import read_recording
 
     path = record(tmp_path, "time [s],motor_angle [deg],note [V]", CURRENT, CURRENT)
     read = read_recording(path, ("time", "motor_angle"), units={"time": "s", "motor_angle": "rad"})

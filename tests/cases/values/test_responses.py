@@ -57,7 +57,7 @@ def test_order_of_rows_deviation_and_static_gain(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "a table"),
+        ("", "a header such as 'frequency"),
         ("time,magnitude,phase\n1,2,3", "one of frequency"),
         ("frequency,magnitude,phase [deg]\n1,2,3", "frequency .Hz."),
         ("frequency [m],magnitude,phase [deg]\n1,2,3", "an angular velocity"),
@@ -68,7 +68,7 @@ def test_order_of_rows_deviation_and_static_gain(tmp_path):
         ("frequency [Hz],real [m],imaginary [mm]\n1,2,3", "unit of the real part"),
         ("frequency [Hz],real [parsecs],imaginary [parsecs\n1,2,3", "one of frequency"),
         ("frequency [Hz],real,imaginary\n1,2", "line 2 is '2 cells long'"),
-        ("frequency [Hz],real,imaginary\n1,2,x", "line 2 is 'x'"),
+        ("frequency [Hz],real,imaginary\n1,2,x", "line 2, imaginary is 'x'"),
         ("frequency [Hz],real,imaginary\n1,2,nan", "finite"),
         ("frequency [Hz],real,imaginary\n1,2,3", "8 or more"),
         ("frequency [Hz],real,imaginary,deviation [m]\n1,2,3,1", "deviation"),

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, strategies as st
 
 from eppanalysis.errors import CaseError
-from eppanalysis.identify import reading
-from eppanalysis.identify.columns import parse_choice
-from eppanalysis.identify.reading import read_recording
+from eppanalysis.identify.columns import ROLES
+from eppanalysis.records import reading
+from eppanalysis.records.columns import parse_choice
+from eppanalysis.records.reading import read_recording
 
 HEADER = b"time [s],force [lbf],voltage [V]\n"
 ROWS = b"".join(b"%d,%d,%.3f\n" % (i, i, 2 * i) for i in range(20))
@@ -45,7 +46,7 @@ BAD = {
     "open quotation": (HEADER + ROWS + b'20,"1,2\n', "line 22", "quotation marks"),
     "holes": (HEADER + b"".join(b"%d,,\n" % i for i in range(40)), "40 of them with empty cells", "fewer than half"),
     "no header": (ROWS, "line 1 is '0,0,0.000'", "a header"),
-    "missing column": (HEADER.replace(b"force", b"load") + ROWS, "line 1, force", "--column force="),
+    "missing column": (HEADER.replace(b"force", b"load") + ROWS, "line 1, force", "--signal force="),
     "no unit": (b"time [s],force,voltage [V]\n" + ROWS, "line 1, force is 'force'", "a unit with it"),
     "units mixed up": (b"time [s],force [V],voltage [lbf]\n" + ROWS, "line 1, force is 'force [V]'", "a force"),
     "a mass": (b"time [s],force [lb],voltage [V]\n" + ROWS, "line 1, force is 'force [lb]'", "write lbf"),
@@ -59,7 +60,7 @@ BAD = {
 def read(tmp_path, content: bytes, **options):
     path = tmp_path / "bench.csv"
     path.write_bytes(content)
-    return read_recording(path, ("force", "voltage"), ("time",), **options)
+    return read_recording(path, ("force", "voltage"), ("time",), units=ROLES, **options)
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -78,7 +79,7 @@ def test_malformed_files_are_one_sentence(tmp_path, name):
 @pytest.mark.parametrize("path", ["/dev/zero", ".", "no_such_file.csv"])
 def test_what_is_no_file_is_one_sentence(path):
     with pytest.raises(CaseError, match="expected a CSV file"):
-        read_recording(path, ("force",))
+        read_recording(path, ("force",), units=ROLES)
 
 
 @pytest.mark.parametrize(
@@ -119,32 +120,27 @@ def test_empty_cells_are_missing_samples(tmp_path):
 def test_columns_by_choice_and_unit(tmp_path):
     content = HEADER.replace(b"force [lbf]", b"F (lbf)").replace(b"voltage [V]", b"ADC1") + ROWS
     choices = dict(
-        (role, (header, unit)) for role, header, unit in map(parse_choice, ("force=F (lbf)", "voltage=ADC1:mV"))
+        (role, (header, unit)) for role, header, unit in ((parse_choice(t, ROLES) for t in ("force=F (lbf)", "voltage=ADC1:mV")))
     )
     found = read(tmp_path, content, columns=choices)
     assert found["force"][1] == pytest.approx(4.4482216152605)
     assert found["voltage"][1] == pytest.approx(2e-3)
 
 
-@pytest.mark.parametrize("text", ["force", "=x:N", "colour=x:N", "force="])
+@pytest.mark.parametrize("text", ["load", "=x:N", "colour=x:N", "force="])
 def test_wrong_choices_are_one_sentence(text):
-    with pytest.raises(CaseError, match="--column is"):
-        parse_choice(text)
+    with pytest.raises(CaseError, match="--signal is"):
+        parse_choice(text, ROLES)
 
 
 @given(st.lists(st.integers(1, 3000), min_size=1, max_size=8), st.integers(1, 7))
 def test_blocks_keep_every_row(lengths, width):
     """Whatever the pieces: counts and sums are those of all rows, but for a last block that is less than half full."""
-    blocks = reading._Blocks(1)
-    blocks.kept = np.empty((2 * 64, 1))
-    old, reading.KEPT = reading.KEPT, 64
-    try:
-        rows = np.arange(float(sum(lengths)))[:, None] * width
-        for piece in np.split(rows, np.cumsum(lengths)[:-1]):
-            blocks.add(piece)
-        out = blocks.rows()
-    finally:
-        reading.KEPT = old
+    blocks = reading._Blocks(1, 64)
+    rows = np.arange(float(sum(lengths)))[:, None] * width
+    for piece in np.split(rows, np.cumsum(lengths)[:-1]):
+        blocks.add(piece)
+    out = blocks.rows()
     whole = len(rows) // blocks.block
     expected = rows[: whole * blocks.block].reshape(whole, blocks.block).mean(axis=1)
     np.testing.assert_allclose(out[:whole, 0], expected)
@@ -160,7 +156,7 @@ def test_long_files_stay_in_bounded_memory(tmp_path):
         for k in range(1, 101):
             stream.write(piece.replace("%d", str(k)))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    found = read_recording(path, ("force", "voltage"), ("time",))
+    found = read_recording(path, ("force", "voltage"), ("time",), units=ROLES)
     grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
     assert found.n_rows == 1_000_000
     assert len(found) * found.block >= 1_000_000 - found.block
@@ -175,4 +171,4 @@ def test_a_late_fault_of_a_long_file_is_found_in_its_line(tmp_path):
         stream.writelines(f"{i},1,2\n" for i in range(600_000))
         stream.write("600000,1,x\n")
     with pytest.raises(CaseError, match="line 600002, voltage is 'x'"):
-        read_recording(path, ("force", "voltage"), ("time",))
+        read_recording(path, ("force", "voltage"), ("time",), units=ROLES)
