@@ -100,6 +100,7 @@ def _needed(case: epp.Case) -> dict[str, dict[str, Any]]:
         "olop": {
             "loop": epp.LureSystem.from_tf(([4.0], [1.0, 1.0, 0.0]), epp.RateLimiter(1.0)), "amplitude": 0.5
         },
+        "read_linear": {"path": "nowhere.mat"},
         "read_response": {"path": "nowhere.csv"},
         "rational_model": {"response": _response(), "order": 2},
         "margins": {"loop": epp.case("sat_khalil710")},  # through a relay there are none

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import redirect_stdout
+from contextlib import contextmanager, redirect_stdout
 from io import StringIO
 from pathlib import Path
+from traceback import walk_tb
 from typing import Any
 
 import numpy as np
@@ -42,8 +43,8 @@ def ulog(path: Path, source: str) -> Groups:
     """
     from pyulog import ULog
 
-    with redirect_stdout(StringIO()):  # pyulog prints what it finds damaged
-        log = ULog(str(path))
+    with redirect_stdout(StringIO()), path.open("rb") as stream:  # pyulog prints what it finds damaged
+        log = ULog(stream)
     groups = []
     for data in log.data_list:
         fields = {name: values for name, values in data.data.items() if name != "timestamp"}
@@ -58,32 +59,50 @@ def ulog(path: Path, source: str) -> Groups:
 
 def mf4(path: Path, source: str) -> Groups:
     """An MF4 file: one group for each channel group, with the units of its channels."""
+    groups = []
+    with _measured(path) as file:
+        for i, found in enumerate(file.groups):
+            places = [
+                j for j, channel in enumerate(found.channels) if j != file.masters_db.get(i) and _is_number(channel)
+            ]
+            own = getattr(found.channel_group, "acq_name", "") or f"group{i}"
+            prefix = f"{own}." if len(file.groups) > 1 else ""
+            headings = [
+                Heading.of(f"{prefix}{c.name}", str(c.unit or getattr(c.conversion, "unit", "") or ""))
+                for c in (found.channels[j] for j in places)
+            ]
+            groups.append(Group(headings, _channels(path, source, i, places)))
+    return Groups(source, groups)
+
+
+@contextmanager
+def _measured(path: Path) -> Iterator[Any]:
     from asammdf import MDF
 
-    file = MDF(path)
-    groups = []
-    for i, found in enumerate(file.groups):
-        master = file.masters_db.get(i)
-        places = [j for j, channel in enumerate(found.channels) if j != master and _is_number(channel)]
-        own = getattr(found.channel_group, "acq_name", "") or f"group{i}"
-        name = own if len(file.groups) > 1 else ""
-        headings = [
-            Heading.of(f"{name}.{c.name}" if name else c.name, str(c.unit or getattr(c.conversion, "unit", "") or ""))
-            for c in (found.channels[j] for j in places)
-        ]
-        groups.append(Group(headings, _channels(file, source, i, places)))
-    return Groups(source, groups)
+    with path.open("rb") as stream:
+        try:
+            opened = MDF(stream)
+        except Exception as error:
+            # What is half made would close itself later, with a traceback.
+            for frame, _ in walk_tb(error.__traceback__):
+                if hasattr(half := frame.f_locals.get("self"), "_closed"):
+                    half._closed = True
+                    if getattr(half, "_tempfile", None) is not None:
+                        half._tempfile.close()
+            raise
+        with opened as file:
+            yield file
 
 
 def _is_number(channel: Any) -> bool:
     return getattr(channel, "data_type", 99) <= 5  # whole numbers and floats, of either order of bytes
 
 
-def _channels(file: Any, source: str, i: int, channels: Sequence[int]) -> Any:
+def _channels(path: Path, source: str, i: int, channels: Sequence[int]) -> Any:
     """What reads channels of a group of an MF4 file."""
 
     def read(places: Sequence[int]) -> tuple[ArrayLike, list[ArrayLike]]:
-        with readable_as(source, "an MF4 file"):
+        with readable_as(source, "an MF4 file"), _measured(path) as file:
             found = [file.get(group=i, index=channels[k], raw=True) for k in places]
             times = found[0].timestamps if found else file.get_master(i)
             return times, [_physical(signal, source) for signal in found]

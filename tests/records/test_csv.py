@@ -120,7 +120,8 @@ def test_empty_cells_are_missing_samples(tmp_path):
 def test_columns_by_choice_and_unit(tmp_path):
     content = HEADER.replace(b"force [lbf]", b"F (lbf)").replace(b"voltage [V]", b"ADC1") + ROWS
     choices = dict(
-        (role, (header, unit)) for role, header, unit in ((parse_choice(t, ROLES) for t in ("force=F (lbf)", "voltage=ADC1:mV")))
+        (role, (header, unit))
+        for role, header, unit in (parse_choice(t, ROLES) for t in ("force=F (lbf)", "voltage=ADC1:mV"))
     )
     found = read(tmp_path, content, columns=choices)
     assert found["force"][1] == pytest.approx(4.4482216152605)
