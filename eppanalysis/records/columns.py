@@ -14,8 +14,8 @@ from eppanalysis.units import QuantityError, parse_any, parse_quantity
 #: The role of times.
 TIME = "time"
 _HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?\s*", re.DOTALL)
-#: Names that a message lists of a table that has many.
-_LISTED = 10
+#: Length of all names up to which a message lists them, and how many it lists of more.
+_LISTED, _MOST = 80, 10
 
 
 @dataclass(frozen=True)
@@ -64,18 +64,23 @@ class Headings:
         """Of a message about a role."""
         return f"{self.line}, {role}" if self.line else role
 
-    def listed(self, near: Iterable[str]) -> str:
-        """All of them; of many the ones that are nearest to some names."""
-        texts = [heading.text for heading in self.all]
-        if len(texts) <= _LISTED:
-            return ", ".join(texts)
+    @property
+    def shown(self) -> str:
+        """All of them, or how many there are."""
+        listed = ", ".join(heading.text for heading in self.all)
+        return listed if len(listed) <= _LISTED else f"{len(self.all)} columns"
+
+    def nearest(self, names: Iterable[str]) -> str:
+        """Of many, the ones that are nearest to some names, as the end of a sentence."""
+        if not self.shown.endswith(" columns"):
+            return ""
 
         def likeness(heading: Heading) -> float:
             last = heading.name.lower().rpartition(".")[2]
-            return max((difflib.SequenceMatcher(None, name.lower(), last).ratio() for name in near), default=0.0)
+            return max((difflib.SequenceMatcher(None, name.lower(), last).ratio() for name in names), default=0.0)
 
-        first = sorted(self.all, key=likeness, reverse=True)[:_LISTED]
-        return f"{', '.join(h.text for h in first)} and {len(texts) - _LISTED} others"
+        first = sorted(self.all, key=likeness, reverse=True)[:_MOST]
+        return f"; the nearest are {', '.join(heading.text for heading in first)}"
 
 
 def parse_choice(text: str, units: Mapping[str, str]) -> tuple[str, str, str]:
@@ -172,13 +177,13 @@ def _places(headings: Sequence[Heading], role: str, choice: tuple[str, str] | No
 
 
 def _missing(headings: Headings, role: str, choice: tuple[str, str] | None) -> CaseError:
-    shown = headings.listed([role if choice is None else choice[0]])
     if choice is not None:
         close = difflib.get_close_matches(choice[0], [h.text for h in headings.all], n=1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
-        return CaseError(headings.source, headings.field(role), shown, f"the column {choice[0]!r} of --signal{hint}")
-    expected = f'a column {role!r} with its unit, or --signal {role}="NAME:UNIT" for one that is there'
-    return CaseError(headings.source, headings.field(role), shown, expected)
+        expected = f"the column {choice[0]!r} of --signal" + (f" (did you mean {close[0]!r}?)" if close else "")
+    else:
+        expected = f'a column {role!r} with its unit, or --signal {role}="NAME:UNIT" for one that is there'
+    near = headings.nearest([role if choice is None else choice[0]])
+    return CaseError(headings.source, headings.field(role), headings.shown, expected + near)
 
 
 def _factor(headings: Headings, heading: Heading, role: str, choice: tuple[str, str] | None, si: str) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -48,8 +49,8 @@ def mat(path: Path, source: str) -> Groups:
     groups += filter(None, (_timed(v, name) for name, v in structures.items()))
     groups += filter(None, [_timed(others, "")])
     if not groups:
-        opaque = [name for name, v in found.items() if isinstance(v, Opaque)]
-        shown = f"{opaque[0]!r}, an object of MATLAB" if opaque else ", ".join(found) or "empty"
+        opaque = any(isinstance(v, Opaque) for v in found.values())
+        shown = "an object of MATLAB" if opaque else ", ".join(found) or "empty"
         expected = _WRITER if opaque else "a vector 'time' and vectors as long, alone or in a structure"
         raise CaseError(source, "", shown, expected)
     return Groups(source, groups)
@@ -131,9 +132,10 @@ def variables(path: Path, source: str) -> dict[str, Any]:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        sizes = {name: math.prod(shape) for name, shape, _ in whosmat(str(path))}
-        if sum(sizes.values()) > _MOST:
-            raise CaseError(source, "", f"of {sum(sizes.values())} numbers", f"at most {_MOST}")
+        with suppress(TypeError):  # raised by scipy for the shape that an object of MATLAB lacks
+            size = sum(math.prod(shape) for _, shape, _ in whosmat(str(path)))
+            if size > _MOST:
+                raise CaseError(source, "", f"of {size} numbers", f"at most {_MOST}")
         found = loadmat(str(path), chars_as_strings=True)
     return {name: _of_scipy(value) for name, value in found.items() if name[:2] != "__"}
 

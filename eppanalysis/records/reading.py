@@ -21,6 +21,8 @@ from eppanalysis.records.tables import Piece, Table
 
 #: Rows that are kept at least, once blocks are averaged; largest magnitude (SI).
 KEPT, LARGEST = 16_384, 1e9
+#: Columns that a note lists of those that were not used.
+_LISTED = 10
 #: Rows from which the smallest step between readings is taken.
 _LOOKED_AT = 100_000
 
@@ -125,9 +127,9 @@ def read_signals(
     if not any(column.role in signals for column in found):
         unused = [h.name for i, h in enumerate(table.headings.all) if i not in {c.place for c in found}]
         hint = did_you_mean(unused[0] if unused else "", signals)
-        shown = table.headings.listed(signals)
-        expected = f"a column of a signal of the loop: {hint}"
-        raise CaseError(table.headings.source, table.headings.line, shown, expected)
+        near = table.headings.nearest(signals)
+        expected = f"a column of a signal of the loop: {hint.rstrip('?') + near if near else hint}"
+        raise CaseError(table.headings.source, table.headings.line, table.headings.shown, expected)
     return read(table, found, fewest=fewest, progress=progress)
 
 
@@ -186,8 +188,8 @@ def _notes(table: Table, columns: Sequence[Column]) -> Iterator[str]:
     used = {c.place for c in columns}
     left = [heading for i, heading in enumerate(table.headings.all) if i not in used]
     if left:
-        listed = type(table.headings)("", left, "", True).listed([c.role for c in columns])
-        yield f"Columns that were not used: {listed}."
+        listed = ", ".join(heading.text for heading in left[:_LISTED])
+        yield f"Columns that were not used: {listed}{f' and {len(left) - _LISTED} others' * (len(left) > _LISTED)}."
     yield from table.notes
 
 
