@@ -85,7 +85,8 @@ def _measured(path: Path) -> Iterator[Any]:
         except Exception as error:
             # What is half made would close itself later, with a traceback.
             for frame, _ in walk_tb(error.__traceback__):
-                if hasattr(half := frame.f_locals.get("self"), "_closed"):
+                half: Any = frame.f_locals.get("self")
+                if hasattr(half, "_closed"):
                     half._closed = True
                     if getattr(half, "_tempfile", None) is not None:
                         half._tempfile.close()
