@@ -96,7 +96,7 @@ def readable_as(source: str, kind: str) -> Iterator[None]:
     """
     try:
         yield
-    except (EppError, MemoryError):
+    except EppError:
         raise
     except Exception as error:  # each library has errors of its own, and damaged files raise others besides
         why = getattr(error, "strerror", None) or str(error) or type(error).__name__

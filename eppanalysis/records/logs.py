@@ -6,6 +6,7 @@ are decoded here, by their parsed definitions, and formulas of an MF4 file are n
 
 from __future__ import annotations
 
+import logging
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
@@ -76,10 +77,20 @@ def mf4(path: Path, source: str) -> Groups:
 
 
 @contextmanager
+def _quiet(log: logging.Logger) -> Iterator[None]:
+    before, log.disabled = log.disabled, True
+    try:
+        yield
+    finally:
+        log.disabled = before
+
+
+@contextmanager
 def _measured(path: Path) -> Iterator[Any]:
     from asammdf import MDF
 
-    with path.open("rb") as stream:
+    log = logging.getLogger("asammdf")  # it reports what is damaged to the console
+    with path.open("rb") as stream, _quiet(log):
         try:
             opened = MDF(stream)
         except Exception as error:
@@ -104,6 +115,10 @@ def _channels(path: Path, source: str, i: int, channels: Sequence[int]) -> Any:
 
     def read(places: Sequence[int]) -> tuple[ArrayLike, list[ArrayLike]]:
         with readable_as(source, "an MF4 file"), _measured(path) as file:
+            for channel in file.groups[i].channels:
+                end = channel.byte_offset + (channel.bit_offset + channel.bit_count + 7) // 8
+                if end > file.groups[i].channel_group.samples_byte_nr:  # asammdf would read there
+                    raise ValueError(f"{channel.name} lies outside of its record")
             found = [file.get(group=i, index=channels[k], raw=True) for k in places]
             times = found[0].timestamps if found else file.get_master(i)
             return times, [_physical(signal, source) for signal in found]

@@ -7,6 +7,7 @@ beside this file, writes each of them as a structure of plain numbers and names,
 from __future__ import annotations
 
 import math
+import struct
 import warnings
 from collections.abc import Mapping
 from contextlib import suppress
@@ -22,6 +23,8 @@ from eppanalysis.records.tables import Group, Groups
 
 #: Numbers that the variables of a file may hold, and levels of structures within structures.
 _MOST, _DEEPEST = 200_000_000, 6
+#: Types of elements of version 5.
+_ELEMENTS = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 14, 15, 16, 17, 18}
 #: What variables with times are called, and the function that writes what MATLAB keeps to itself.
 _TIMES = (TIME, "t", "tout", "seconds")
 _WRITER = "numbers, as to_eppanalysis.m (in eppanalysis/records) writes a timetable, tf, ss or frd"
@@ -130,6 +133,8 @@ def variables(path: Path, source: str) -> dict[str, Any]:
             }
     from scipy.io import loadmat, whosmat
 
+    if begin[126:128] in (b"IM", b"MI"):
+        _require_sound(memoryview(path.read_bytes())[128:], "<" if begin[126:128] == b"IM" else ">")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with suppress(TypeError):  # raised by scipy for the shape that an object of MATLAB lacks
@@ -138,6 +143,26 @@ def variables(path: Path, source: str) -> dict[str, Any]:
                 raise CaseError(source, "", f"of {size} numbers", f"at most {_MOST}")
         found = loadmat(str(path), chars_as_strings=True)
     return {name: _of_scipy(value) for name, value in found.items() if name[:2] != "__"}
+
+
+def _require_sound(elements: memoryview, order: str, depth: int = 0) -> None:
+    """Refuse elements of version 5 that scipy would follow out of its memory: of no known type, or without a part."""
+    at, found = 0, 0
+    is_complex = False
+    while at + 8 <= len(elements):
+        kind, size = struct.unpack_from(f"{order}II", elements, at)
+        small = kind >> 16  # of four bytes or less, which are in the tag itself
+        begin, size, kind = (at + 4, small, kind & 0xFFFF) if small else (at + 8, size, kind)
+        if kind not in _ELEMENTS or begin + size > len(elements) or depth > 2 * _DEEPEST:
+            raise ValueError(f"an element of type {kind} and {size} bytes")
+        if kind == 14:
+            _require_sound(elements[begin : begin + size], order, depth + 1)
+        if depth and not found and size:
+            is_complex = bool(struct.unpack_from(f"{order}I", elements, begin)[0] & 0x800)
+        found += 1
+        at = at + 8 if small else begin + size + (-size % 8 if kind != 15 else 0)
+    if depth and 0 < found < 4 + is_complex:
+        raise ValueError("an array without all of its parts")
 
 
 def _of_scipy(value: Any, depth: int = 0) -> Any:

@@ -75,6 +75,25 @@ def _once(search: Any) -> Any:
 
 
 @pytest.mark.parametrize("name", FILES)
+def test_bytes_that_are_wrong_are_one_sentence_or_change_nothing_but_numbers(name, shaft, tmp_path):
+    """Some bytes of each file, most of them near its beginning; libraries in C must not be led out of their memory."""
+    given, columns = written(name, tmp_path, tuple(signal[:200] for signal in shaft))
+    units = epp.case(CASE).to_system().signals.units_by_name()
+    whole, rng = given.read_bytes(), np.random.default_rng(7)
+    for _ in range(20):
+        damaged = bytearray(whole)
+        for at in rng.integers(0, min(len(whole), 3000), rng.integers(1, 8)):
+            damaged[at] = rng.integers(0, 256)
+        given.write_bytes(damaged)
+        try:
+            found = record_of(given, units, columns)
+        except epp.EppError as refused:
+            assert "expected" in str(refused) and "\n" not in str(refused)
+        else:
+            assert np.all(np.isfinite(found.time)) and np.all(np.diff(found.time) > 0.0)
+
+
+@pytest.mark.parametrize("name", FILES)
 def test_a_damaged_file_is_one_sentence(name, shaft, tmp_path):
     given, columns = written(name, tmp_path, shaft)
     whole = given.read_bytes()
