@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from eppanalysis.arguments import floats
 from eppanalysis.arrays import Array
 from eppanalysis.errors import CaseError
-from eppanalysis.readable import listed
 from eppanalysis.records.columns import TIME, Column, Heading, Headings
 
 #: What a message calls a row (i) and its cell in a column (j): the row's number, and the cell as the table has it.
@@ -94,16 +93,13 @@ class Groups:
             inside &= self._common(times, read[group][0], next(n for g, _, n in chosen if g is group))
         found = []
         for group, i, name in chosen:
-            if group is None:
-                found.append(times)
-                continue
-            own, values = read[group]
+            own, values = read[group] if group is not None else (times, {i: times})
             numbers = self._numbers(name, values[i], own.shape if self.time is not None else None)
-            same = own is times or np.array_equal(own, times)
-            found.append(
-                numbers if same else np.interp(times, own, numbers) if own.size else np.full_like(times, np.nan)
-            )
-        self._note([(group, name, read[group][0]) for group, _, name in chosen if group in groups[1:]], chosen, times)
+            if not np.array_equal(own, times):
+                numbers = np.interp(times, own, numbers) if own.size else np.full_like(times, np.nan)
+                first = next(n for g, _, n in chosen if g is not None)
+                self.notes.append(f"{name} is interpolated linearly at the times of {first}.")
+            found.append(numbers)
         rows = np.column_stack(found)
         rows = rows[inside] if self.time is not None else rows
         yield Piece(rows, numbered(rows), 1)
@@ -122,10 +118,3 @@ class Groups:
         if not np.all(np.diff(own) > 0):
             raise CaseError(self.source, name, "at times that do not increase", "a later time in each row")
         return (times >= own[0]) & (times <= own[-1]) if own.size else np.zeros(times.shape, bool)
-
-    def _note(self, others: Sequence[tuple[Any, str, Array]], chosen: Sequence[Any], times: Array) -> None:
-        names = [name for _, name, own in others if not np.array_equal(own, times)]
-        if names:
-            first = next(name for group, _, name in chosen if group is not None)
-            verb = "is" if len(names) == 1 else "are"
-            self.notes.append(f"{listed(names)} {verb} interpolated linearly at the times of {first}.")
