@@ -21,7 +21,7 @@ from eppanalysis.records.tables import Piece, Table
 
 #: Rows that are kept at least, once blocks are averaged; largest magnitude (SI).
 KEPT, LARGEST = 16_384, 1e9
-#: Columns that a note lists of those that were not used.
+#: Most columns that a note lists of those that were not used.
 _LISTED = 10
 #: Rows from which the smallest step between readings is taken.
 _LOOKED_AT = 100_000
@@ -187,9 +187,10 @@ def _notes(table: Table, columns: Sequence[Column]) -> Iterator[str]:
             yield f"{column.role} is {column.heading.name}."
     used = {c.place for c in columns}
     left = [heading for i, heading in enumerate(table.headings.all) if i not in used]
-    if left:
-        listed = ", ".join(heading.text for heading in left[:_LISTED])
-        yield f"Columns that were not used: {listed}{f' and {len(left) - _LISTED} others' * (len(left) > _LISTED)}."
+    if len(left) > _LISTED:
+        yield f"{len(left)} columns were not used."
+    elif left:
+        yield f"Columns that were not used: {', '.join(heading.text for heading in left)}."
     yield from table.notes
 
 
