@@ -1,6 +1,6 @@
 // The run as a Co-Simulation unit of FMI 2 and 3: a library without Python, which reads the tables of a loop from a file.
 //
-// The file holds a token, then the tables in the order of `fields.hpp`, as `eppanalysis/fmu/tables.py` writes them:
+// The file holds a token, then the tables in the order of `fields.hpp`, as `eppanalysis/fmu/export.py` writes them:
 // lengths of each array, whether its numbers follow, and these. A communication step ends at its time exactly, and the
 // next one goes on from there. Inputs are held in between; one that has changed jumps at the begin of the step, as at a
 // breakpoint.
@@ -47,6 +47,7 @@ class File {
     template <class T> void read(T& table) {
         std::apply([&](auto&... field) { (read(field), ...); }, Fields<T>::of(table));
     }
+    template <class... T> void read(T&... tables) { (read(tables), ...); }
 
   private:
     struct Free {
@@ -74,15 +75,6 @@ class File {
     }
 };
 
-/// What an input does from a time on.
-struct Breakpoint {
-    double time;
-    i64 state;
-    double value;
-    i64 memory;
-    double slope;
-};
-
 /// A loop on its run.
 class Loop {
   public:
@@ -91,26 +83,12 @@ class Loop {
 
     Loop(const std::string& folder, const std::string& token) : file(folder + "/loop.bin") {
         if (file.text(token.size()) != token) throw std::runtime_error("its token is not that of the model description");
-        file.read(model);
-        file.read(compiled);
-        file.read(work);
-        file.read(workspace);
-        file.read(samples);
-        file.read(buffer);
-        file.read(now);
-        file.read(x0);
-        file.read(H0);
-        file.read(modes0);
-        file.read(state);
-        file.read(slope);
-        file.read(without_memory);
+        file.read(model, compiled, work, workspace, samples, buffer, now, x0, H0, modes0, state, slope, without_memory);
         none = samples;
         none.phases.lengths[0] = 0;
         inputs.assign(static_cast<size_t>(state.size()), 0.0);
         held = inputs;
-        for (i64 i = 0; i < model.breakpoint_time.size(); ++i)
-            breakpoints.push_back({model.breakpoint_time(i), model.breakpoint_state(i), model.breakpoint_value(i),
-                model.breakpoint_memory(i), model.breakpoint_slope(i)});
+        breakpoints([](auto& column, auto& view) { column.assign(view.begin(), view.end()); });
     }
 
     double time() const { return reached; }
@@ -119,7 +97,9 @@ class Loop {
     /// From the start on, behind what happens there at once.
     void begin() {
         jump();
-        copy(x0, modes0, H0);
+        workspace.x.slice(0, x0.size()).copy(x0);
+        workspace.modes.copy(modes0);
+        workspace.H.copy(H0);
         bool late = false;
         for (i64 kind : model.smooth_kind) late = late || kind == DELAY_LINE;
         now.past_known = late && model.breakpoint_time.size() > 0 && model.breakpoint_time(0) <= 0.0;
@@ -155,38 +135,34 @@ class Loop {
     Indices modes0, state, slope;
     Flags without_memory;
     double reached = 0.0;
-    std::vector<Breakpoint> breakpoints;
     std::vector<double> held, times, values, slopes;
     std::vector<i64> states, memories;
 
-    void copy(Vector x, Indices modes, Vector H) {
-        workspace.x.slice(0, x.size()).copy(x);
-        workspace.modes.copy(modes);
-        workspace.H.copy(H);
+    /// Each column of the table of breakpoints, and the engine's view of it.
+    template <class F> void breakpoints(F&& each) {
+        each(times, model.breakpoint_time);
+        each(states, model.breakpoint_state);
+        each(values, model.breakpoint_value);
+        each(memories, model.breakpoint_memory);
+        each(slopes, model.breakpoint_slope);
     }
 
     /// Inputs that have changed jump now, behind all breakpoints that have passed.
     void jump() {
         if (inputs == held) return;
-        breakpoints.erase(breakpoints.begin(), breakpoints.begin() + now.i_breakpoint);
+        breakpoints([&](auto& column, auto&) { column.erase(column.begin(), column.begin() + now.i_breakpoint); });
         now.i_breakpoint = 0;
+        const auto behind = std::upper_bound(times.begin(), times.end(), now.t) - times.begin();
         for (size_t i = 0; i < inputs.size(); ++i) {
             if (inputs[i] == held[i]) continue;
-            const i64 k = static_cast<i64>(i);
-            auto place = std::find_if(breakpoints.begin(), breakpoints.end(), [&](auto& one) { return one.time > now.t; });
-            breakpoints.insert(place, {now.t, state(k), inputs[i], slope(k), 0.0});
+            times.insert(times.begin() + behind, now.t);
+            states.insert(states.begin() + behind, state(static_cast<i64>(i)));
+            values.insert(values.begin() + behind, inputs[i]);
+            memories.insert(memories.begin() + behind, slope(static_cast<i64>(i)));
+            slopes.insert(slopes.begin() + behind, 0.0);
         }
         held = inputs;
-        auto column = [&](auto Breakpoint::*field, auto& numbers, auto& view) {
-            numbers.clear();
-            for (auto& one : breakpoints) numbers.push_back(one.*field);
-            view = {numbers.data(), {static_cast<i64>(numbers.size())}};
-        };
-        column(&Breakpoint::time, times, model.breakpoint_time);
-        column(&Breakpoint::state, states, model.breakpoint_state);
-        column(&Breakpoint::value, values, model.breakpoint_value);
-        column(&Breakpoint::memory, memories, model.breakpoint_memory);
-        column(&Breakpoint::slope, slopes, model.breakpoint_slope);
+        breakpoints([](auto& column, auto& view) { view = {column.data(), {static_cast<i64>(column.size())}}; });
     }
 
     /// Go on by an instant, in which what happens at once does.
@@ -276,15 +252,9 @@ int set(void* instance, const unsigned int* references, size_t count, const doub
 int step(void* instance, double from, double length) {
     return guarded(instance, [&](Unit& unit) { unit.loop->advance(from + length - unit.start); });
 }
-int start_at(void* instance, double time) {
-    return guarded(instance, [&](Unit& unit) { unit.start = time; });
-}
-int begin(void* instance) {
-    return guarded(instance, [](Unit& unit) { unit.loop->begin(); });
-}
-int reset(void* instance) {
-    return guarded(instance, [](Unit& unit) { unit.reset(); });
-}
+int start_at(void* instance, double time) { return guarded(instance, [&](Unit& unit) { unit.start = time; }); }
+int begin(void* instance) { return guarded(instance, [](Unit& unit) { unit.loop->begin(); }); }
+int reset(void* instance) { return guarded(instance, [](Unit& unit) { unit.reset(); }); }
 
 /// The folder that a URI names.
 std::string folder_of(const std::string& uri) {
@@ -308,6 +278,7 @@ std::string folder_of(const std::string& uri) {
 
 #define DOES_NOTHING(name) EXPORT int name(void*) { return OK; }
 #define CANNOT(name) EXPORT int name(void*) { return FAILED; }
+#define CANNOT_PASS(type) CANNOT(fmi3Get##type) CANNOT(fmi3Set##type)
 
 using References = const unsigned int*;
 
@@ -325,7 +296,8 @@ EXPORT void* fmi2Instantiate(const char* name, int kind, const char* token, cons
     int, int) {
     if (kind != 1) return nullptr;  // Model Exchange
     auto log = [=, name = std::string(name)](int status, const char* what) {
-        callbacks->logger(callbacks->environment, name.c_str(), status, "logStatusError", "%s", what);
+        if (callbacks && callbacks->logger)
+            callbacks->logger(callbacks->environment, name.c_str(), status, "logStatusError", "%s", what);
     };
     return instantiate(folder_of(resources), token, log);
 }
@@ -336,30 +308,13 @@ EXPORT int fmi2Reset(void* instance) { return reset(instance); }
 EXPORT int fmi2GetReal(void* instance, References vr, size_t n, double* to) { return get(instance, vr, n, to); }
 EXPORT int fmi2SetReal(void* instance, References vr, size_t n, const double* to) { return set(instance, vr, n, to); }
 EXPORT int fmi2DoStep(void* instance, double from, double length, int) { return step(instance, from, length); }
-DOES_NOTHING(fmi2SetDebugLogging)
-DOES_NOTHING(fmi2EnterInitializationMode)
-DOES_NOTHING(fmi2Terminate)
-CANNOT(fmi2GetInteger)
-CANNOT(fmi2GetBoolean)
-CANNOT(fmi2GetString)
-CANNOT(fmi2SetInteger)
-CANNOT(fmi2SetBoolean)
-CANNOT(fmi2SetString)
-CANNOT(fmi2GetFMUstate)
-CANNOT(fmi2SetFMUstate)
-CANNOT(fmi2FreeFMUstate)
-CANNOT(fmi2SerializedFMUstateSize)
-CANNOT(fmi2SerializeFMUstate)
-CANNOT(fmi2DeSerializeFMUstate)
-CANNOT(fmi2GetDirectionalDerivative)
-CANNOT(fmi2SetRealInputDerivatives)
-CANNOT(fmi2GetRealOutputDerivatives)
-CANNOT(fmi2CancelStep)
-CANNOT(fmi2GetStatus)
-CANNOT(fmi2GetRealStatus)
-CANNOT(fmi2GetIntegerStatus)
-CANNOT(fmi2GetBooleanStatus)
-CANNOT(fmi2GetStringStatus)
+DOES_NOTHING(fmi2SetDebugLogging) DOES_NOTHING(fmi2EnterInitializationMode) DOES_NOTHING(fmi2Terminate)
+CANNOT(fmi2GetInteger) CANNOT(fmi2GetBoolean) CANNOT(fmi2GetString) CANNOT(fmi2SetInteger) CANNOT(fmi2SetBoolean)
+CANNOT(fmi2SetString) CANNOT(fmi2GetFMUstate) CANNOT(fmi2SetFMUstate) CANNOT(fmi2FreeFMUstate)
+CANNOT(fmi2SerializedFMUstateSize) CANNOT(fmi2SerializeFMUstate) CANNOT(fmi2DeSerializeFMUstate)
+CANNOT(fmi2GetDirectionalDerivative) CANNOT(fmi2SetRealInputDerivatives) CANNOT(fmi2GetRealOutputDerivatives)
+CANNOT(fmi2CancelStep) CANNOT(fmi2GetStatus) CANNOT(fmi2GetRealStatus) CANNOT(fmi2GetIntegerStatus)
+CANNOT(fmi2GetBooleanStatus) CANNOT(fmi2GetStringStatus)
 
 EXPORT const char* fmi3GetVersion() { return "3.0"; }
 EXPORT void* fmi3InstantiateCoSimulation(const char*, const char* token, const char* resources, bool, bool, bool, bool,
@@ -387,49 +342,16 @@ EXPORT int fmi3DoStep(void* instance, double from, double length, bool, bool* ev
     *reached = status == OK ? from + length : from;
     return status;
 }
-DOES_NOTHING(fmi3SetDebugLogging)
-DOES_NOTHING(fmi3Terminate)
-#define CANNOT_PASS(type) CANNOT(fmi3Get##type) CANNOT(fmi3Set##type)
-CANNOT_PASS(Float32)
-CANNOT_PASS(Int8)
-CANNOT_PASS(UInt8)
-CANNOT_PASS(Int16)
-CANNOT_PASS(UInt16)
-CANNOT_PASS(Int32)
-CANNOT_PASS(UInt32)
-CANNOT_PASS(Int64)
-CANNOT_PASS(UInt64)
-CANNOT_PASS(Boolean)
-CANNOT_PASS(String)
-CANNOT_PASS(Binary)
-CANNOT_PASS(Clock)
-CANNOT_PASS(FMUState)
-CANNOT_PASS(IntervalDecimal)
-CANNOT_PASS(IntervalFraction)
-CANNOT_PASS(ShiftDecimal)
-CANNOT_PASS(ShiftFraction)
-CANNOT_PASS(ContinuousStates)
-CANNOT(fmi3FreeFMUState)
-CANNOT(fmi3SerializedFMUStateSize)
-CANNOT(fmi3SerializeFMUState)
-CANNOT(fmi3DeserializeFMUState)
-CANNOT(fmi3GetNumberOfVariableDependencies)
-CANNOT(fmi3GetVariableDependencies)
-CANNOT(fmi3GetDirectionalDerivative)
-CANNOT(fmi3GetAdjointDerivative)
-CANNOT(fmi3GetOutputDerivatives)
-CANNOT(fmi3EnterConfigurationMode)
-CANNOT(fmi3ExitConfigurationMode)
-CANNOT(fmi3EnterEventMode)
-CANNOT(fmi3EnterStepMode)
-CANNOT(fmi3EnterContinuousTimeMode)
-CANNOT(fmi3EvaluateDiscreteStates)
-CANNOT(fmi3UpdateDiscreteStates)
-CANNOT(fmi3CompletedIntegratorStep)
-CANNOT(fmi3SetTime)
-CANNOT(fmi3GetContinuousStateDerivatives)
-CANNOT(fmi3GetEventIndicators)
-CANNOT(fmi3GetNominalsOfContinuousStates)
-CANNOT(fmi3GetNumberOfEventIndicators)
-CANNOT(fmi3GetNumberOfContinuousStates)
-CANNOT(fmi3ActivateModelPartition)
+DOES_NOTHING(fmi3SetDebugLogging) DOES_NOTHING(fmi3Terminate)
+CANNOT_PASS(Float32) CANNOT_PASS(Int8) CANNOT_PASS(UInt8) CANNOT_PASS(Int16) CANNOT_PASS(UInt16) CANNOT_PASS(Int32)
+CANNOT_PASS(UInt32) CANNOT_PASS(Int64) CANNOT_PASS(UInt64) CANNOT_PASS(Boolean) CANNOT_PASS(String) CANNOT_PASS(Binary)
+CANNOT_PASS(Clock) CANNOT_PASS(FMUState) CANNOT_PASS(IntervalDecimal) CANNOT_PASS(IntervalFraction)
+CANNOT_PASS(ShiftDecimal) CANNOT_PASS(ShiftFraction) CANNOT_PASS(ContinuousStates)
+CANNOT(fmi3FreeFMUState) CANNOT(fmi3SerializedFMUStateSize) CANNOT(fmi3SerializeFMUState)
+CANNOT(fmi3DeserializeFMUState) CANNOT(fmi3GetNumberOfVariableDependencies) CANNOT(fmi3GetVariableDependencies)
+CANNOT(fmi3GetDirectionalDerivative) CANNOT(fmi3GetAdjointDerivative) CANNOT(fmi3GetOutputDerivatives)
+CANNOT(fmi3EnterConfigurationMode) CANNOT(fmi3ExitConfigurationMode) CANNOT(fmi3EnterEventMode)
+CANNOT(fmi3EnterStepMode) CANNOT(fmi3EnterContinuousTimeMode) CANNOT(fmi3EvaluateDiscreteStates)
+CANNOT(fmi3UpdateDiscreteStates) CANNOT(fmi3CompletedIntegratorStep) CANNOT(fmi3SetTime)
+CANNOT(fmi3GetContinuousStateDerivatives) CANNOT(fmi3GetEventIndicators) CANNOT(fmi3GetNominalsOfContinuousStates)
+CANNOT(fmi3GetNumberOfEventIndicators) CANNOT(fmi3GetNumberOfContinuousStates) CANNOT(fmi3ActivateModelPartition)
