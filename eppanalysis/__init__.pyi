@@ -16,6 +16,8 @@ from eppanalysis.errors import (
     ModelError as ModelError,
     NotConverged as NotConverged,
 )
+from eppanalysis.fmu.export import to_fmu as to_fmu
+from eppanalysis.fmu.read import from_fmu as from_fmu
 from eppanalysis.guides.guideline import design_guide as design_guide
 from eppanalysis.guides.manual import manual_table as manual_table
 from eppanalysis.guides.result import Guide as Guide

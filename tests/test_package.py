@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ast
+import ctypes
 import importlib.metadata
 import os
 import re
 import subprocess
 import sys
 import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -167,3 +169,15 @@ def test_conda_recipe_has_what_the_package_says():
     assert script == f"eppanalysis = {ours['scripts']['eppanalysis']}"
     assert recipe["about"]["license"] == ours["license"] and recipe["about"]["homepage"] == ours["urls"]["Homepage"]
     assert " ".join(recipe["about"]["summary"].split()) == ours["description"]
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_library_of_units_is_installed(tmp_path, version):
+    """What a unit carries was built with the package, and is one of either version."""
+    path = eppanalysis.to_fmu(eppanalysis.case("backlash_servo"), tmp_path / "loop.fmu", version=version)
+    with zipfile.ZipFile(path) as unit:
+        (library,) = (name for name in unit.namelist() if name.startswith("binaries/"))
+        unit.extract(library, tmp_path)
+    told = getattr(ctypes.CDLL(str(tmp_path / library)), f"fmi{version}GetVersion")
+    told.restype = ctypes.c_char_p
+    assert told() == f"{version}.0".encode()

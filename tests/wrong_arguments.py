@@ -95,6 +95,8 @@ def _needed(case: epp.Case) -> dict[str, dict[str, Any]]:
         "certify_orbit": {"cycle": cycle},
         "check_certificate": {"path": Path("nowhere.json")},
         "check_element": {"element": epp.HysteresisRelay(-0.1, 0.1), "amplitudes": [1.0, 2.0], "name": "relay"},
+        "from_fmu": {"path": "nowhere.fmu", "elements": {"x": epp.Saturation()}},
+        "to_fmu": {"path": Path("nowhere") / "loop.fmu"},
         "from_control": {"system": case.to_system().to_control(), "elements": case.to_system().connections},
         "from_robot": {"path": Path("nowhere.xml"), "joint": "shoulder"},
         "olop": {

@@ -42,6 +42,7 @@ from eppanalysis.cli.common import (
 from eppanalysis.cli.cycles import branch, cycles
 from eppanalysis.cli.design import design
 from eppanalysis.cli.explore import explore
+from eppanalysis.cli.export import export
 from eppanalysis.cli.guide import guide
 from eppanalysis.cli.identify import diagnose, identify
 from eppanalysis.cli.joint import joint
@@ -415,6 +416,7 @@ app.command("identify", cls=_Command)(identify)
 app.command("diagnose", cls=_Command)(diagnose)
 app.command("report", cls=_Command)(report)
 app.command("explore", cls=_Command)(explore)
+app.command("export", cls=_Command)(export)
 app.command("schema", cls=_Command)(schema)
 app.command("mcp", cls=_Command)(mcp)
 imports = typer.Typer(help="Make a case file of a model elsewhere.", no_args_is_help=True)

@@ -22,11 +22,18 @@ def run(
     buffer: tuple[Any, ...],
     now: np.void,
 ) -> int: ...
-def lines_before(
+def step_at_start(
     model: tuple[Any, ...],
     compiled: tuple[Any, ...],
+    work: tuple[Any, ...],
     workspace: tuple[Any, ...],
-    q: int,
+    none: tuple[Any, ...],
+    buffer: tuple[Any, ...],
+    now: np.void,
+    x0: Array,
+    modes0: IntArray,
+    H0: Array,
+    without_memory: BoolArray,
 ) -> None: ...
 def run_cells(
     stack: tuple[Any, ...],

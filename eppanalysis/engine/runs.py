@@ -8,11 +8,11 @@ import numpy as np
 
 from eppanalysis.engine._engine import (
     ALWAYS,
-    lines_before,
     rounding_of_motion,
     run,
     run_cells,
     spans,
+    step_at_start,
     verdict_of_run,
 )
 
@@ -24,11 +24,11 @@ __all__ = [
     "SETTLED",
     "UNDECIDED",
     "Outcome",
-    "lines_before",
     "rounding_of_motion",
     "run",
     "run_cells",
     "spans",
+    "step_at_start",
     "verdict_of_run",
 ]
 

@@ -183,6 +183,7 @@ ANALYSES: dict[str, Callable[[Tried], Any]] = {
     "identify": lambda t: epp.identify(t.case, step=t.recorded(), fit=(t.level,)),
     "report": lambda t: epp.report(t.case, t.folder / "report.html"),
     "first_page": lambda t: epp.first_page(t.case, epp.simulate(t.case)),
+    "to_fmu": lambda t: epp.to_fmu(t.case, t.folder / "loop.fmu"),
 }
 
 

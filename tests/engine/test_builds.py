@@ -71,7 +71,10 @@ def sanitized(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip("no GCC with its sanitizers, or no CMake and Ninja")
     folder = tmp_path_factory.mktemp("sanitized")
     options = "-DEPP_SANITIZE=ON", "-DEPP_CHECKED=ON", f"-DPython_EXECUTABLE={sys.executable}"
-    for command in (["cmake", "-G", "Ninja", "-S", str(SOURCES), "-B", str(folder), *options], ["ninja", "-C", folder]):
+    for command in (
+        ["cmake", "-G", "Ninja", "-S", str(SOURCES), "-B", str(folder), *options],
+        ["ninja", "-C", folder, "_native"],
+    ):
         made = subprocess.run(command, capture_output=True, text=True, check=False)
         assert made.returncode == 0, made.stdout[-4000:] + made.stderr[-4000:]
     return next(folder.glob("_native*.so"))

@@ -40,8 +40,9 @@ NB_MODULE(EPP_MODULE, m) {
 #endif
     bind(m, "run", &epp::run, {"model", "compiled", "work", "workspace", "samples", "buffer", "now"},
         "Run from time 0 to the end; state, modes and memory values of the workspace are changed in place to those at the");
-    bind(m, "lines_before", &epp::lines_before, {"model", "compiled", "workspace", "q"},
-        "What is on its way through dead times at the start of the next run: what mode combination q has put out.");
+    bind(m, "step_at_start", &epp::step_at_start,
+        {"model", "compiled", "work", "workspace", "none", "buffer", "now", "x0", "modes0", "H0", "without_memory"},
+        "To the start of a run at which inputs step: delayed outputs on their way are those before the step.");
     bind(m, "run_cells", &cells::run_cells,
         {"stack", "compiled", "work", "workspace", "none", "period_samples", "buffer", "now", "x0", "modes0", "H0",
          "compared", "base_step", "first", "last", "out"},

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray, IntArray
-from eppanalysis.engine.runs import ALWAYS, lines_before, run, verdict_of_run
+from eppanalysis.engine.runs import ALWAYS, run, step_at_start, verdict_of_run
 from eppanalysis.engine.workspace import (
     HISTORY,
     PAUSED,
@@ -46,8 +46,6 @@ from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
 from eppanalysis.results.events import Events
 from eppanalysis.results.provenance import Provenance
 
-#: A run of so many steps of the grid has settled which modes its elements are in, and nothing else.
-_INSTANT = 1e-12
 _KEPT_EVENTS, _KEPT_SAMPLES = 20_000, 200_000
 #: What a run has counted, as the engine names it and as its statistics do.
 _COUNTED = {
@@ -150,7 +148,7 @@ def _without_samples(n_y: int) -> Samples:
     return make_samples(np.zeros(0), n_y)
 
 
-def _without_memory(hybrid: HybridSystem) -> BoolArray:
+def without_memory(hybrid: HybridSystem) -> BoolArray:
     """Automata whose mode follows from their input alone."""
     static = [len(e.breakpoints) > 0 for e in hybrid.elements]
     return np.array(static + [False] * (len(hybrid.automata) - len(static)))
@@ -196,21 +194,16 @@ def run_hybrid(
     )
     n, n_y, (past_known, cost) = hybrid.x0.size, hybrid.model.Yx.shape[0], _of_smooth(hybrid)
     _begin(hybrid, workspace, hybrid.modes0)
-    if past is not None:
-        _write_past(hybrid, workspace, past)
-    elif past_known:
-        # A run of an instant with the inputs where they were settles the modes of what has no memory: what these
-        # elements put out until the start is still on its way.
-        before = make_progress(_INSTANT * base, base, max_events, MOST_STEPS)
-        before["watch"] = False  # the inputs are held
-        run(hybrid.model, compiled, work, workspace, _without_samples(n_y), buffer, before)
-        settled = workspace.modes.copy()
-        workspace.x[:n] = hybrid.x0
-        lines_before(hybrid.model, compiled, workspace, before["q"])
-        _begin(hybrid, workspace, np.where(_without_memory(hybrid), settled, hybrid.modes0))
     most = min(float(max_steps), remaining() / cost)
     samples = make_samples(times, n_y) if times.size else _without_samples(n_y)
     now = make_progress(t_end, base, max_events, most)
+    if past is not None:
+        _write_past(hybrid, workspace, past)
+    elif past_known:
+        step_at_start(
+            hybrid.model, compiled, work, workspace, _without_samples(n_y), buffer, now, hybrid.x0, hybrid.modes0,
+            hybrid.H0, without_memory(hybrid),
+        )  # fmt: skip
     now["past_known"] = past_known or past is not None
     code = PAUSED
     while code == PAUSED:  # between the calls an interrupt is heard

@@ -34,6 +34,7 @@ constexpr i64 GAUSSIAN = 8;
 constexpr double GONE = 24.0;
 constexpr i64 GROWS = 19;
 constexpr i64 HISTORY = 5;
+constexpr double INSTANT = 1e-12;
 constexpr double LARGEST = 1e+100;
 constexpr double LEAST = 5e-11;
 constexpr i64 LOGARITHM = 9;

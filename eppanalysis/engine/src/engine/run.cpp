@@ -367,9 +367,32 @@ i64 run(const Model& model, const Combinations& compiled, const Work& work, cons
     return now.code;
 }
 
-/// What is on its way through dead times at the start of the next run: what mode combination q has put out.
-void lines_before(const Model& model, const Combinations& compiled, const Workspace& workspace, i64 q) {
-    _lines_before(model, compiled, workspace, q);
+/// To the start of a run at which inputs step: delayed outputs on their way are those before the step.
+///
+/// A run of an instant with the inputs where they were settles the modes of what has no memory. The run that follows
+/// begins at x0, H0 and, but for these, modes0; its record says that the past is known.
+void step_at_start(const Model& model, const Combinations& compiled, const Work& work, const Workspace& workspace,
+    const Samples& none, const EventBuffer& buffer, const Progress& now, Vector x0, Indices modes0, Vector H0,
+    Flags without_memory) {
+    Progress before = now;
+    before.t_end = INSTANT * now.base_step;
+    before.most_steps = INF;
+    before.watch = before.past_known = before.paused = false;
+    Vector x = workspace.x.slice(0, x0.size());
+    x.copy(x0);
+    workspace.modes.copy(modes0);
+    workspace.H.copy(H0);
+    run(model, compiled, work, workspace, none, buffer, before);
+    x.copy(x0);
+    if (before.q >= 0) {
+        _lines_before(model, compiled, workspace, before.q);
+    }
+    workspace.H.copy(H0);
+    for (i64 e = 0; e < modes0.size(); ++e) {
+        if (!without_memory(e)) {
+            workspace.modes(e) = modes0(e);
+        }
+    }
 }
 
 }  // namespace EPP_ARCH

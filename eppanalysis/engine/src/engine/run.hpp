@@ -40,7 +40,9 @@ void _finish(const Model& model, const Combinations& compiled, const Workspace& 
     Progress& now);
 i64 run(const Model& model, const Combinations& compiled, const Work& work, const Workspace& workspace,
     const Samples& samples, const EventBuffer& buffer, Progress& now);
-void lines_before(const Model& model, const Combinations& compiled, const Workspace& workspace, i64 q);
+void step_at_start(const Model& model, const Combinations& compiled, const Work& work, const Workspace& workspace,
+    const Samples& none, const EventBuffer& buffer, const Progress& now, Vector x0, Indices modes0, Vector H0,
+    Flags without_memory);
 
 /// Put external inputs where they stand behind all their breakpoints from i on that are due.
 inline void _put_inputs(const Model& model, i64 i, double t, Vector x) {

@@ -7,9 +7,7 @@ out and an element put in the place of each, after its function has been held ag
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,11 +17,10 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.foreign import as_element
-from eppanalysis.models.systems.cuts import Cuts
+from eppanalysis.models.systems.interchange.plant import Plant, Ports, looped
 from eppanalysis.models.systems.linear import as_state_space, sample_time
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.own_states import ports
-from eppanalysis.models.systems.signals import SignalMap
 
 if TYPE_CHECKING:
     import control
@@ -33,48 +30,6 @@ _SPREAD = np.concatenate([-np.geomspace(1e-3, 1e3, 27), [0.0], np.geomspace(1e-3
 _MOST_TRIED = 200
 #: Condition number from which an algebraic loop has no solution.
 _SINGULAR = 1e14
-
-
-@dataclass(frozen=True, eq=False)
-class _Ports:
-    """Signals of the linear subsystems of an interconnection, as places to cut: outputs, then inputs.
-
-    Each is ``y = C x + D u`` on the states and the inputs of the system; a disturbance d that is added there acts on
-    the states through B, on the outputs through E, and straight back on y through F.
-    """
-
-    names: tuple[str, ...]
-    B: Array
-    C: Array
-    D: Array
-    E: Array
-    F: Array
-
-
-@dataclass(frozen=True, eq=False)
-class _Plant:
-    """A linear system with names."""
-
-    A: Array
-    B: Array
-    C: Array
-    D: Array
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    states: tuple[str, ...]
-    time_step: float | None
-    name: str
-    ports: _Ports | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class _Place:
-    """An element, what it is called, and the outputs that feed it and the inputs that it drives by number."""
-
-    name: str
-    element: Nonlinearity
-    fed_by: tuple[int, ...]
-    drives: tuple[int, ...]
 
 
 def from_control(
@@ -155,62 +110,15 @@ def from_control(
     >>> loop.input_names, loop.signals.names, loop.element_names
     (('reference',), ('angle', 'speed', 'friction'), ('friction',))
     """
-    plant, places = _taken_apart(system, {key: as_element(e) for key, e in elements.items()}, name)
-    places = _named(plant, places, element_names)
-    driven = [j for place in places for j in place.drives]
-    free = [j for j in range(len(plant.inputs)) if j not in driven]
-    rows = [i for place in places for i in place.fed_by]
-    external = tuple(plant.inputs[j] for j in free)
-    start = _by_name(plant, "v0", v0, external)
-    late = _by_name(plant, "delays", delays, tuple(plant.inputs[j] for j in driven))
-    cuts = None if plant.ports is None else _cuts(plant.ports, rows, driven, late)
-    return LureSystem.build(
-        plant.A,
-        plant.B[:, driven],
-        plant.C[rows],
-        [place.element for place in places],
-        D=plant.D[np.ix_(rows, driven)],
-        B_input=plant.B[:, free],
-        D_input=plant.D[np.ix_(rows, free)],
-        input_names=external,
-        element_names=[place.name for place in places],
-        signals=_signals(plant, driven, free),
-        x0=x0,
-        v0=start,
-        delays=late,
-        time_step=plant.time_step,
-        state_names=plant.states,
-        cuts=cuts,
-        name=plant.name,
-    )
-
-
-def _cuts(ports: _Ports, rows: Sequence[int], driven: Sequence[int], late: Array) -> Cuts:
-    """Places to cut, without those that carry a late output of an element, which is late for the states alone, and
-    those behind which the loop that is cut open has no solution.
-    """
-    kept = ~np.any((ports.D[:, driven] != 0.0) & (late > 0.0), axis=1) & (ports.F != -1.0)
-    names = tuple(name for name, keep in zip(ports.names, kept.tolist(), strict=True) if keep)
-    of_elements = ports.D[np.ix_(kept, driven)]
-    return Cuts(
-        names, B=ports.B[:, kept], E=ports.E[np.ix_(rows, kept)], C=ports.C[kept], D=of_elements, F=ports.F[kept]
-    )
-
-
-def _taken_apart(system: Any, elements: Mapping[Any, Nonlinearity], name: str | None) -> tuple[_Plant, list[_Place]]:
-    """The linear part, and the places of the elements in the order in which they were given."""
+    elements = {key: as_element(e) for key, e in elements.items()}
     if getattr(system, "syslist", None) is not None:
-        plant, names = _cut(system, elements, name or system.name)
+        plant, between = _cut(system, elements, name or system.name)
     else:
-        plant, names = _linear(system, name or system.name), {}
-    if not elements:
-        raise ModelError(f"{plant.name}: a loop needs at least one nonlinear element.")
-    taken: dict[int, str] = {}
-    places = [_place(plant, names.get(key, key), element, taken) for key, element in elements.items()]
-    return plant, [replace(p, name=key) if key in names else p for key, p in zip(elements, places, strict=True)]
+        plant, between = _linear(system, name or system.name), {}
+    return looped(plant, elements, element_names, x0, v0, delays, between)
 
 
-def _linear(system: Any, name: str) -> _Plant:
+def _linear(system: Any, name: str) -> Plant:
     """A linear system with its names."""
     if hasattr(system, "A") and hasattr(system, "D"):
         A, B, C, D = (np.asarray(getattr(system, m), float) for m in "ABCD")
@@ -223,82 +131,10 @@ def _linear(system: Any, name: str) -> _Plant:
         raise ModelError(f"{name} is a transfer function with several inputs or outputs", expected="control.ss of it")
     else:
         raise ModelError(f"{name} is a {type(system).__name__}", expected="a linear system, or an interconnection")
-    return _Plant(
-        A, B, C, D, tuple(system.input_labels), tuple(system.output_labels), states, sample_time(system), name
-    )
+    return Plant(A, B, C, D, tuple(system.input_labels), tuple(system.output_labels), states, sample_time(system), name)
 
 
-def _place(plant: _Plant, key: Any, element: Nonlinearity, taken: dict[int, str]) -> _Place:
-    """Where an element stands; `taken` has the inputs that are driven already."""
-    names = (key, key) if isinstance(key, str) else tuple(key)
-    n_fed, n_driven = ports(element)
-    if len(names) != n_fed + n_driven:
-        who = type(element).__name__
-        raise ModelError(f"{plant.name}: {who} is at {names}", expected=f"{_counts(n_fed, n_driven)} in a row")
-    fed_by = tuple(_number(plant, "output", plant.outputs, n) for n in names[:n_fed])
-    drives = tuple(_number(plant, "input", plant.inputs, n) for n in names[n_fed:])
-    for j in drives:
-        if j in taken:
-            raise ModelError(
-                f"{plant.name}: input {plant.inputs[j]!r} is driven by two elements",
-                expected="one, or a sum of two inputs",
-            )
-        taken[j] = names[n_fed]
-    return _Place(names[n_fed], element, fed_by, drives)
-
-
-def _counts(n_fed: int, n_driven: int) -> str:
-    what = "the output of the system that feeds it" if n_fed == 1 else f"{n_fed} outputs of the system that feed it"
-    where = "the input that it drives" if n_driven == 1 else f"{n_driven} inputs that it drives"
-    return f"{what} and {where}"
-
-
-def _number(plant: _Plant, kind: str, known: Sequence[str], name: str) -> int:
-    """Place of a signal among those of the system."""
-    if name in known:
-        return known.index(name)
-    raise ModelError(f"{plant.name} has no {kind} {name!r}", expected=_choice(name, known))
-
-
-def _choice(name: str, known: Sequence[str]) -> str:
-    close = difflib.get_close_matches(str(name)[:100], known, n=1)
-    listed = f"one of: {', '.join(known) or 'none'}"
-    return f"{listed} (did you mean {close[0]!r}?)" if close else listed
-
-
-def _named(plant: _Plant, places: list[_Place], names: Sequence[str] | None) -> list[_Place]:
-    if names is None:
-        return places
-    if len(names) != len(places):
-        raise ModelError(plant.name, list(names), f"{len(places)}, one for each element", field="element_names")
-    return [replace(p, name=n) for n, p in zip(names, places, strict=True)]
-
-
-def _by_name(plant: _Plant, what: str, given: Mapping[str, float] | None, names: Sequence[str]) -> Array:
-    """Values in the order of names, zero where none is given."""
-    for name in given or {}:
-        if name not in names:
-            raise ModelError(f"{plant.name}: {what} has {name!r}", expected=_choice(name, names))
-    return np.array([float((given or {}).get(name, 0.0)) for name in names])
-
-
-def _signals(plant: _Plant, driven: Sequence[int], free: Sequence[int]) -> SignalMap:
-    """Outputs of the system, and behind them what the elements give, by the inputs that they drive."""
-    own = len(plant.outputs)
-    given = [plant.inputs[j] for j in driven]
-    names = (*plant.outputs, *(f"{n}_output" if n in plant.outputs else n for n in given))
-    n_given = len(given)
-    return SignalMap(
-        names,
-        np.vstack([plant.C, np.zeros((n_given, len(plant.A)))]),
-        np.vstack([plant.D[:, driven], np.eye(n_given)]),
-        np.vstack([plant.D[:, free], np.zeros((n_given, len(free)))]),
-        np.zeros(own + n_given),
-        ("",) * (own + n_given),
-    )
-
-
-def _cut(system: Any, elements: Mapping[Any, Nonlinearity], name: str) -> tuple[_Plant, dict[str, tuple[str, ...]]]:
+def _cut(system: Any, elements: Mapping[Any, Nonlinearity], name: str) -> tuple[Plant, dict[str, tuple[str, ...]]]:
     """An interconnection with its nonlinear subsystems cut out, and between which signals each of them stood.
 
     With all inputs u and outputs y of the subsystems, ``u = M y + N v``; of the linear ones ``y = C x + D u``, and
@@ -342,12 +178,12 @@ def _cut(system: Any, elements: Mapping[Any, Nonlinearity], name: str) -> tuple[
     back, carried = np.diag(np.vstack([own, M_linear @ own])), np.vstack([y[~y_of], u[~u_of]])
     names = _named_ports(parts)
     at = list(names.values())
-    ports = _Ports(
+    ports = Ports(
         tuple(names), B=(B @ u_d[~u_of])[:, at], C=carried[at, :n], D=carried[at, n:],
         E=np.vstack([outer @ np.vstack([y_d, u_d]), u_d[u_of]])[:, at], F=back[at],
     )  # fmt: skip
     between = {p.name: tuple(f"{p.name}_{s}" for s in (*p.input_labels, *p.output_labels)) for p in outside}
-    plant = _Plant(
+    plant = Plant(
         rate[:, :n],
         rate[:, n:],
         seen[:, :n],
