@@ -151,7 +151,8 @@ def bag(path: Path, source: str) -> Groups:
 
     with Reader(path) as reader:
         types = _types(reader.connections)
-        topics = [c for c in reader.connections if getattr(c.ext, "serialization_format", "") == "cdr" and c.msgtype in types]
+        known = [c for c in reader.connections if c.msgtype in types]
+        topics = [c for c in known if getattr(c.ext, "serialization_format", "") == "cdr"]
         if not topics:
             raise CaseError(source, "", "without topics of ROS messages in CDR", "a bag of ROS 2")
         start = reader.start_time

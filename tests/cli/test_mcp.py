@@ -364,7 +364,7 @@ def test_no_case_leads_out_of_the_folder(tmp_path: Path) -> None:
     for name in bad:
         field = [*names][int(name.split("_")[1])]
         assert f"\n{name}: {field} is " in f"\n{refused.verdict}", refused
-    assert tray.failed and tray.verdict == "weights.csv is missing; expected a CSV file."
+    assert tray.failed and tray.verdict == "weights.csv is missing; expected a CSV file that can be read."
 
 
 @looks_at_processes
