@@ -106,6 +106,7 @@ from eppanalysis.models.elements import (
     PiecewiseLinear as PiecewiseLinear,
     Play as Play,
     Polynomial as Polynomial,
+    PrandtlIshlinskii as PrandtlIshlinskii,
     Preload as Preload,
     Quantiser as Quantiser,
     RateLimitedServo as RateLimitedServo,

@@ -159,6 +159,7 @@ def fields_of_elements() -> Iterator[tuple[type[epp.Nonlinearity], dict[str, Any
         "lookup_table": {"inputs": [-1.0, 0.0, 1.0], "outputs": [-2.0, 0.0, 1.0], "beyond": "hold"},
         "monotone_table": {"inputs": [-1.0, 0.0, 1.0], "outputs": [-2.0, 0.0, 1.0], "beyond": "hold"},
         "piecewise_linear": {"breakpoints": [-1.0, 1.0], "slopes": [0.0, 1.0, 0.0], "intercepts": [-1.0, 0.0, 1.0]},
+        "prandtl_ishlinskii": {"half_widths": [0.5, 1.0], "weights": [0.3, 0.2], "straight": 1.0},
         "stiction_pulley": {
             "harness_stiffness": 10.0, "forearm_stiffness": 20.0, "friction": 0.1, "kinetic_ratio": 0.8,
         },

@@ -35,6 +35,8 @@ LARGEST_COUNT = 100_000
 _SIDES, _NONE = (("lower", "upper"), ("low", "high")), inspect.Parameter.empty
 #: What stands in for a missing number when the rest of a part is looked at: of both signs, nothing, large and small.
 _TRIALS = (1.0, -1.0, 0.0, 1e-3, 1e3)
+#: What an element remembers at the start.
+Memory = float | Slip | tuple[float, ...] | ModeMemory | None
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Block:
         Scalar fields of the element.
     others : dict
         Lists and texts of the element, or num and den of a linear block.
-    memory : float, Slip, ModeMemory or None
+    memory : float, Slip, tuple of float, ModeMemory or None
         First held value at the start; of an element that sticks also direction, and input reached.
     lists : dict of str to list of Parameter
         Lists of the element with their units.
@@ -63,7 +65,7 @@ class Block:
     kind: str
     parameters: dict[str, Parameter]
     others: dict[str, Any]
-    memory: float | Slip | ModeMemory | None = None
+    memory: Memory = None
     lists: dict[str, list[Parameter]] = dataclasses.field(default_factory=dict)
     roles: Mapping[str, Role] = dataclasses.field(default_factory=dict)
 
@@ -151,12 +153,14 @@ def read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
             memory = read_memory(memory, found.arguments["rules"], f"{field}.memory", raw)
         return Block(name, kind, found.parameters, found.arguments, memory, roles=found.units)
     if memory is not None:
-        memory = _memory(memory, f"{field}.memory", raw)
+        memory = _memory(memory, element_class(kind).remembers_a_list, f"{field}.memory", raw)
     return _read_fields(kind, name, memory, table, f"{field}", raw)
 
 
-def _memory(value: Any, field: str, raw: RawCase) -> float | Slip:
-    """A held value, or a list of held value, direction and input reached."""
+def _memory(value: Any, is_list: bool, field: str, raw: RawCase) -> float | Slip | tuple[float, ...]:
+    """A held value, or a list of held value, direction and input reached, or of whatever the element remembers."""
+    if is_list:
+        return tuple(float(p.value) for p in _list(value, field, raw))
     if not isinstance(value, list):
         return float(read_scalar(value, field, raw).value)
     if len(value) != len(Slip._fields):
@@ -164,9 +168,7 @@ def _memory(value: Any, field: str, raw: RawCase) -> float | Slip:
     return Slip(*(float(p.value) for p in _list(value, field, raw)))
 
 
-def _read_fields(
-    kind: str, name: str, memory: float | Slip | None, table: dict[str, Any], field: str, raw: RawCase
-) -> Block:
+def _read_fields(kind: str, name: str, memory: Memory, table: dict[str, Any], field: str, raw: RawCase) -> Block:
     parameters: dict[str, Parameter] = {}
     others: dict[str, Any] = {}
     lists: dict[str, list[Parameter]] = {}
@@ -286,6 +288,8 @@ def make_element(block: Block, field: str, raw: RawCase) -> Nonlinearity:
         with np.errstate(all="ignore"):  # what overflows is refused as not finite
             made = made_of(**values, **block.others)
         require_ordinary(made)
+        if made.remembers_a_list:
+            made.start(made.automaton(), block.memory)
     except ModelError as error:
         raise raw.refused_by_model(error, field) from None
     if block.memory is not None and not made.remembers:

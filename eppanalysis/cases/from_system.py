@@ -17,7 +17,6 @@ from eppanalysis.errors import ModelError
 from eppanalysis.models.diagrams import BLOCKS, Block, Diagram
 from eppanalysis.models.elements import ELEMENTS, AutomatonElement
 from eppanalysis.models.elements.base import Nonlinearity
-from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.systems.cuts import Cuts
 from eppanalysis.models.systems.inputs import Constant, InputSignal, Ramp, Recorded, Sine, Step, Steps
 from eppanalysis.models.systems.lure import LureSystem, with_own_states
@@ -170,11 +169,11 @@ def _element(who: str, element: Nonlinearity, name: str, memory: Any) -> dict[st
 
 
 def _memory(who: str, name: str, memory: Any) -> Any:
-    """A held value; with direction and input reached, of an element that sticks."""
-    parts = [float(np.asarray(part)) for part in (memory if isinstance(memory, Slip) else (memory,))]
+    """A held value; with direction and input reached, of an element that sticks; or a list."""
+    parts = np.ravel(np.asarray(memory, float)).tolist()
     if not np.all(np.isfinite(parts)):
         raise ModelError(f"{who}: {name} remembers {parts}", expected="finite numbers")
-    return parts if isinstance(memory, Slip) else parts[0]
+    return parts[0] if np.ndim(memory) == 0 else parts
 
 
 def _signals(loop: LureSystem) -> dict[str, Any]:

@@ -41,6 +41,7 @@ KINDS_OF_BLOCKS: dict[str, tuple[str, ...]] = {
 KINDS_OF_ELEMENTS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("backlash",), ("play", "lock_pin")),
     **dict.fromkeys(("friction_backlash",), ("play",)),
+    **dict.fromkeys(("prandtl_ishlinsky",), ("prandtl_ishlinskii",)),
     **dict.fromkeys(("deadzone", "dead_band", "deadband"), ("dead_zone",)),
     **dict.fromkeys(("limit", "limiter", "clip", "sat"), ("saturation",)),
     **dict.fromkeys(("quantizer", "encoder", "adc"), ("quantiser",)),
@@ -72,6 +73,7 @@ _FIELDS: dict[tuple[str, ...], _Words] = {
     ("play", "lock_pin", "nordin_shaft", "backlash_compensator"): {
         "gap": ("backlash", "freeplay", "width", "deadband", "deadband_width")
     },
+    ("prandtl_ishlinskii",): {"half_widths": ("thresholds", "radii")},
     ("saturation", "anti_windup_pid", "clamped_pid"): _LIMITS,
     ("dead_zone",): {"lower": ("start",), "upper": ("end",)},
     ("hysteresis_relay",): {

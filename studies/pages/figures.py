@@ -124,6 +124,9 @@ def drawings() -> dict[str, Drawing]:
             names=("velocity [m/s]", "force [N]"),
         ),
         "play": Drawing({"gap 1": epp.Play(gap=1.0)}, 1.5, 4.0),
+        "prandtl_ishlinskii": Drawing(
+            {"four plays": epp.PrandtlIshlinskii([0.1, 0.2, 0.4, 0.8], [0.3, 0.2, 0.2, 0.1], straight=0.5)}, 1.5, 4.0
+        ),
         "jump_and_follow": Drawing(
             {f"S = 1, J = {jump:g}": epp.JumpAndFollow(stick_band=1.0, slip_jump=jump) for jump in (0.0, 0.5, 1.0)},
             1.5,

@@ -400,7 +400,7 @@ def _cycle(system: LureSystem, loop: Loop, point: _Point, log: list[_Point]) -> 
         time=np.linspace(0.0, period, count + 1),
         waveform=dict(zip(names, wave, strict=True)),
         state=x + states,
-        memory=tuple(float(r.memory_at_zero[0]) if r.memory.size else None for r in regimes),
+        memory=tuple(r.stored_at_zero for r in regimes),
         units=signals.units_of_results(),
         mean_state=x,
         note=" ".join(filter(None, (point.note, order_one(system, n)))),

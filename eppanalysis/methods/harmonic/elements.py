@@ -92,6 +92,14 @@ class Regime:
         before = np.searchsorted(self.phases, np.ceil(self.start / TURN) * TURN, side="right")
         return np.asarray(self.holds[before - 1] if before else self.memory)
 
+    @property
+    def stored_at_zero(self) -> float | tuple[float, ...] | None:
+        """The same as the element takes it at a start: all of them where it remembers a list, else the first."""
+        stored = self.memory_at_zero.tolist()
+        if self.element.element.remembers_a_list:
+            return tuple(stored)
+        return stored[0] if stored else None
+
 
 class PeriodicElement:
     """An element with the roles of its inputs: free series, the rate of the first one, or a clock.

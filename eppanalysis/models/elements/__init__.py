@@ -20,6 +20,7 @@ from eppanalysis.models.elements.friction import Friction
 from eppanalysis.models.elements.hysteresis import HysteresisRelay, HysteresisRelayDeadZone
 from eppanalysis.models.elements.memory import BacklashCompensator, JumpAndFollow, Play, Slip, StictionPulley
 from eppanalysis.models.elements.own import AutomatonElement
+from eppanalysis.models.elements.plays import PrandtlIshlinskii
 from eppanalysis.models.elements.static import (
     Coulomb,
     DeadZone,
@@ -71,6 +72,7 @@ __all__ = [
     "PiecewiseLinear",
     "Play",
     "Polynomial",
+    "PrandtlIshlinskii",
     "Preload",
     "Quantiser",
     "RateLimitedServo",

@@ -199,17 +199,51 @@ def hysteresis_relay_dead_zone(on: float, off: float, level: float) -> Automaton
 
 def play(gap: float) -> Automaton:
     """Friction-driven backlash: the output rests in the gap (memory value) or is pushed by either side."""
-    b = gap / 2
-    build = AutomatonBuilder(n_memory=1)
-    rest = build.mode("in the gap", from_memory=1.0)
-    up = build.mode("pushed up", from_input=1.0, constant=-b)
-    down = build.mode("pushed down", from_input=1.0, constant=b)
-    build.guard("meets the upper side", rest, up, on_input=1.0, on_memory=-1.0, constant=-b)
-    build.guard("meets the lower side", rest, down, on_input=-1.0, on_memory=1.0, constant=-b)
-    # Pushed, the input is as far from the output as ever: only its rate tells that it turns back.
-    build.guard("lets go", up, rest, on_rate=-1.0, memory_from_input=1.0, memory_constant=-b)
-    build.guard("lets go", down, rest, on_rate=1.0, memory_from_input=1.0, memory_constant=b)
-    return build.build(rest)
+    return plays(np.array([gap / 2]), np.ones(1), 0.0)
+
+
+def plays(half_widths: Array, weights: Array, straight: float) -> Automaton:
+    """The input and plays of ascending half-widths, weighted: all plays rest (memory values), or the first ones move.
+
+    A wider play never moves before a narrower one does, and all stop where the input turns back.
+    """
+    n = half_widths.size
+    build = AutomatonBuilder(n_memory=n)
+    for number in range(2 * n + 1):
+        count, way = moving_plays(number)
+        w = np.where(np.arange(n) < count, weights, 0.0)
+        name = f"pushed {'up' if way > 0 else 'down'}" if count else "in the gap"
+        build.mode(
+            f"{name} by {count}" if count and n > 1 else name,
+            from_input=straight + w.sum(),
+            from_memory=weights - w,
+            constant=0.0 - way * float(w @ half_widths),
+        )
+    for number in range(2 * n + 1):
+        count, way = moving_plays(number)
+        for ahead, name in ((1.0, "upper"), (-1.0, "lower")):
+            if count < n and way != -ahead:
+                target, row = 2 * count + (1 if ahead > 0 else 2), -ahead * np.eye(n)[count]
+                b = float(half_widths[count])
+                build.guard(f"meets the {name} side", number, target, on_input=ahead, on_memory=row, constant=-b)
+        if count:
+            # Pushed, the input is as far from the outputs as ever: only its rate tells that it turns back.
+            moving = np.arange(n) < count
+            build.guard(
+                "lets go",
+                number,
+                0,
+                on_rate=-way,
+                memory_from_input=np.where(moving, 1.0, 0.0)[:, None],
+                memory_from_memory=np.diag(np.where(moving, 0.0, 1.0)),
+                memory_constant=np.where(moving, -way * half_widths, 0.0),
+            )
+    return build.build(0)
+
+
+def moving_plays(mode: int) -> tuple[int, float]:
+    """How many of the plays move in a mode of :func:`plays`, and which way."""
+    return (mode + 1) // 2, (0.0 if mode == 0 else 1.0 if mode % 2 else -1.0)
 
 
 def backlash_compensator(gap: float, travel: float) -> Automaton:

@@ -201,6 +201,8 @@ class Nonlinearity(ABC):
         "way" (a displacement) and "force", where a unit that does not exist is a mistake; empty where anything may be.
     columns : tuple of str
         Fields that a case file may take from the columns of a CSV file.
+    remembers_a_list : bool
+        Whether its memory is a list of numbers of any length.
     estimate : Estimate or None
         How a case file may have a field follow from the sizes of the part.
     input_unit : str
@@ -238,6 +240,7 @@ class Nonlinearity(ABC):
     input_is: ClassVar[str] = ""
     output_is: ClassVar[str] = ""
     columns: ClassVar[tuple[str, ...]] = ()
+    remembers_a_list: ClassVar[bool] = False
     estimate: ClassVar[Estimate | None] = None
     input_unit: ClassVar[str] = ""
     linear_gain_is: ClassVar[str] = "its steepest slope"

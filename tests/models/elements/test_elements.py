@@ -22,6 +22,7 @@ from tests.shared import mostly_slow
 BANDS = epp.FiveBandLaw(5.0, 10.0, 11.0, 16.0, 16.0, 2.0)
 SHIPPED: dict[str, Any] = {
     "play": epp.Play(0.8),
+    "prandtl ishlinskii": epp.PrandtlIshlinskii([0.4, 0.9, 1.3], [0.6, 0.3, -0.2], 0.5),
     "hysteresis relay": epp.HysteresisRelay(-0.3, 0.5, -1.0, 2.0),
     "hysteresis relay, one side": epp.HysteresisRelay(0.2, 0.5, 0.0, 2.0),
     "falling hysteresis relay": epp.HysteresisRelay(-0.3, 0.5, 1.0, -2.0),
@@ -180,8 +181,8 @@ def test_a_loop_with_it_against_another_integrator(name: str) -> None:
 #: Elements that are rebuilt as data: with and without memory, sticking, jumping, smooth, and of many pieces.
 REBUILT = (
     "play", "hysteresis relay", "hysteresis relay with dead zone", "backlash compensator with travel",
-    "jump and follow", "saturation", "relay", "preload", "quantiser", "table", "friction", "falling friction",
-    "cube", "drag", "stribeck",
+    "prandtl ishlinskii", "jump and follow", "saturation", "relay", "preload", "quantiser", "table", "friction",
+    "falling friction", "cube", "drag", "stribeck",
 )  # fmt: skip
 
 
