@@ -79,6 +79,7 @@ from eppanalysis.models.elements import (
     AutomatonElement as AutomatonElement,
     BacklashCompensator as BacklashCompensator,
     BilinearSpring as BilinearSpring,
+    BoucWen as BoucWen,
     ClampedPID as ClampedPID,
     CleggIntegrator as CleggIntegrator,
     Coulomb as Coulomb,

@@ -52,6 +52,7 @@ KINDS_OF_ELEMENTS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("stribeck",), ("stribeck_friction",)),
     **dict.fromkeys(("dahl",), ("dahl_friction",)),
     **dict.fromkeys(("lugre",), ("lugre_friction",)),
+    **dict.fromkeys(("boucwen",), ("bouc_wen",)),
     **dict.fromkeys(("relay_hysteresis", "relay_with_hysteresis"), ("hysteresis_relay",)),
     **dict.fromkeys(("relay_with_dead_zone",), ("relay_dead_zone",)),
     **dict.fromkeys(("sign", "signum"), ("relay",)),

@@ -107,6 +107,13 @@ def drawings() -> dict[str, Drawing]:
             omega=2.0,
             names=("velocity [m/s]", "force [N]"),
         ),
+        "bouc_wen": Drawing(
+            {f"gamma = {g:g} / mm": epp.BoucWen(1e3, 1e3, 1e3 * g) for g in (-0.5, 0.0, 1.0)},
+            0.005,
+            0.05,
+            omega=2.0,
+            names=("velocity [m/s]", "force [N]"),
+        ),
         "lugre": Drawing(
             {
                 "1 N/mm": epp.LuGreFriction(1e3, 1.0, 1.5, 1e-3),

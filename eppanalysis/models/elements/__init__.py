@@ -7,6 +7,7 @@ from eppanalysis.models.elements.curves.pieces import BilinearSpring, FloorQuant
 from eppanalysis.models.elements.curves.sliding import StribeckFriction, ViscousCoulomb
 from eppanalysis.models.elements.curves.smooth import Arctan, Cube, Drag, Polynomial, Tanh
 from eppanalysis.models.elements.curves.table import LookupTable
+from eppanalysis.models.elements.dynamic.bouc_wen import BoucWen
 from eppanalysis.models.elements.dynamic.bristles import LuGreFriction
 from eppanalysis.models.elements.dynamic.clamping import ClampedPID
 from eppanalysis.models.elements.dynamic.controller import AntiWindupPID
@@ -43,6 +44,7 @@ __all__ = [
     "ControllerMemory",
     "BacklashCompensator",
     "BilinearSpring",
+    "BoucWen",
     "ClampedPID",
     "CleggIntegrator",
     "Coulomb",

@@ -128,8 +128,8 @@ def _answer(a: Array, b: Array, w: Array, stiffness: float, coulomb: float) -> A
         low = -(gained[1] - (1 - gained[1]) * gained[0]) / whole
         high = low + (1 - low) * gained[0]
         parts = [
-            _arc(reach, -beta, lengths[0], sine, low, 1.0),
-            _arc(reach, np.pi + beta, lengths[1], sine, high, -1.0),
+            arc(reach, -beta, lengths[0], sine, low, 1.0),
+            arc(reach, np.pi + beta, lengths[1], sine, high, -1.0),
         ]
         mean, wave = (np.sum(both, axis=0) for both in zip(*parts, strict=True))
         one_way = np.abs(b) >= a
@@ -138,12 +138,19 @@ def _answer(a: Array, b: Array, w: Array, stiffness: float, coulomb: float) -> A
     return with_nan(a, b, mean, gain, w)
 
 
-def _arc(reach: Array, begin: Array, length: Array, sine: Array, start: Array, way: float) -> Answer:
-    """Integrals of the force, and of it times ``exp(-j phi)``, over the phases in which the velocity has one sign.
+def gained(reach: Array, ratio: float) -> Array:
+    """Of a force over its bound: what a way gains from zero; where it gives way `ratio` times as fast, over that."""
+    return np.asarray(-np.expm1(-ratio * reach) / ratio if ratio else reach)
 
-    Panels double their length from the begin on, where the force changes within the presliding distance.
+
+def arc(reach: Array, begin: Array, length: Array, sine: Array, start: Array, way: float, ratio: float = 1.0) -> Answer:
+    """Integrals of the force, and of it times ``exp(-j phi)``, over phases in which the velocity has one sign.
+
+    Along the way the force follows ``df/dx = reach (way - ratio f)``. Panels double their length from the begin on,
+    where the force changes within the presliding distance.
     """
-    steepest = float(np.fmax.reduce(np.where(np.isfinite(reach), reach, 0.0), axis=None, initial=1.0))
+    steep = reach * max(1.0, abs(ratio))
+    steepest = float(np.fmax.reduce(np.where(np.isfinite(steep), steep, 0.0), axis=None, initial=1.0))
     # Behind a reversal the way grows with the square of the phase, so that a presliding distance takes the root of its
     # share.
     count = int(np.clip(np.ceil(0.5 * np.log2(steepest)) + 3, 3, _MOST_PANELS))
@@ -156,7 +163,7 @@ def _arc(reach: Array, begin: Array, length: Array, sine: Array, start: Array, w
     # The cosine falls by this from the begin on, without cancellation.
     fallen = 2 * np.sin(past / 2) * np.sin(begin[..., None] + past / 2)
     moved = way * (sine[..., None] * past + fallen)
-    force = start[..., None] - (way * -1.0 + start[..., None]) * -np.expm1(-reach[..., None] * moved)
+    force = start[..., None] + (way - ratio * start[..., None]) * gained(reach[..., None] * moved, ratio)
     return (weight * force).sum(-1), (weight * force * np.exp(-1j * phi)).sum(-1)
 
 
