@@ -95,6 +95,7 @@ from eppanalysis.models.elements import (
     FrictionCompensator as FrictionCompensator,
     HysteresisRelay as HysteresisRelay,
     HysteresisRelayDeadZone as HysteresisRelayDeadZone,
+    ImpactStop as ImpactStop,
     JumpAndFollow as JumpAndFollow,
     LockPin as LockPin,
     LookupTable as LookupTable,

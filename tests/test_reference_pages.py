@@ -31,6 +31,7 @@ WITH_PORTS = [
     epp.LockPin(gap=0.1, stiffness=1.0, damping=1.0),
     epp.NordinShaft(gap=0.1, stiffness=1.0, damping=1.0),
     epp.StictionPulley(harness_stiffness=1.0, forearm_stiffness=1.0, friction=0.1, kinetic_ratio=0.5),
+    epp.ImpactStop(-1.0, 1.0, 1.0),
 ]
 
 
@@ -117,7 +118,7 @@ def test_every_function_of_an_expression_stands_on_the_page_of_diagrams():
 def test_ports_of_elements_that_have_names_stand_on_the_page_of_diagrams():
     named = {kind for kind in ELEMENTS if element_class(kind).input_ports or element_class(kind).output_ports}
     assert {type(element) for element in WITH_PORTS} == {element_class(kind) for kind in named}
-    for element, kind in zip(WITH_PORTS, ("lock_pin", "nordin_shaft", "stiction_pulley"), strict=True):
+    for element, kind in zip(WITH_PORTS, ("lock_pin", "nordin_shaft", "stiction_pulley", "impact_stop"), strict=True):
         before, behind = (", ".join(f"`{port}`" for port in ports) for ports in port_names(element))
         assert f"| `{kind}` | {before} | {behind} |" in DIAGRAMS
 

@@ -156,6 +156,7 @@ def fields_of_elements() -> Iterator[tuple[type[epp.Nonlinearity], dict[str, Any
     known: dict[str, dict[str, Any]] = {
         "bilinear_spring": {"lower": -0.5, "upper": 0.5, "outer": 2.0, "inner": 0.5, "preload": 0.1},
         "five_band_law": {"slack": 5.0, "low": 10.0, "high": 11.0, "max": 16.0, "supply_voltage": 16.0},
+        "impact_stop": {"lower": -1.0, "upper": 1.0, "mass": 1.0, "restitution": 0.5},
         "lookup_table": {"inputs": [-1.0, 0.0, 1.0], "outputs": [-2.0, 0.0, 1.0], "beyond": "hold"},
         "monotone_table": {"inputs": [-1.0, 0.0, 1.0], "outputs": [-2.0, 0.0, 1.0], "beyond": "hold"},
         "piecewise_linear": {"breakpoints": [-1.0, 1.0], "slopes": [0.0, 1.0, 0.0], "intercepts": [-1.0, 0.0, 1.0]},

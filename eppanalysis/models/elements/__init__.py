@@ -11,6 +11,7 @@ from eppanalysis.models.elements.dynamic.bouc_wen import BoucWen
 from eppanalysis.models.elements.dynamic.bristles import LuGreFriction
 from eppanalysis.models.elements.dynamic.clamping import ClampedPID
 from eppanalysis.models.elements.dynamic.controller import AntiWindupPID
+from eppanalysis.models.elements.dynamic.impact import ImpactStop
 from eppanalysis.models.elements.dynamic.parking import ParkingBandLaw, SampledLaw
 from eppanalysis.models.elements.dynamic.presliding import DahlFriction
 from eppanalysis.models.elements.dynamic.rate import RateLimitedServo, RateLimiter
@@ -61,6 +62,7 @@ __all__ = [
     "FrictionCompensator",
     "HysteresisRelay",
     "HysteresisRelayDeadZone",
+    "ImpactStop",
     "JumpAndFollow",
     "LockPin",
     "LookupTable",
