@@ -233,7 +233,7 @@ class _Checked:
     def _check_numbers(self, piece: Piece) -> None:
         self._refused(piece, np.isinf(piece.rows), "a finite number")
         if self.whole:
-            self._refused(piece, np.isnan(piece.rows), "a finite number; it has no holes")
+            self._refused(piece, np.isnan(piece.rows), "a finite number; a recording has no holes")
 
     def _check_size(self, rows: Array, piece: Piece) -> None:
         if self.time is not None and len(rows):

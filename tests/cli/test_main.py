@@ -165,7 +165,7 @@ BAD = {
         "blocks.plant.computation_delay is '1 ms'",
         "no sample_time",
     ),
-    "hole in a recording": (RECORDED, "motion.csv: line 3, position is missing", "a recording has no holes"),
+    "hole in a recording": (RECORDED, "motion.csv: line 3, harness_position is missing", "a recording has no holes"),
 }
 
 

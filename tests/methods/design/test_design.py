@@ -206,11 +206,13 @@ def test_table_picture_and_files(servo: epp.Case, found: epp.Design, tmp_path: P
 
 
 def test_options_are_read() -> None:
-    tuned = partial(named_range, "--tune")
+    case = epp.case("wheelchair")
+    tuned, within = partial(named_range, "--tune", case=case), partial(within_of, case, "play.gap")
     assert tuned("k 1..20") == tuned("k 1:20") == ("k", ("1", "20"))
-    assert within_of("0.1 deg..5 deg") == within_of("0.1 deg:5 deg") == ("0.1 deg", "5 deg")
+    assert within("9 mm..15 mm") == within("9 mm:15 mm") == within("± 25 %") == within("± 3 mm") == ("9 mm", "15 mm")
+    assert tuned("play.gap ± 25 %") == ("play.gap", ("9 mm", "15 mm"))
     assert values_of("play.gap 1, 2") == ("play.gap", ["1", "2"])
-    for read, text in ((tuned, "k 1"), (values_of, "play.gap")):
+    for read, text in ((tuned, "k 1"), (tuned, "play.gap ± x %"), (within, "± x %"), (values_of, "play.gap")):
         with pytest.raises(epp.EppError, match="expected"):
             read(text)
 
