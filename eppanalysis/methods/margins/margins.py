@@ -185,7 +185,7 @@ def _margins(linearised: Linearised, at: str, nowhere: str, made_by: Provenance)
     if not np.any(response.value):
         why = "A signal from there does not return: no loop of elements with a gain leads through it."
         if linearised.system.cuts is not None:
-            why += f" Other places of the loop: {', '.join(p for p in linearised.system.places.distinct if p != at)}."
+            why += f" Other places of the loop: {', '.join(linearised.system.places.others(at))}."
         return Margins(at, Status.INCOMPLETE, rule, why, stable=stable, provenance=made_by)
     message = ""
     if stable is None:

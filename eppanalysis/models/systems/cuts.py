@@ -99,12 +99,20 @@ class Cuts:
         """
         found: dict[bytes, str] = {}
         for i, name in enumerate(self.names):
-            parts = (self.B[:, i], self.E[:, i], self.C[i], self.D[i], self.F[i], self.delays[i])
-            # Zero added, zeros of either sign have the same bytes.
             if name[-1:].isdigit() and name.rstrip("0123456789") in self.names:
                 continue
-            found.setdefault(b"".join((np.asarray(part) + 0.0).tobytes() for part in parts), name)
+            found.setdefault(self._numbers(i), name)
         return tuple(found.values())
+
+    def _numbers(self, i: int) -> bytes:
+        """All numbers of a place; zeros of either sign are the same, as zero is added."""
+        parts = (self.B[:, i], self.E[:, i], self.C[i], self.D[i], self.F[i], self.delays[i])
+        return b"".join((np.asarray(part) + 0.0).tobytes() for part in parts)
+
+    def others(self, name: str) -> tuple[str, ...]:
+        """Names, as people know them, of the places that are not this one by another name."""
+        here = self._numbers(self.number(name))
+        return tuple(other for other in self.distinct if self._numbers(self.names.index(other)) != here)
 
     def number(self, name: str) -> int:
         """Number of a place; a name alone means its output.

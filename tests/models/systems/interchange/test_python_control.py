@@ -290,6 +290,7 @@ def test_margins_are_taken_at_signals_of_the_subsystems(at: str):
 
 def test_a_friction_servo_has_margins_at_its_controller():
     loop = epp.from_control(servo(), {("speed", "friction"): FRICTION})
+    assert "places of the loop: motor.angle, controller.voltage" in epp.margins(loop, "speed").message
     assert "controller.voltage" in epp.margins(loop).message
     want = control.margin(control.tf([4.0, 2.0], [1.0, 0.0]) * control.tf([1.0], [1.0, 1.0, 0.0]))
     assert epp.margins(loop, "controller").phase_margin == pytest.approx(np.deg2rad(want[1]), rel=1e-6)
