@@ -2,7 +2,7 @@
 
 Tsypkin's locus tells of all periods whether the one switch of a relay's symmetric cycle lies on its threshold. Here it
 is followed from an orbit with any sequence of events: at each period all of its switches but one lie on their guards,
-and where that one does, too, there is another orbit (docs/theory/exact_orbits.md, All of them).
+and where that one does, too, there is another orbit (docs/theory/exact_orbits.md, The search for all of them).
 """
 
 from __future__ import annotations

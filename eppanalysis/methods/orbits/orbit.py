@@ -129,7 +129,7 @@ class Orbit:
         if self.motion is not None:
             return False
         # Scaled, or the smallest singular value would only show that angles stand beside seconds
-        # (docs/theory/exact_orbits.md, All of them).
+        # (docs/theory/exact_orbits.md, The search for all of them).
         A = evened(self.scaled)
         if not np.all(np.isfinite(A)):
             return False

@@ -7,7 +7,7 @@ With the relay at M for a time w and at zero for the rest of half a period h, th
 
 and the switches lie on their thresholds: one equation for h without a dead zone, where w = h (Tsypkin, Relay Control
 Systems, 1984), two for w and h with one. Their roots on a grid are starts for the exact orbits
-(docs/theory/exact_orbits.md, All of them).
+(docs/theory/exact_orbits.md, The search for all of them).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Where many cycles were met, and most of them once, there are more: each further start would meet others. Where each was
 met again and again, hardly any is left. Chao's estimator makes a number of it that is true or too low, whatever the
-sizes of the basins are (docs/theory/exact_orbits.md, All of them).
+sizes of the basins are (docs/theory/exact_orbits.md, The search for all of them).
 """
 
 from __future__ import annotations
