@@ -251,7 +251,7 @@ class _Search(SearchReport):
         """Seeds, then runs along rays and from random starts, then the basin boundaries between outcomes."""
         with budget(_MOST_WORK) as self.work:
             # The order of docs/theory/exact_orbits.md, The search for all of them: predictions, rays, random starts,
-            # rays to what was found, other periods, mirror images. Basin boundaries are bisected where a ray shows them.
+            # rays to what was found, other periods, mirror images. Boundaries are bisected where a ray shows them.
             led_to = self._close_all()
             with budget((1.0 if self.pulses is None else _FOR_RUNS) * _MOST_WORK):
                 if not np.any(self.hybrid.x0[: self.hybrid.n_plant]):  # else the loop's own start is on a ray
