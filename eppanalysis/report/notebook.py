@@ -10,8 +10,9 @@ import os
 import re
 import sys
 import tempfile
+import threading
 from collections.abc import Coroutine, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import TYPE_CHECKING, Any
 
 from eppanalysis.cases import Case, case as shipped, shipped_cases
@@ -112,8 +113,14 @@ def _in_thread(work: Coroutine[Any, Any, NotebookNode]) -> NotebookNode:
             return running.result()
         except KeyboardInterrupt:
             loop, begun_work = begun.result()
-            with contextlib.suppress(RuntimeError):  # it has ended just now
-                loop.call_soon_threadsafe(begun_work.cancel)
+            # The thread of a channel that is only just being made finds its sockets closed, and says so.
+            said, threading.excepthook = threading.excepthook, lambda _: None
+            try:
+                with contextlib.suppress(RuntimeError):  # it has ended just now
+                    loop.call_soon_threadsafe(begun_work.cancel)
+                wait([running])
+            finally:
+                threading.excepthook = said
             raise
 
 
