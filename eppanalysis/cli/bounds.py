@@ -30,6 +30,7 @@ from eppanalysis.cli.common import (
     write_output,
 )
 from eppanalysis.cli.manual import Manuals, Step, step_for_manual, stepped, write_manual
+from eppanalysis.errors import EppError
 from eppanalysis.readable import count
 
 if TYPE_CHECKING:
@@ -91,7 +92,11 @@ def bounds(
     check_output(output)
     found = load_case(case, settings)
     if over is None:
-        over, points = next(name for name in variation_of(found).over() if name != limit), 1
+        over, points = next((name for name in variation_of(found).over() if name != limit), None), 1
+        if over is None:
+            raise EppError(
+                f"--over: is not given, and {found.name} has no positive parameter but {limit}; expected one."
+            )
         start = start or found.text(over, found.value(over))
     for option, name, value in (("--from", over, start), ("--to", over, stop)):
         check_value(found, option, name, value)

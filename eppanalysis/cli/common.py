@@ -209,6 +209,10 @@ def range_of(text: str) -> tuple[str, str] | None:
     return (low, high) if low and high else None
 
 
+#: How ± is typed, on keyboards that lack it, too.
+_ABOUT = ("±", "+-", "+/-")
+
+
 def range_about(case: Case, name: str, text: str) -> tuple[str, str] | None:
     """Both ends of ± SHARE or ± DISTANCE about a case's own value of a parameter; None where it is neither.
 
@@ -217,8 +221,8 @@ def range_about(case: Case, name: str, text: str) -> tuple[str, str] | None:
     EppError
         If the parameter has no value, or the distance another dimension.
     """
-    mark, half = text.strip()[:1], text.strip().removeprefix("±").removeprefix("+-").removeprefix("+/-").strip()
-    if mark not in ("±", "+") or not half:
+    half = next((text.strip().removeprefix(mark).strip() for mark in _ABOUT if text.strip().startswith(mark)), "")
+    if not half:
         return None
     own, share = case.value(name), half.removesuffix("%").strip()
     try:

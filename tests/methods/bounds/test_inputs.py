@@ -108,6 +108,11 @@ def test_limits_that_are_none_are_refused(servo, limit: str, within, sentence: s
         epp.design_bounds(epp.read_case(servo), "K", limit, at=[4.0], within=within)
 
 
+def test_a_case_without_another_parameter_is_one_sentence() -> None:
+    code, text = run("sat_khalil710", "--limit", "loop.gain")
+    assert code == 2 and "--over: is not given, and sat_khalil710 has no positive parameter but loop.gain" in text
+
+
 def test_an_expression_runs_by_its_parameters_alone() -> None:
     for over, limit in (("controller.kp", "gap"), ("Kp", "controller.kp")):
         with pytest.raises(epp.EppError, match="controller.kp is 'Kp'; .* vary the parameters of its expression"):

@@ -210,6 +210,7 @@ def test_options_are_read() -> None:
     tuned, within = partial(named_range, "--tune", case=case), partial(within_of, case, "play.gap")
     assert tuned("k 1..20") == tuned("k 1:20") == ("k", ("1", "20"))
     assert within("9 mm..15 mm") == within("9 mm:15 mm") == within("± 25 %") == within("± 3 mm") == ("9 mm", "15 mm")
+    assert within("+9 mm..15 mm") == ("+9 mm", "15 mm") and within("+- 3 mm") == within("+/- 3 mm") == within("± 3 mm")
     assert tuned("play.gap ± 25 %") == ("play.gap", ("9 mm", "15 mm"))
     assert values_of("play.gap 1, 2") == ("play.gap", ["1", "2"])
     for read, text in ((tuned, "k 1"), (tuned, "play.gap ± x %"), (within, "± x %"), (values_of, "play.gap")):
