@@ -82,6 +82,7 @@ from eppanalysis.models.elements import (
     BoucWen as BoucWen,
     ClampedPID as ClampedPID,
     CleggIntegrator as CleggIntegrator,
+    Comparator as Comparator,
     Coulomb as Coulomb,
     Cube as Cube,
     DahlFriction as DahlFriction,

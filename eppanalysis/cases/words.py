@@ -56,6 +56,7 @@ KINDS_OF_ELEMENTS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("relay_hysteresis", "relay_with_hysteresis"), ("hysteresis_relay",)),
     **dict.fromkeys(("relay_with_dead_zone",), ("relay_dead_zone",)),
     **dict.fromkeys(("sign", "signum"), ("relay",)),
+    **dict.fromkeys(("compare", "compare_to_zero", "compare_to_constant"), ("comparator",)),
     **dict.fromkeys(("rate_limit",), ("rate_limiter",)),
     **dict.fromkeys(("lookup", "lookup_table_1d"), ("lookup_table",)),
 }

@@ -73,6 +73,8 @@ class Model(NamedTuple):
     guard_element: np.ndarray  # (g,) int
     guard_target: np.ndarray  # (g,) int, mode number within the element
     guard_bypass: np.ndarray  # (g,) int, the mode beyond a sticking target, for an input that jumped over its level
+    # (g,) int, the mode for an input that stays on the threshold, -1 for none
+    guard_on_threshold: np.ndarray
     guard_z: np.ndarray  # (g, z_max)
     guard_rate: np.ndarray  # (g, z_max)
     guard_h: np.ndarray  # (g, h_max)

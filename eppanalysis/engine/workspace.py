@@ -123,9 +123,9 @@ PROGRESS = np.dtype(
         ("aside", "?"), ("t_behind", "f8"), ("i_behind", "i8"),
         # The step that is made: its unit and end, how far it may go, how far a series of smooth channels holds by those
         # before, its length, how much of it counts, whether it ends on the grid, why fast steps ended, order of its
-        # series, place of the guard that rises, where, its number.
+        # series, place of the guard that rises, where, whether it stays on zero instead, its number.
         ("h", "f8"), ("t1", "f8"), ("t_stop", "f8"), ("holds", "f8"), ("d", "f8"), ("ahead", "f8"), ("on_grid", "?"),
-        ("why", "i8"), ("last", "i8"), ("which", "i8"), ("best", "f8"), ("guard", "i8"),
+        ("why", "i8"), ("last", "i8"), ("which", "i8"), ("best", "f8"), ("stays", "?"), ("guard", "i8"),
         # How it ended or that it paused, and what was counted.
         ("code", "i8"), ("paused", "?"), ("spent", "f8"), ("count", "i8"), ("fast_steps", "i8"), ("series_steps", "i8"),
         ("refused_series", "i8"), ("forced_leaves", "i8"), ("periods_repeated", "i8"),

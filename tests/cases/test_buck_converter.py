@@ -1,4 +1,7 @@
-"""The digital buck converter against its samples by hand: the filter between them by an exponential, two roundings."""
+"""The digital buck converter against its samples by hand: the filter between them by an exponential, two roundings.
+
+The law counts in eight millionths of the pulse width, of which a step has 500: halves, rounded off zero, do occur.
+"""
 
 import numpy as np
 from scipy.linalg import expm
@@ -11,11 +14,12 @@ L, C, R, SUPPLY, PERIOD, ADC, DUTY = 4e-6, 100e-6, 1.0, 5.0, 4e-6, 0.01, 0.004
 def by_hand(samples):
     """Voltage and pulse width at the samples, counted from the reference and from the step below."""
     held = expm(PERIOD * np.array([[0.0, 1.0, 0.0], [-1 / (L * C), -1 / (R * C), SUPPLY / (L * C)], [0.0, 0.0, 0.0]]))
-    x, integral, found = np.array([0.15, 0.0, 0.0]), 0.0, []
+    x, integral, found = np.array([0.15, 0.0, 0.0]), 0, []
     for _ in range(samples):
-        error = np.clip(np.round(-x[0] / ADC), -10, 10) * ADC
-        integral += 800.0 * PERIOD * error
-        duty = np.clip(np.round((0.02 * error + integral) / DUTY), -12, 12) * DUTY
+        error = int(np.clip(np.round(-x[0] / ADC), -10, 10))
+        integral += 4 * error
+        count = 25 * error + integral
+        duty = np.sign(count) * min((abs(count) + 250) // 500, 12) * DUTY
         found.append((x[0], duty))
         x[2] = duty - 0.5 * DUTY
         x = held @ x

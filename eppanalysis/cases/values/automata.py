@@ -27,7 +27,9 @@ Shape = tuple[int, ...]
 #: What a case file calls an element that is given by its automaton.
 AUTOMATON = AutomatonElement.kind
 #: Fields that hold names, not numbers.
-WORDS = frozenset({"name", "kind", "mode", "target", "bypass", "start_mode"})
+WORDS = frozenset({"name", "kind", "mode", "target", "bypass", "on_threshold", "start_mode"})
+#: Modes to which a guard may lead besides its target.
+_AWAY = ("bypass", "on_threshold")
 #: Most inputs, outputs and memory values.
 _MOST = 50
 #: Shapes of numbers by letters: inputs z, outputs w, memory values h, smooth functions s; a number alone has none.
@@ -157,10 +159,9 @@ class _Reader:
     def guard(self, i: int, table: Mapping[str, Any], modes: Sequence[str]) -> dict[str, Any]:
         """Arguments of a guard."""
         here = f"guards.{i}"
-        _require_known(table, ("name", "mode", "target", "bypass", *_GUARD), f"{self.place}.{here}", self.raw)
+        _require_known(table, ("name", "mode", "target", *_AWAY, *_GUARD), f"{self.place}.{here}", self.raw)
         ends = {end: self.named(table.get(end, Missing()), f"{here}.{end}", modes) for end in ("mode", "target")}
-        if "bypass" in table:
-            ends["bypass"] = self.named(table["bypass"], f"{here}.bypass", modes)
+        ends |= {end: self.named(table[end], f"{here}.{end}", modes) for end in _AWAY if end in table}
         name = table.get("name", f"goes to {table['target']}")
         if not isinstance(name, str) or len(name) > 60:
             raise self.raw.refused(f"{self.place}.{here}.name", "a text of at most 60 characters")
@@ -339,8 +340,7 @@ def _mode_table(mode: Mode) -> dict[str, Any]:
 
 def _guard_table(guard: Guard, names: Sequence[str]) -> dict[str, Any]:
     table: dict[str, Any] = {"name": guard.name, "mode": names[guard.mode], "target": names[guard.target]}
-    if guard.bypass >= 0:
-        table["bypass"] = names[guard.bypass]
+    table |= {end: names[getattr(guard, end)] for end in _AWAY if getattr(guard, end) >= 0}
     table |= _numbers(guard, {name: shape for name, shape in _GUARD.items() if name not in _RESET})
     reset = _numbers(guard, _RESET)
     kept = _same(guard.memory_from_memory, np.eye(guard.memory_constant.size))

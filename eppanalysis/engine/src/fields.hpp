@@ -60,7 +60,7 @@ EPP_FIELDS(Effort, most, sweep, series)
 EPP_FIELDS(EventBuffer, t, guard, x, v, H, modes)
 #define EPP_OF_A_MODEL \
     A, B, S, K, C, D, Kz, first, order, reach, mode_first, mode_wz, mode_wh, mode_ws, mode_w0, mode_stick, \
-    mode_lags, mode_level, guard_first, guard_element, guard_target, guard_bypass, guard_z, guard_rate, \
+    mode_lags, mode_level, guard_first, guard_element, guard_target, guard_bypass, guard_on_threshold, guard_z, guard_rate, \
     guard_h, guard_w, guard_0, reset_z, reset_h, reset_0, guard_impulse, smooth_kind, smooth_x, smooth_H, \
     smooth_s, smooth_scale, smooth_w, smooth_delay, Yx, Yw, YH, breakpoint_time, breakpoint_state, \
     breakpoint_value, breakpoint_memory, breakpoint_slope

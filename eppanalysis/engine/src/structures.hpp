@@ -32,6 +32,7 @@ template <int axes> struct ModelOf {
     View<i64, 1 + axes> guard_element{};  // (g,) int
     View<i64, 1 + axes> guard_target{};  // (g,) int, mode number within the element
     View<i64, 1 + axes> guard_bypass{};  // (g,) int, the mode beyond a sticking target, for an input that jumped over its level
+    View<i64, 1 + axes> guard_on_threshold{};  // (g,) int, the mode for an input that stays on the threshold, -1 for none
     View<double, 2 + axes> guard_z{};  // (g, z_max)
     View<double, 2 + axes> guard_rate{};  // (g, z_max)
     View<double, 2 + axes> guard_h{};  // (g, h_max)
@@ -239,6 +240,7 @@ struct Progress {
     i64 last{};
     i64 which{};
     double best{};
+    bool stays{};
     i64 guard{};
     i64 code{};
     bool paused{};

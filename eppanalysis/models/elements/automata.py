@@ -18,45 +18,46 @@ from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, G
 from eppanalysis.models.elements.columns import ByName, Columns
 
 
-def static_map(breakpoints: ArrayLike, slopes: ArrayLike, intercepts: ArrayLike) -> Automaton:
+def static_map(breakpoints: ArrayLike, slopes: ArrayLike, intercepts: ArrayLike, at: Array) -> Automaton:
     """Piecewise-linear map; at a jump there is also a mode that slides along it.
 
-    The modes are the pieces, then the slides; as columns, for a map may have thousands of which a run visits a few.
+    The modes are the pieces, then the slides; as columns, for a map may have thousands of which a run visits a few. An
+    input that jumps to a breakpoint and stays there gives the map's output `at` it: that of either side, or between.
     """
     x, a, b = (np.atleast_1d(np.asarray(v, float)) for v in (breakpoints, slopes, intercepts))
     left, right = a[:-1] * x + b[:-1], a[1:] * x + b[1:]
     jumps = np.abs(right - left) > 1e-12 * np.maximum(np.abs(left), np.abs(right))
-    at, zero = np.flatnonzero(jumps), np.zeros(np.count_nonzero(jumps))
-    n = a.size + at.size
+    placed, zero = np.flatnonzero(jumps), np.zeros(np.count_nonzero(jumps))
+    n = a.size + placed.size
     modes = {
         "from_input": np.concatenate([a, zero])[:, None, None],
         "from_memory": np.zeros((n, 1, 0)),
         "from_smooth": np.zeros((n, 1, 0)),
-        "constant": np.concatenate([b, zero])[:, None],
+        "constant": np.concatenate([b, at[placed]])[:, None],
         "sticking": np.arange(n) >= a.size,
-        "level": np.concatenate([np.zeros(a.size), x[at]]),
-        "jump": np.concatenate([np.ones(a.size), (right - left)[at]]),
+        "level": np.concatenate([np.zeros(a.size), x[placed]]),
+        "jump": np.concatenate([np.ones(a.size), (right - left)[placed]]),
     }
-    guards, numbers = _crossings(x, left, right, np.where(jumps, a.size + np.cumsum(jumps) - 1, -1))
+    guards, numbers = _crossings(x, left, right, at, np.where(jumps, a.size + np.cumsum(jumps) - 1, -1))
     return Automaton(
         n_inputs=1,
         n_outputs=1,
         n_memory=0,
-        modes=Columns(Mode, partial(_name_of_piece, a.size, at), modes),
+        modes=Columns(Mode, partial(_name_of_piece, a.size, placed), modes),
         guards=Columns(Guard, partial(_name_of_crossing, numbers), guards),
         start_mode=a.size // 2,
     )
 
 
-def _crossings(x: Array, left: Array, right: Array, slide: IntArray) -> tuple[ByName, IntArray]:
+def _crossings(x: Array, left: Array, right: Array, at: Array, slide: IntArray) -> tuple[ByName, IntArray]:
     """Guards of a static map in columns, with their numbers among four for each breakpoint.
 
     The four: the slide along it is left upward and downward, the input rises and falls through it.
 
     Parameters
     ----------
-    x, left, right : arrays, shape (k,)
-        Breakpoints, and the output on both sides of each.
+    x, left, right, at : arrays, shape (k,)
+        Breakpoints, and the output on both sides of each and at it.
     slide : int array, shape (k,)
         Mode that slides along the jump there, -1 where there is none.
     """
@@ -64,6 +65,9 @@ def _crossings(x: Array, left: Array, right: Array, slide: IntArray) -> tuple[By
     above, up, zero, one = below + 1, np.where(right > left, 1.0, -1.0), np.zeros(x.size), np.ones(x.size)
     numbers = np.flatnonzero(np.column_stack([jumps, jumps, one > 0, one > 0]))
     n, none = numbers.size, np.full(x.size, -1)
+    # A side that has the breakpoint is entered from the other one, and not left; else the input rests between them.
+    rises = np.where(at == right, above, np.where(at == left, none, slide))
+    falls = np.where(at == left, below, np.where(at == right, none, slide))
 
     def column(*of_four: NDArray[Any]) -> NDArray[Any]:
         """A column from its values for each of the four."""
@@ -83,6 +87,7 @@ def _crossings(x: Array, left: Array, right: Array, slide: IntArray) -> tuple[By
         "impulse": np.zeros((n, 1)),
         # What the loop does not keep on the jump passes it at once (docs/theory/engine.md, Modes).
         "bypass": column(none, none, np.where(jumps, above, none), np.where(jumps, below, none)),
+        "on_threshold": column(none, none, np.where(jumps, rises, none), np.where(jumps, falls, none)),
     }, numbers
 
 
@@ -167,8 +172,8 @@ def sticking(
         )
     build.guard("breaks away forward", stick, slow[0], on_output=1.0, constant=-static)
     build.guard("breaks away backward", stick, slow[1], on_output=-1.0, constant=-static)
-    build.guard("sticks", slow[0], stick, on_input=-1.0, bypass=slow[1])
-    build.guard("sticks", slow[1], stick, on_input=1.0, bypass=slow[0])
+    build.guard("sticks", slow[0], stick, on_input=-1.0, bypass=slow[1], on_threshold=stick)
+    build.guard("sticks", slow[1], stick, on_input=1.0, bypass=slow[0], on_threshold=stick)
     if creep:
         for sign, creeps, slips in ((1.0, slow[0], forward), (-1.0, slow[1], backward)):
             build.guard("slips", creeps, slips, on_input=sign, constant=-creep.edge)

@@ -100,6 +100,10 @@ class Guard:
     mode, target, bypass : int
         Numbers of the mode in which it fires and of that it leads to, which is `bypass` (-1: none) where the target
         is a sticking mode that the loop does not admit.
+    on_threshold : int
+        Number of the mode that it leads to where a jump, of an input or at a sample, leaves its value at zero and there
+        it stays (-1: the mode does not change). One that sticks, and that the loop does not admit, then has its own
+        output until the input moves off its level.
     on_input, on_rate, on_memory, on_output, impulse, constant : array or float
         Weights of its value, one for each input, memory value or output, and those of the impulse.
     memory_from_input, memory_from_memory, memory_constant : array
@@ -119,6 +123,7 @@ class Guard:
     memory_constant: Array
     impulse: Array
     bypass: int = -1
+    on_threshold: int = -1
 
 
 @dataclass(frozen=True)
@@ -222,7 +227,7 @@ class Automaton:
         """Modes that the start and the guards name exist, and what a guard bypasses sticks."""
         n = len(self.modes)
         wrong = [] if 0 <= self.start_mode < n else [("start_mode", self.start_mode)]
-        for end, least in (("mode", 0), ("target", 0), ("bypass", -1)):
+        for end, least in (("mode", 0), ("target", 0), ("bypass", -1), ("on_threshold", -1)):
             named = self.guard_columns[end]
             for i in np.flatnonzero((named < least) | (named >= n))[:1]:
                 wrong.append((f"{end} of the guard {self.guards[i].name!r}", int(named[i])))
@@ -378,6 +383,7 @@ class AutomatonBuilder:
         memory_constant: ArrayLike | None = None,
         bypass: int = -1,
         impulse: ArrayLike = 0.0,
+        on_threshold: int = -1,
     ) -> None:
         """Add a guard; when no reset is given the memory values are kept."""
         keep = memory_from_input is None and memory_from_memory is None and memory_constant is None
@@ -408,6 +414,7 @@ class AutomatonBuilder:
                 np.zeros(n) if memory_constant is None else _vector(memory_constant, n),
                 _vector(impulse, m),
                 bypass,
+                on_threshold,
             )
         )
 

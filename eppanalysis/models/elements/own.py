@@ -139,6 +139,7 @@ class AutomatonElement(Nonlinearity):
                 if (when := self._rise(g, at, rate, stored, share)) is not None
             ]
             if not found:
+                mode = next((g.on_threshold for g in self.rules.guards_of(mode) if self._stays(g, goal, stored)), mode)
                 w = self._outputs(mode, goal, stored)
                 return (w[0] if w.size == 1 else w), ModeMemory(mode, tuple(stored.tolist()), float(goal[0]))
             share, guard = min(found, key=lambda pair: pair[0])
@@ -146,14 +147,20 @@ class AutomatonElement(Nonlinearity):
             mode = self._beyond(guard)
         raise ModelError(f"AutomatonElement: it switches without end at the input {float(goal[0])!r}.")
 
+    def _stays(self, guard: Guard, z: Array, stored: Array) -> bool:
+        """Whether a guard leads somewhere by inputs that stay on its threshold, and they do."""
+        return guard.on_threshold >= 0 and self._value(guard, z, np.zeros_like(z), stored) == 0.0
+
+    def _value(self, guard: Guard, z: Array, rate: Array, stored: Array) -> float:
+        w = self._outputs(guard.mode, z, stored)
+        sums = guard.on_input @ z + guard.on_rate @ rate + guard.on_memory @ stored + guard.on_output @ w
+        return float(sums + guard.constant)
+
     def _rise(self, guard: Guard, at: Any, rate: Array, stored: Array, share: float) -> float | None:
         """Where on the way, from a share of it on, a guard rises; None where it does not."""
 
         def value(share: float) -> float:
-            z = at(share)
-            w = self._outputs(guard.mode, z, stored)
-            sums = guard.on_input @ z + guard.on_rate @ rate + guard.on_memory @ stored + guard.on_output @ w
-            return float(sums + guard.constant)
+            return self._value(guard, at(share), rate, stored)
 
         # Along a straight way a guard without smooth functions is affine: one that is not up at its end has not risen.
         if not value(1.0) > 0.0:

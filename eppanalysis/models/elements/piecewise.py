@@ -194,7 +194,7 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
 
     def automaton(self) -> Automaton:
         """Modes, guards and resets: one mode a piece, and one that slides along each jump."""
-        return automata.static_map(self.breakpoints, self.slopes, self.intercepts)
+        return automata.static_map(self.breakpoints, self.slopes, self.intercepts, self.output(self.breakpoints)[0])
 
 
 #: The element without an effect, of which a linear one is made by its states.

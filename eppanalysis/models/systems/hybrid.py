@@ -447,6 +447,7 @@ class _Packer:
             "guard_element": np.zeros(n_guards, np.int64),
             "guard_target": np.zeros(n_guards, np.int64),
             "guard_bypass": np.zeros(n_guards, np.int64),
+            "guard_on_threshold": np.zeros(n_guards, np.int64),
             "guard_z": np.zeros((n_guards, z_max)),
             "guard_rate": np.zeros((n_guards, z_max)),
             "guard_h": np.zeros((n_guards, h_max)),
@@ -460,34 +461,39 @@ class _Packer:
         of_mode, of_guard, i_smooth = m["mode_first"], np.zeros(1, np.int64), 0
         for e, a in enumerate(self.automata):
             rows = slice(of_mode[e], of_mode[e + 1])
-            self._write_modes(m, rows, a, i_smooth)
+            # A sticking mode holds its input only where the loop pulls it back against the jump; elsewhere it is
+            # passed, and an input may rest there.
+            jump, sticks = a.mode_columns["jump"], a.mode_columns["sticking"]
+            passed = sticks & ~admitted(jump, e, self.first, self.automata, B, C, D)
+            rests = passed & np.isin(np.arange(sticks.size), a.guard_columns["on_threshold"])
+            self._write_modes(m, rows, a, sticks & ~rests, i_smooth)
             first = of_guard[-1] + a.first_of_mode
             g["guard_first"][of_mode[e] : of_mode[e + 1] + 1] = first
-            self._write_guards(g, slice(first[0], first[-1]), e, B, C, D)
+            self._write_guards(g, slice(first[0], first[-1]), e, passed, rests)
             of_guard = first
             i_smooth += len(a.smooth)
         return m, g
 
-    def _write_modes(self, m: dict[str, Any], rows: slice, a: Automaton, i_smooth: int) -> None:
+    def _write_modes(self, m: dict[str, Any], rows: slice, a: Automaton, sticks: BoolArray, i_smooth: int) -> None:
         z, w, h, modes = a.n_inputs, a.n_outputs, a.n_memory, a.mode_columns
         m["mode_wz"][rows, :w, :z] = modes["from_input"]
         m["mode_wh"][rows, :w, :h] = modes["from_memory"]
         m["mode_ws"][rows, :w, i_smooth : i_smooth + len(a.smooth)] = modes["from_smooth"]
         m["mode_w0"][rows, :w] = modes["constant"]
-        m["mode_stick"][rows], m["mode_level"][rows] = modes["sticking"], modes["level"]
-        m["mode_lags"][rows] = modes["sticking"] | a.followed
+        m["mode_stick"][rows], m["mode_level"][rows] = sticks, modes["level"]
+        m["mode_lags"][rows] = sticks | a.followed
 
-    def _write_guards(self, g: dict[str, Any], rows: slice, e: int, B: Array, C: Array, D: Array) -> None:
+    def _write_guards(self, g: dict[str, Any], rows: slice, e: int, passed: BoolArray, rests: BoolArray) -> None:
         a = self.automata[e]
         z, w, h = a.n_inputs, a.n_outputs, a.n_memory
         guards = a.guards_by_mode
-        # A sticking mode is entered only where the loop pulls the input back against the jump.
-        target, modes = guards["target"], a.mode_columns
-        holds = admitted(modes["jump"][target], e, self.first, self.automata, B, C, D)
-        enters = ~modes["sticking"][target] | holds
+        target = guards["target"]
         g["guard_element"][rows] = e
-        g["guard_target"][rows] = np.where(enters, target, guards["bypass"])
+        g["guard_target"][rows] = np.where(passed[target], guards["bypass"], target)
         g["guard_bypass"][rows] = guards["bypass"]
+        # Where the loop holds the input there, the sticking mode is entered as its rules have it.
+        stays = guards["on_threshold"]
+        g["guard_on_threshold"][rows] = np.where(a.mode_columns["sticking"][stays] & ~rests[stays], -1, stays)
         g["guard_z"][rows, :z], g["guard_rate"][rows, :z] = guards["on_input"], guards["on_rate"]
         g["guard_h"][rows, :h], g["guard_w"][rows, :w] = guards["on_memory"], guards["on_output"]
         g["guard_0"][rows] = guards["constant"]
@@ -495,3 +501,10 @@ class _Packer:
         g["reset_h"][rows, :h, :h] = guards["memory_from_memory"]
         g["reset_0"][rows, :h] = guards["memory_constant"]
         g["guard_impulse"][rows, :z] = guards["impulse"]
+        # Off a level at which the input rests it is the guards that lead there from either side, turned round.
+        back = {(int(guards["mode"][i]), int(target[i])): i for i in np.flatnonzero(rests[target])}
+        for i in np.flatnonzero(rests[guards["mode"]]):
+            if (way := back.get((int(target[i]), int(guards["mode"][i])))) is not None:
+                row = rows.start + i
+                g["guard_z"][row, :z], g["guard_w"][row, :w] = -guards["on_input"][way], 0.0
+                g["guard_0"][row] = -guards["constant"][way]

@@ -25,18 +25,20 @@ def listed(map_: epp.PiecewiseLinear) -> epp.Automaton:
         build.mode(f"piece {i + 1}", from_input=a[i], constant=b[i])
     for i, edge in enumerate(x):
         left, right = a[i] * edge + b[i], a[i + 1] * edge + b[i + 1]
-        over, under, past = i + 1, i, (-1, -1)
+        over, under, past, slides = i + 1, i, (-1, -1), -1
         if abs(right - left) > 1e-12 * max(abs(left), abs(right)):
             up = 1.0 if right > left else -1.0
             slide = f"slides at breakpoint {i + 1}"
-            over = under = build.mode(slide, sticking=True, level=float(edge), jump=float(right - left))
+            between = 0.5 * (left + right)
+            slides = build.mode(slide, constant=between, sticking=True, level=float(edge), jump=float(right - left))
+            over = under = slides
             past = (i + 1, i)
             build.guard(f"leaves breakpoint {i + 1} upward", over, i + 1, on_output=up, constant=float(-up * right))
             build.guard(f"leaves breakpoint {i + 1} downward", over, i, on_output=-up, constant=float(up * left))
-        build.guard(f"rises through breakpoint {i + 1}", i, over, on_input=1.0, constant=float(-edge), bypass=past[0])
-        build.guard(
-            f"falls through breakpoint {i + 1}", i + 1, under, on_input=-1.0, constant=float(edge), bypass=past[1]
-        )
+        rises = {"on_input": 1.0, "constant": float(-edge), "bypass": past[0], "on_threshold": slides}
+        build.guard(f"rises through breakpoint {i + 1}", i, over, **rises)
+        falls = {"on_input": -1.0, "constant": float(edge), "bypass": past[1], "on_threshold": slides}
+        build.guard(f"falls through breakpoint {i + 1}", i + 1, under, **falls)
     return build.build(start_mode=a.size // 2)
 
 

@@ -47,6 +47,7 @@ SHIPPED: dict[str, Any] = {
     "cube": epp.Cube(-0.7),
     "sine": epp.Sine(1.5),
     "bilinear spring": epp.BilinearSpring(-0.4, 0.9, 3.0, 0.5, 0.2),
+    "comparator": epp.Comparator(-1.0, 2.0, 0.3),
     "floor quantiser": epp.FloorQuantiser(0.25, 6),
     "mid-rise quantiser": epp.MidRiseQuantiser(0.25, 6),
     "viscous and coulomb": epp.ViscousCoulomb(1.0, 0.4),

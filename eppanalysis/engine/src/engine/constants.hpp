@@ -64,6 +64,7 @@ constexpr i64 SINGULAR = 3;
 constexpr i64 SOON = 8;
 constexpr i64 SQUARE = 3;
 constexpr i64 STALLED = 4;
+constexpr double STAYS = 3.0;
 constexpr i64 STEP_LIMIT = 6;
 constexpr i64 TANH = 6;
 constexpr double TRACE = 0.001;

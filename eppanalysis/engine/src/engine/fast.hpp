@@ -14,7 +14,6 @@ namespace epp {
 inline namespace EPP_ARCH {
 
 inline bool too_large(Vector x);
-inline i64 violated(const Combinations& compiled, i64 q, Vector x, Vector recent, Vector constant, Vector wide);
 inline bool pays(const Combinations& compiled, const Samples& samples, Progress& now);
 inline void arm(const Combinations& compiled, const Work& work, i64 q, const Workspace& workspace);
 inline bool _long_step(const Combinations& compiled, i64 q, i64 level, Vector xd, Vector speed, Vector g0, Vector tol,
@@ -37,20 +36,6 @@ inline bool too_large(Vector x) {
         }
     }
     return false;
-}
-
-/// A guard that stands clearly above zero already, without any series; -1 when there is none.
-inline i64 violated(const Combinations& compiled, i64 q, Vector x, Vector recent, Vector constant, Vector wide) {
-    double v{};
-    take_larger(wide, x, recent);
-    for (i64 g = 0, g_end = compiled.n_guards(q); g < g_end; ++g) {
-        v = constant(g) + dot(compiled.ga.row(q, g), x);
-        if (v > 0.0 && !compiled.on_rate(q, g) && v > (1e-09 * (std::fabs(constant(g)) + dot(compiled.ga_size.row(q,
-            g), wide)))) {
-            return g;
-        }
-    }
-    return -1;
 }
 
 /// Whether steps by matrices may be made: where series go as far for less, only long ones, once they are due.

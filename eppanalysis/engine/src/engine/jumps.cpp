@@ -104,6 +104,18 @@ bool clearly_above(const Combinations& compiled, i64 q, i64 i, Vector x, Vector 
     return v > (CLEAR * size);
 }
 
+/// A guard that a jump has passed, without any series; -1 when there is none.
+i64 passed(const Combinations& compiled, i64 q, const Workspace& workspace) {
+    for (i64 g = 0, g_end = compiled.n_guards(q); g < g_end; ++g) {
+        // The sum first: what it is judged by costs more, and is wanted where it is positive alone.
+        if (workspace.constant(g) + dot(compiled.ga.row(q, g), workspace.x) > 0.0 && clearly_above(compiled, q, g,
+            workspace.x, workspace.recent, workspace.H, workspace.Sg, 0, 0.0)) {
+            return g;
+        }
+    }
+    return -1;
+}
+
 /// Place in combination q of a guard of an element that stands clearly above zero; -1 for none.
 i64 _passed(const Model& model, const Combinations& compiled, i64 q, i64 e, Vector x, Vector recent, Vector H,
     Matrix Sg, i64 last, double u) {
@@ -118,7 +130,7 @@ i64 _passed(const Model& model, const Combinations& compiled, i64 q, i64 e, Vect
 
 /// Guard of the first element along the cascade that a jump leaves behind; -1 when there is none.
 i64 _left_behind(const Model& model, const Combinations& compiled, const Work& work, const Workspace& workspace, i64 q,
-    i64 k, Vector x, Vector beyond, Vector recent, Vector H, Matrix Sg, i64 last, double u, Indices modes,
+    i64 k, bool stays, Vector x, Vector beyond, Vector recent, Vector H, Matrix Sg, i64 last, double u, Indices modes,
     double base_step) {
     i64 i{}, g{};
     i64 source = (k >= 0) ? model.guard_element(k) : modes.size();
@@ -142,7 +154,7 @@ i64 _left_behind(const Model& model, const Combinations& compiled, const Work& w
     i64 new_ = q;
     if (k >= 0) {
         i = place_of(compiled, q, k);
-        new_ = switch_(model, compiled, work, q, i, new_x, recent, new_H, Sg, last, u, new_modes, workspace.memory,
+        new_ = switch_(model, compiled, work, q, i, stays, new_x, recent, new_H, Sg, last, u, new_modes, workspace.memory,
             base_step);
     }
     for (const auto& e : model.order) {
@@ -163,8 +175,8 @@ i64 _left_behind(const Model& model, const Combinations& compiled, const Work& w
                 if (i < 0) {
                     break;
                 }
-                new_ = switch_(model, compiled, work, new_, i, new_x, recent, new_H, Sg, last, u, new_modes,
-                    workspace.memory, base_step);
+                new_ = switch_(model, compiled, work, new_, i, false, new_x, recent, new_H, Sg, last, u,
+                    new_modes, workspace.memory, base_step);
                 if (new_ < 0) {
                     return -1;
                 }
@@ -181,6 +193,8 @@ i64 _left_behind(const Model& model, const Combinations& compiled, const Work& w
 /// ----------
 /// k : int
 ///     Guard at whose event the jump takes place, -1 for a jump of external inputs.
+/// stays : bool
+///     Whether that guard stays on zero instead of rising.
 /// x, beyond : arrays (n+,)
 ///     State, and that behind a jump of external inputs (the same otherwise).
 /// last, u : int, float
@@ -188,21 +202,22 @@ i64 _left_behind(const Model& model, const Combinations& compiled, const Work& w
 /// kept : bool
 ///     Whether events are kept.
 std::tuple<i64, i64> let_go(const Model& model, const Combinations& compiled, const Work& work,
-    const Workspace& workspace, const EventBuffer& buffer, i64 q, i64 k, Vector x, Vector beyond, Vector recent,
-    Vector H, Matrix Sg, i64 last, double u, Indices modes, double base_step, double t, Vector rate, i64 count,
+    const Workspace& workspace, const EventBuffer& buffer, i64 q, i64 k, bool stays, Vector x, Vector beyond,
+    Vector recent, Vector H, Matrix Sg, i64 last, double u, Indices modes, double base_step, double t, Vector rate, i64 count,
     bool kept) {
     i64 g{};
     i64 keep = buffer.t.size();
     // As above: more than there are modes go in a circle, which the guards are judged anew to leave.
     for (i64 turn_ = 0, turn__end = 2 * model.mode_first(model.mode_first.shape(0) - 1) + 16; q >= 0 && turn_ < turn__end;
         ++turn_) {
-        g = _left_behind(model, compiled, work, workspace, q, k, x, beyond, recent, H, Sg, last, u, modes, base_step);
+        g = _left_behind(model, compiled, work, workspace, q, k, stays, x, beyond, recent, H, Sg, last, u, modes,
+            base_step);
         // The trial switches may have overwritten this mode combination in the table.
         q = find_combination(model, compiled, work, modes, base_step);
         if (g < 0 || q < 0) {
             break;
         }
-        q = switch_(model, compiled, work, q, place_of(compiled, q, g), x, recent, H, Sg, last, u, modes,
+        q = switch_(model, compiled, work, q, place_of(compiled, q, g), false, x, recent, H, Sg, last, u, modes,
             workspace.memory, base_step);
         if (kept) {
             buffer.t(modulo(count, keep)) = t;

@@ -23,14 +23,15 @@ i64 _letting_go(const Model& model, const Combinations& compiled, i64 e, i64 mod
     Vector recent, Vector H, Matrix Sg, i64 last, double u);
 bool clearly_above(const Combinations& compiled, i64 q, i64 i, Vector x, Vector recent, Vector H, Matrix Sg, i64 last,
     double u);
+i64 passed(const Combinations& compiled, i64 q, const Workspace& workspace);
 i64 _passed(const Model& model, const Combinations& compiled, i64 q, i64 e, Vector x, Vector recent, Vector H,
     Matrix Sg, i64 last, double u);
 i64 _left_behind(const Model& model, const Combinations& compiled, const Work& work, const Workspace& workspace, i64 q,
-    i64 k, Vector x, Vector beyond, Vector recent, Vector H, Matrix Sg, i64 last, double u, Indices modes,
+    i64 k, bool stays, Vector x, Vector beyond, Vector recent, Vector H, Matrix Sg, i64 last, double u, Indices modes,
     double base_step);
 std::tuple<i64, i64> let_go(const Model& model, const Combinations& compiled, const Work& work,
-    const Workspace& workspace, const EventBuffer& buffer, i64 q, i64 k, Vector x, Vector beyond, Vector recent,
-    Vector H, Matrix Sg, i64 last, double u, Indices modes, double base_step, double t, Vector rate, i64 count,
+    const Workspace& workspace, const EventBuffer& buffer, i64 q, i64 k, bool stays, Vector x, Vector beyond,
+    Vector recent, Vector H, Matrix Sg, i64 last, double u, Indices modes, double base_step, double t, Vector rate, i64 count,
     bool kept);
 
 /// Whether a jump of an element's output (of external inputs: the number behind the last) can leave one behind.

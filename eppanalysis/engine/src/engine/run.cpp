@@ -101,7 +101,7 @@ void _meet_inputs(const Model& model, const Combinations& compiled, const Work& 
         beyond = workspace.then_x.row(0);
         take(beyond, x);
         _put_inputs(model, now.i_breakpoint, t, beyond);
-        std::tie(now.q, now.count) = let_go(model, compiled, work, workspace, buffer, now.q, -1, x, beyond,
+        std::tie(now.q, now.count) = let_go(model, compiled, work, workspace, buffer, now.q, -1, false, x, beyond,
             workspace.recent, H, workspace.Sg, 0, 0.0, modes, now.base_step, t, workspace.rate, now.count, !now.aside);
         if (now.q < 0) {
             now.code = SINGULAR;
@@ -116,6 +116,9 @@ void _meet_inputs(const Model& model, const Combinations& compiled, const Work& 
     const bool was1 = false;
     now.armed = was1;
     now.entered = was1;
+    // A jump of inputs is an event as any other.
+    now.last_t = t;
+    now.same_instant = 0;
 }
 
 /// Constant parts of a mode that is new, and the state's extremes behind a series step; False beyond all bounds.
@@ -145,9 +148,10 @@ void _aim(const Model& model, const Combinations& compiled, const Work& work, co
         now.t_stop = model.breakpoint_time(now.i_breakpoint);
     }
     now.which = -1;
+    now.stays = false;
     now.why = OFF_GRID;
     if (!(now.armed || now.forced) && model.S.shape(1) == 0) {
-        now.which = violated(compiled, now.q, workspace.x, workspace.recent, workspace.constant, workspace.wide);
+        now.which = passed(compiled, now.q, workspace);
         // A guard that a jump has passed fires before any step is made.
         // All samples are taken, so nothing binds the run to the old grid: a new one starts here.
         if (now.which < 0 && now.i_sample == now.n_samples) {
@@ -185,15 +189,15 @@ void _switch_over(const Model& model, const Combinations& compiled, const Work& 
     // of that one.
     if (may_leave_behind(model, modes, model.guard_element(k)) && !clearly_above(compiled, now.q, now.which, x, recent,
         H, Sg, last, best)) {
-        std::tie(now.q, now.count) = let_go(model, compiled, work, workspace, buffer, now.q, k, x, x, recent, H, Sg,
-            last, best, modes, now.base_step, now.t, workspace.rate, now.count, !now.aside);
+        std::tie(now.q, now.count) = let_go(model, compiled, work, workspace, buffer, now.q, k, now.stays, x, x, recent, H,
+            Sg, last, best, modes, now.base_step, now.t, workspace.rate, now.count, !now.aside);
         if (now.q >= 0) {
             now.which = place_of(compiled, now.q, k);
         }
     }
     if (now.q >= 0) {
-        now.q = switch_(model, compiled, work, now.q, now.which, x, recent, H, Sg, last, best, modes, workspace.memory,
-            now.base_step);
+        now.q = switch_(model, compiled, work, now.q, now.which, now.stays, x, recent, H, Sg, last, best, modes,
+            workspace.memory, now.base_step);
     }
 }
 

@@ -165,7 +165,8 @@ void look_ahead(const Model& model, const Combinations& compiled, const Workspac
     i64 n_s = model.S.shape(1);
     if (last >= 0) {
         clock = (workspace.line_h.shape(1) > 1) ? t / d : 0.0;
-        std::tie(now.which, now.best) = _first_guard(compiled, q, workspace, last, d, clock, now.forced);
+        std::tie(now.which, now.best, now.stays) = _first_guard(model, compiled, q, workspace, last, d, clock, now.forced,
+            t == now.last_t);
         // An event beyond what counts is foretold by a past that may not be so: it is looked for again from there.
         if (now.ahead < d && now.best > (now.ahead / d)) {
             now.which = -1;

@@ -19,8 +19,8 @@ inline void reset(const Model& model, const Combinations& compiled, i64 q, i64 k
     i64 last, double u, Indices modes, Vector new_);
 inline void settle_on_level(const Model& model, const Combinations& compiled, i64 q, i64 e, Indices modes, Vector x,
     Vector H);
-inline i64 switch_(const Model& model, const Combinations& compiled, const Work& work, i64 q, i64 which, Vector x,
-    Vector recent, Vector H, Matrix Sg, i64 last, double u, Indices modes, Vector memory, double base_step);
+inline i64 switch_(const Model& model, const Combinations& compiled, const Work& work, i64 q, i64 which, bool stays,
+    Vector x, Vector recent, Vector H, Matrix Sg, i64 last, double u, Indices modes, Vector memory, double base_step);
 inline void record(const EventBuffer& buffer, i64 r, Vector x, Vector rate, Vector H, Indices modes);
 inline double rise_from_start(const Combinations& compiled, i64 q, i64 g, Matrix X, i64 last, Matrix Sg, Vector H,
     double d, Vector recent, double clock, Matrix Y, Vector wide, Vector p, bool forced);
@@ -117,20 +117,20 @@ inline void settle_on_level(const Model& model, const Combinations& compiled, i6
     }
 }
 
-/// Let the element of a guard that fired take its next mode; returns the new mode combination, -1 when none has a
-/// solution.
-inline i64 switch_(const Model& model, const Combinations& compiled, const Work& work, i64 q, i64 which, Vector x,
-    Vector recent, Vector H, Matrix Sg, i64 last, double u, Indices modes, Vector memory, double base_step) {
+/// Let the element of a guard that fired, or stays on zero, take its next mode; returns the new mode combination, -1
+/// when none has a solution.
+inline i64 switch_(const Model& model, const Combinations& compiled, const Work& work, i64 q, i64 which, bool stays,
+    Vector x, Vector recent, Vector H, Matrix Sg, i64 last, double u, Indices modes, Vector memory, double base_step) {
     i64 w0{};
     i64 k = compiled.guard(q, which);
     // What has jumped over a sticking level crosses it, and resets and impulses are of the inputs before the event: all
     // is worked out before anything changes (docs/theory/engine.md, Rules at a switch).
-    bool jumped = beyond_level(model, compiled, q, k, x, recent, H, Sg, last, u);
+    bool aside = stays || beyond_level(model, compiled, q, k, x, recent, H, Sg, last, u);
     double strength = impulse(model, compiled, q, k, x, H, Sg, last, u);
     reset(model, compiled, q, k, x, H, Sg, last, u, modes, memory);
     i64 new_ = compiled.next(q, which);
-    if (jumped) {
-        modes(model.guard_element(k)) = model.guard_bypass(k);
+    if (aside) {
+        modes(model.guard_element(k)) = stays ? model.guard_on_threshold(k) : model.guard_bypass(k);
         new_ = -1;
     }
     // A place on the way that is remembered may have been given up to another combination.
@@ -138,15 +138,15 @@ inline i64 switch_(const Model& model, const Combinations& compiled, const Work&
         new_ = find_combination(model, compiled, work, modes, base_step);
         // Sliding along two surfaces at once has no unique solution here, so the element that arrives crosses its
         // own.
-        if (new_ < 0 && model.guard_bypass(k) >= 0 && !jumped) {
-            jumped = true;
+        if (new_ < 0 && model.guard_bypass(k) >= 0 && !aside) {
+            aside = true;
             modes(model.guard_element(k)) = model.guard_bypass(k);
             new_ = find_combination(model, compiled, work, modes, base_step);
         }
         if (new_ < 0) {
             return -1;
         }
-        if (!jumped) {
+        if (!aside) {
             compiled.next(q, which) = new_;
         }
     }
@@ -174,7 +174,8 @@ inline void record(const EventBuffer& buffer, i64 r, Vector x, Vector rate, Vect
     }
 }
 
-/// First u in [0, 1] where the guard series p rises through zero, by the rules at the start; 2.0 when nowhere.
+/// First u in [0, 1] where the guard series p rises through zero, by the rules at the start; 2.0 when nowhere, and
+/// STAYS where it is zero all along.
 inline double rise_from_start(const Combinations& compiled, i64 q, i64 g, Matrix X, i64 last, Matrix Sg, Vector H,
     double d, Vector recent, double clock, Matrix Y, Vector wide, Vector p, bool forced) {
     double noise{};
@@ -203,7 +204,7 @@ inline double rise_from_start(const Combinations& compiled, i64 q, i64 g, Matrix
             return 0.0;
         }
     }
-    return 2.0;
+    return STAYS;
 }
 
 }  // namespace EPP_ARCH

@@ -1,4 +1,4 @@
-"""Piecewise-linear curves that go by names of their own: springs with freeplay, quantisers that round down."""
+"""Piecewise-linear curves that go by names of their own: freeplay, comparators, quantisers that round down."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eppanalysis.arguments import floats
+from eppanalysis.arguments import floats, of_two_sides
 from eppanalysis.arrays import Array
 from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE
 from eppanalysis.models.elements.phases import require, require_numbers, require_steps
@@ -62,12 +62,55 @@ class BilinearSpring(PiecewiseLinear, kind="bilinear_spring"):
         self._set_pieces([self.lower, self.upper], [self.outer, self.inner, self.outer], offsets)
 
 
-@dataclass(frozen=True)
-class _Quantising(PiecewiseLinear):
-    """Steps of one width and height; at an edge the output is the higher level, not the middle of the step.
+class _SideAtEdges(PiecewiseLinear):
+    """Constant pieces; at an edge the output is that of the piece above it, not the middle of the step."""
 
-    Levels are the multiples of a step, and `shift` of one.
+    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
+        """Output of the map for any array `x`; `memory` is handed through unused."""
+        x = floats(x, "output: x")
+        level = self.intercepts[np.searchsorted(self.breakpoints, x, side="right")]
+        return np.asarray(np.where(np.isnan(x), np.nan, level)), memory
+
+
+@of_two_sides("low", "high")
+@dataclass(frozen=True)
+class Comparator(_SideAtEdges, kind="comparator"):
+    """`low` below `threshold`, `high` at it and above: a relay that has a side at its threshold.
+
+    Parameters
+    ----------
+    low, high : float, optional
+        Outputs below the threshold and from it on, not the same [unit of the output].
+    threshold : float, optional
+        Least input at which it is high [unit of the input].
+
+    Raises
+    ------
+    ModelError
+        If a field is not a finite number, or both levels are the same.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import Comparator
+    >>> Comparator(low=0.0, high=1.0).output([-0.1, 0.0, 0.1])[0].tolist()
+    [0.0, 1.0, 1.0]
     """
+
+    units = MappingProxyType({"low": OUT, "high": OUT, "threshold": IN})
+
+    low: float = -1.0
+    high: float = 1.0
+    threshold: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
+        require(self, "high", self.high != self.low, "other than low", "low")
+        self._set_pieces([self.threshold], [0.0, 0.0], [self.low, self.high])
+
+
+@dataclass(frozen=True)
+class _Quantising(_SideAtEdges):
+    """Steps of one width and height; levels are the multiples of a step, and `shift` of one."""
 
     units = MappingProxyType({"step": IN, "levels": RATIO})
     same_unit = True
@@ -82,12 +125,6 @@ class _Quantising(PiecewiseLinear):
         edges = np.arange(1 - n, n if self.shift else n + 1)
         levels = -n + self.shift + np.arange(edges.size + 1)
         self._set_pieces(self.step * edges, np.zeros(edges.size + 1), self.step * levels)
-
-    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
-        """Output of the map for any array `x`; `memory` is handed through unused."""
-        x = floats(x, "output: x")
-        level = self.intercepts[np.searchsorted(self.breakpoints, x, side="right")]
-        return np.asarray(np.where(np.isnan(x), np.nan, level)), memory
 
 
 @dataclass(frozen=True)
