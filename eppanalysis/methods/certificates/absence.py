@@ -6,12 +6,23 @@ One multiplier serves one loop, or all loops of a range or box.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import zip_longest
+from math import comb
 from typing import Any
 
 from eppanalysis.methods.certificates import check_absence
-from eppanalysis.methods.certificates.check_absence import Refused, added, coefficients, number, positive, sector, times
+from eppanalysis.methods.certificates.check_absence import (
+    Refused,
+    added,
+    coefficients,
+    linear_parts,
+    number,
+    positive,
+    sector,
+    times,
+)
 from eppanalysis.methods.certificates.numbers import ROUNDING, middle_of
 from eppanalysis.methods.certificates.registry import sealed
 
@@ -20,6 +31,27 @@ Polynomial = list[Fraction]
 Corners = list[tuple[Polynomial, Polynomial]]
 #: Least and greatest y/x; without the one there is no bound, without both nothing is known of the element.
 Sector = tuple[Fraction | None, Fraction | None]
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Linear parts at the corners, on the axis of s; how large their coefficients are there, and the least degree."""
+
+    corners: Corners
+    sizes: tuple[Polynomial, Polynomial]
+    degree: int
+
+    @classmethod
+    def of(cls, loop: Mapping[str, Any]) -> Linear:
+        """Those of a loop; of samples each coefficient is rounded as those of z are that it is the sum of."""
+        corners, degree = linear_parts(loop)
+        rows = ([[number(c) for c in row[::-1]] for row in loop[name]] for name in ("num", "den"))
+        nums, dens = ([max(map(abs, c)) for c in zip_longest(*row, fillvalue=Fraction(0))] for row in rows)
+        if loop["time_step"] is not None:
+            most: Polynomial = [Fraction(comb(degree, k)) for k in range(degree + 1)]
+            nums, dens = ([sum(row) * c for c in most] for row in (nums, dens))
+        return cls(corners, (nums, dens), degree)
+
 
 #: How far beyond all turning points the ends of the frequency axis are looked at, as a factor.
 _FAR = Fraction(10) ** 20
@@ -49,15 +81,14 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     reason = _not_covered(loop)
     if reason:
         return reason
-    nums, dens = ([[number(c) for c in row[::-1]] for row in loop[name]] for name in ("num", "den"))
-    corners = [*zip(nums, dens, strict=True)]
-    play, (edges, reason) = loop["element"]["kind"] == "play", _sector(loop)
-    multiplier = None if reason else _multiplier(corners, edges, remembers=play)
-    if multiplier is None and not play:
-        edges, multiplier = (None, None), _sign(corners)
+    linear, play, sampled = Linear.of(loop), loop["element"]["kind"] == "play", loop["time_step"] is not None
+    edges, reason = _sector(loop, linear)
+    multiplier = None if reason else _multiplier(linear, edges, circle=play or sampled)
+    if multiplier is None and not (play or sampled):
+        edges, multiplier = (None, None), _sign(linear)
     if multiplier is None:
         return _otherwise(loop, sectors, reason)
-    polynomials = coefficients(corners, edges, multiplier)
+    polynomials = coefficients(linear.corners, edges, multiplier)
     return sealed(
         {
             "statement": check_absence.STATEMENT,
@@ -82,8 +113,11 @@ def _otherwise(loop: Mapping[str, Any], sectors: int, reason: str) -> dict[str, 
         return reason
     low, high = sector(loop["element"])
     shown = f"{float(low):.6g} to {'infinity' if high is None else f'{float(high):.6g}'}"
-    why = f"neither the circle criterion nor Popov's holds for the sector from {shown}, so absence is undecided"
-    if len(loop["num"]) > 1:
+    none = (
+        "neither the circle criterion nor Popov's holds" if loop["time_step"] is None else "the circle criterion fails"
+    )
+    why = f"{none} for the sector from {shown}, so absence is undecided"
+    if len(loop["num"]) > 1 or loop["time_step"] is not None:
         return f"{why}."
     from eppanalysis.methods.certificates.cells.find import find as find_cells
 
@@ -103,20 +137,24 @@ def _by_sectors(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
 
 def _not_covered(loop: Mapping[str, Any]) -> str:
     """Which hypothesis of all criteria a loop does not meet; empty where it meets all."""
-    if number(loop["delay"]) != 0:
+    if loop["time_step"] is None and number(loop["delay"]) != 0:
         return "the criteria are checked for rational linear parts, and the loop has dead time."
-    if loop["time_step"] is not None:
-        return "the criteria are those of continuous time, and the loop is in discrete time."
+    if loop["time_step"] is not None and loop["element"]["kind"] == "play":
+        return "of play the criteria are those of continuous time, and the loop is in discrete time."
     if not all(any(number(c) for c in row) for row in loop["num"]):
         return "the element's output does not reach its input."
     if max(map(len, loop["num"])) >= min(map(len, loop["den"])):
         return "the linear part passes its input straight through."
     if loop["element"]["kind"] not in check_absence.ELEMENTS:
         return f"{loop['element']['kind']}: the criteria are those of memoryless elements, and of play."
+    try:
+        linear_parts(loop)
+    except Refused as error:
+        return f"{error}."
     return ""
 
 
-def _sector(loop: Mapping[str, Any]) -> tuple[Sector, str]:
+def _sector(loop: Mapping[str, Any], linear: Linear) -> tuple[Sector, str]:
     """The sector of the element, and why the criteria that need one do not cover it; empty where they do."""
     try:
         low, high = sector(loop["element"])
@@ -126,49 +164,48 @@ def _sector(loop: Mapping[str, Any]) -> tuple[Sector, str]:
         return (None, None), "the element lies in no sector, or is linear."
     # The criteria know the loop by what the element sees: an integrator that cancels is beyond them
     # (docs/theory/proofs.md, No periodic motion).
-    lasts = [[number(row[-1]) for row in loop[name]] for name in ("num", "den")]
+    lasts = [[p[0] if p else Fraction(0) for p in row] for row in zip(*linear.corners, strict=True)]
     seen = any(min(row) > 0 or max(row) < 0 for row in lasts) or loop["element"]["kind"] == "play"
     return (low, high), "" if seen else "the element does not see an integrator of the loop."
 
 
-def _multiplier(corners: Corners, edges: Sector, remembers: bool) -> Fraction | None:
+def _multiplier(linear: Linear, edges: Sector, circle: bool) -> Fraction | None:
     """A multiplier with which the criterion holds, the circle criterion's zero first; None where none was found.
 
-    An element that remembers has none but zero: the integral of its output times the rate of its input does not vanish.
+    With memory the integral of w dx/dt over a period need not vanish, nor need its sum over samples: there is no
+    multiplier but zero.
     """
-    if _holds(corners, edges, Fraction(0)):
+    if _holds(linear, edges, Fraction(0)):
         return Fraction(0)
-    # With memory the integral of w dx/dt over a period need not vanish, so that no multiplier but zero is allowed.
-    if remembers:
+    if circle:
         return None
     # The criterion is linear in its multiplier: two of them give the polynomial of any (docs/theory/proofs.md, No
     # periodic motion).
-    circles, tilted = (coefficients(corners, edges, Fraction(r)) for r in (0, 1))
+    circles, tilted = (coefficients(linear.corners, edges, Fraction(r)) for r in (0, 1))
     tilts = [added(tilt, circle, Fraction(-1)) for tilt, circle in zip(tilted, circles, strict=True)]
-    return next((r for r in _candidates(circles, tilts) if _holds(corners, edges, r)), None)
+    return next((r for r in _candidates(circles, tilts) if _holds(linear, edges, r)), None)
 
 
-def _sign(corners: Corners) -> Fraction | None:
+def _sign(linear: Linear) -> Fraction | None:
     """The sign of Re(j omega G) where it is the same at all frequencies."""
-    return next((r for r in (Fraction(1), Fraction(-1)) if _holds(corners, (None, None), r)), None)
+    return next((r for r in (Fraction(1), Fraction(-1)) if _holds(linear, (None, None), r)), None)
 
 
-def _holds(corners: Corners, edges: Sector, multiplier: Fraction) -> bool:
+def _holds(linear: Linear, edges: Sector, multiplier: Fraction) -> bool:
     """Whether the criterion holds for all linear parts that are the stated ones but for rounding of coefficients.
 
     A mode without damping that the element does not see cancels in G exactly, and after rounding hardly.
     """
     low, high = edges
-    sizes, dens = (
-        [max(map(abs, c)) for c in zip_longest(*p, fillvalue=Fraction(0))] for p in zip(*corners, strict=True)
-    )
+    sizes, dens = linear.sizes
     dens = added(dens, sizes, abs(low or Fraction(0)))
     terms = times([Fraction(low is not None), abs(multiplier)], times(sizes, dens))
     if high is not None and low is not None:
         terms = added(terms, times(dens, dens), 1 / (high - low))
     # Each term has two rounded coefficients; those of omega squared come from even powers.
     room = [3 * ROUNDING * c for c in terms[::2]]
-    return all(positive(added(p, room, Fraction(-1))) for p in coefficients(corners, edges, multiplier))
+    left = [added(p, room, Fraction(-1)) for p in coefficients(linear.corners, edges, multiplier)]
+    return all(positive(p) and len(p) > linear.degree for p in left)
 
 
 def _candidates(circles: list[Polynomial], tilts: list[Polynomial]) -> list[Fraction]:

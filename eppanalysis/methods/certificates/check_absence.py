@@ -159,6 +159,37 @@ def times(p, q):
     return trimmed(out)
 
 
+def turned(p, n):
+    """``(1 - s)**n p((1 + s)/(1 - s))``, by which the unit circle becomes the imaginary axis, and 1 its zero."""
+    out: list = []
+    below = [Fraction(1)]
+    for c in reversed([*p, *[Fraction(0)] * (n + 1 - len(p))]):
+        out, below = added(times(out, [Fraction(1)] * 2), below, c), times(below, [Fraction(1), Fraction(-1)])
+    return out
+
+
+def linear_parts(loop):
+    """Numerators and denominators at the corners, in ascending powers of s, and the least degree of the criterion.
+
+    Of samples ``s = (z - 1)/(z + 1)``: at half of their frequency, which is infinite, the criterion must hold, too.
+    """
+    nums, dens = ([trimmed([*map(number, row[::-1])]) for row in loop[name]] for name in ("num", "den"))
+    late = number(loop["delay"])
+    if loop["time_step"] is None:
+        require(late == 0, "a loop with dead time is not covered")
+    else:
+        step = number(loop["time_step"])
+        require(step > 0 and 0 <= late <= ORDER * step, "a dead time that is negative or too long")
+        require((late / step).denominator == 1, "a dead time that is no whole number of samples")
+        dens = [[*[Fraction(0)] * int(late / step), *den] for den in dens]
+    monic = all(0 < len(num) < len(den) == len(dens[0]) and den[-1] == 1 for num, den in zip(nums, dens, strict=True))
+    require(monic, "a linear part that is zero, passes its input through, or is not monic")
+    if loop["time_step"] is None:
+        return [*zip(nums, dens, strict=True)], 0
+    degree = len(dens[0]) - 1
+    return [(turned(num, degree), turned(den, degree)) for num, den in zip(nums, dens, strict=True)], degree
+
+
 def on_axis(p):
     """Polynomials a, b in ``u = omega**2`` with ``p(j omega) = a + j omega b``."""
     return [c * (-1) ** i for i, c in enumerate(p[::2])], [c * (-1) ** i for i, c in enumerate(p[1::2])]
@@ -225,24 +256,20 @@ def verify(document):
     """What a certificate proves: the sector and the multiplier with which the criterion holds."""
     loop_form = {"time_step": (str, type(None)), "num": [[(Fraction,)]], "den": [[(Fraction,)]], "delay": (Fraction,)}
     loop, said, evidence = opened(document, {**FORM, "loop": {**loop_form, "element": element_form}})
-    require(loop["time_step"] is None, "a loop in discrete time is not covered")
-    require(number(loop["delay"]) == 0, "a loop with dead time is not covered")
     count = len(loop["num"])
     require(count == len(loop["den"]) and count in (1, 2, 4, 8), "linear parts that are no point, line or box")
     rows = [*loop["num"], *loop["den"], *evidence["polynomials"]]
     require(max(map(len, rows[: 2 * count])) <= ORDER, "a linear part of too high an order")
     require(max(sum(map(len, row)) for row in rows) <= SIZE, f"a polynomial of more than {SIZE} characters")
-    read_in = [[*map(number, row[::-1])] for row in rows[: 2 * count]]
-    corners = [*zip(map(trimmed, read_in[:count]), read_in[count:], strict=True)]
-    monic = all(0 < len(num) < len(den) == len(read_in[-1]) and den[-1] == 1 for num, den in corners)
-    require(monic, "a linear part that is zero, passes its input through, or is not monic")
+    corners, degree = linear_parts(loop)
+    sampled, play = loop["time_step"] is not None, loop["element"]["kind"] == "play"
     edges, multiplier = sector(loop["element"]), number(evidence["multiplier"])
-    if loop["element"]["kind"] == "play":
-        require(multiplier == 0, "a multiplier, where the element remembers")
-    elif said["sector"] == [None, None]:
+    require(not (sampled and play), "play in discrete time is not covered")
+    require(multiplier == 0 or not (sampled or play), "a multiplier, where there are samples or the element remembers")
+    if not play and said["sector"] == [None, None]:
         edges = None, None  # of any memoryless element, and of any constants: Re(j omega G) has one sign
-    else:
-        lasts = [[p[0] for p in row] for row in zip(*corners, strict=True)]
+    elif not play:
+        lasts = [[p[0] if p else 0 for p in row] for row in zip(*corners, strict=True)]
         seen = any(min(row) > 0 or max(row) < 0 for row in lasts)
         require(seen, "an integrator that the element does not see")
     low, high = edges
@@ -252,7 +279,8 @@ def verify(document):
     require(said == claim, f"it claims {said}, its evidence shows {claim}")
     for polynomial, given in zip(coefficients(corners, edges, multiplier), evidence["polynomials"], strict=True):
         require([*map(number, given)] == polynomial[::-1], "a polynomial that is not the loop's")
-        require(positive(polynomial), "a polynomial that is not positive for all frequencies")
+        holds = positive(polynomial) and len(polynomial) > degree
+        require(holds, "a polynomial that is not positive for all frequencies")
     return claim
 
 

@@ -7,6 +7,7 @@ import time
 from fractions import Fraction
 from pathlib import Path
 
+import control
 import numpy as np
 import pytest
 import scipy.linalg
@@ -363,6 +364,69 @@ def test_a_box_that_reaches_a_loop_with_a_cycle_is_not_proved(tmp_path: Path) ->
     assert not epp.certify(case, "absence", within=beyond).proved
 
 
+def sampled(
+    num: list[float], den: list[float], element: epp.Nonlinearity | None = None, late: int = 0
+) -> epp.LureSystem:
+    """A loop in discrete time, with samples of half a second."""
+    G = control.tf(num, den, 0.5)
+    return epp.LureSystem.from_tf(G, element or epp.Saturation(), delay=0.5 * late)
+
+
+@pytest.mark.parametrize(("element", "most"), [(epp.Saturation(), 1.0), (epp.Quantiser(1.0, 60), 2.0)])
+def test_in_discrete_time_the_circle_criterion_holds_up_to_the_cycle(element: epp.Nonlinearity, most: float) -> None:
+    """x[k+1] = -K N(x[k]) alternates for ever from K = 1/most on, where N(x)/x has its most."""
+    for share, holds in ((0.999, True), (1.001, False)):
+        assert epp.certify(sampled([share / most], [1.0, 0.0], element), "absence").proved == holds
+
+
+def test_in_discrete_time_it_is_the_criterion_on_the_unit_circle() -> None:
+    """Against many frequencies in floats: 60 random linear parts, some with dead time."""
+    rng, proved, theta = np.random.default_rng(50), 0, np.linspace(0.0, np.pi, 20_001)
+    for k in range(60):
+        roots = rng.uniform(-0.9, 0.9, 2)
+        num, den, late = rng.uniform(-1.0, 1.0, 2), np.poly(roots), k % 3
+        num, z = num * rng.choice([0.4, 1.5]), np.exp(1j * theta)
+        least = float((np.polyval(num, z) / np.polyval(den, z) * z**-late).real.min())
+        if abs(1.0 + least) < 1e-3:
+            continue
+        found = epp.certify(sampled(list(num), list(den), late=late), "absence").proved
+        assert found == (least > -1.0), (num, den, late)
+        proved += found
+    assert 10 < proved < 50
+
+
+def test_filters_that_are_proved_have_no_cycle_of_rounding() -> None:
+    """y[n] = round(a1 y[n-1] + a2 y[n-2]) from whole numbers up to six, by counting."""
+    some = 0
+    for a1, a2 in ((i / 5, j / 5) for i in range(-3, 4) for j in range(-3, 4) if j):
+        loop = epp.LureSystem.build(
+            [[0.0, 0.0], [1.0, 0.0]], [[1.0], [0.0]], [[a1, a2]], [epp.Quantiser(1.0, 60)], time_step=1.0
+        )
+        if not epp.certify(loop, "absence").proved:
+            continue
+        some += 1
+        for here in ((float(p), float(q)) for p in range(-6, 7) for q in range(-6, 7)):
+            way = []
+            while here not in way:
+                way.append(here)
+                z = a1 * here[0] + a2 * here[1]
+                here = (float(np.copysign(np.floor(abs(z) + 0.5), z)) + 0.0, here[0])
+            assert way.index(here) == len(way) - 1, (a1, a2, here)
+    assert some > 5
+
+
+def test_a_range_of_gains_in_discrete_time_ends_before_the_cycle() -> None:
+    case = epp.Case.from_system(sampled([0.5], [1.0, -0.3]))
+    for top, holds in ((1.29, True), (1.31, False)):  # at z = -1: G = -K/1.3
+        found = epp.certify(case, "absence", within={"loop.gain": (0.2, top / 0.5)})
+        assert found.proved == holds, found
+
+
+def test_a_pole_at_minus_one_is_not_passed_over() -> None:
+    assert not epp.certify(sampled([0.1], [1.0, 1.0]), "absence").proved
+    assert not epp.certify(sampled([0.1, -0.1], [1.0, 1.0, 0.0]), "absence").proved
+
+
 @pytest.mark.parametrize(
     ("loop", "why"),
     [
@@ -378,7 +442,12 @@ def test_a_box_that_reaches_a_loop_with_a_cycle_is_not_proved(tmp_path: Path) ->
         ),
         (limited(1.0, [1.0, 0.0, 4.0]), "neither"),
         (epp.LureSystem.from_tf(([1.0, 0.0], [1.0, 3.0, 3.0, 1.0, 0.0]), epp.Saturation()), "integrator"),
-        (epp.LureSystem.from_tf(epp.StateSpace([[0.5]], [[1.0]], [[0.1]], [[0.0]], 1.0), epp.Saturation()), "discrete"),
+        (epp.LureSystem.from_tf(epp.StateSpace([[0.5]], [[1.0]], [[0.1]], [[0.0]], 1.0), epp.Play(1.0)), "discrete"),
+        (sampled([1.1], [1.0, 0.0]), "circle criterion fails"),
+        (
+            epp.LureSystem.from_tf(control.tf([0.1], [1.0, 0.5], 1.0), epp.Saturation(), delay=0.5),
+            "whole number of samples",
+        ),
     ],
 )
 def test_hypotheses_that_fail_are_named(loop: epp.LureSystem, why: str) -> None:

@@ -13,6 +13,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import control
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -110,6 +111,9 @@ MADE: dict[str, Callable[[], Document]] = {
     "absence, range": _range(L(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation()), 1.0, 5.9),
     "absence, range with play": _range(L(([1.0], SERVO), epp.Play(gap=1.0)), 0.1, 0.8),
     "absence, box": _box,
+    "absence, samples": _absence(
+        epp.LureSystem.from_tf(control.tf([0.2, 0.1], [1.0, -0.6, 0.05], 0.5), epp.Saturation(), delay=1.0)
+    ),
     "absence, any element": _absence(L(([0.7, 1.0], [1.0, 0.0, 0.0]), epp.RelayDeadZone(threshold=0.5))),
     "orbit": _orbit,
     "elbow": _elbow,
@@ -118,10 +122,18 @@ MADE: dict[str, Callable[[], Document]] = {
 }
 #: Those of which changed values are tried in seconds; of each checker one whose names and kinds of values are changed.
 FAST = ("roots, dead zone", "roots, relay", "balance, relay", "absence, saturation", "absence, play", "play")
-FAST += ("play, range", "absence, range", "absence, box", "absence, range with play", "absence, any element")
+FAST += (
+    "absence, samples",
+    "play, range",
+    "absence, range",
+    "absence, box",
+    "absence, range with play",
+    "absence, any element",
+)
 FIRST = ("roots, dead zone", "balance, relay", "absence, saturation", "play, range", "absence, any element", "orbit")
 #: Of which all of that takes a second or two.
 FASTEST = ("roots, dead zone", "absence, saturation", "absence, range", "absence, box", "absence, any element")
+FASTEST += ("absence, samples",)
 
 
 @pytest.fixture(scope="module")
@@ -329,12 +341,20 @@ def no_cycle_by_frequency(document: Document) -> bool:
     """The criterion at many frequencies, with the sector of the element's own values."""
     loop, multiplier = document["loop"], float(Fraction(document["claim"]["multiplier"]))
     low, high = (None if edge is None else float(Fraction(edge)) for edge in document["claim"]["sector"])
-    s, room = 1j * np.geomspace(1e-4, 1e4, 4001), 0.0 if low is None or high is None else 1.0 / (high - low)
-    G = np.array([np.polyval(num, s) / np.polyval(den, s) for num, den in between(loop)])
+    omega, room = np.geomspace(1e-4, 1e4, 4001), 0.0 if low is None or high is None else 1.0 / (high - low)
+    sampled = loop["time_step"] is not None
+    s, late = 1j * omega, 0.0 if not sampled else float(Fraction(loop["delay"]) / Fraction(loop["time_step"]))
+    if sampled:
+        s = np.exp(2j * np.append(np.arctan(omega), np.pi / 2))
+        if multiplier != 0.0 or low is None or loop["element"]["kind"] == "play":
+            return False
+    elif Fraction(loop["delay"]) != 0:
+        return False
+    G = np.array([np.polyval(num, s) / np.polyval(den, s) * s**-late for num, den in between(loop)])
     if low is None:  # of any memoryless element
         return loop["element"]["kind"] != "play" and bool((multiplier * (s * G).real > 0.0).all())
     G = G / (1 + low * G)
-    holds = bool(np.all(((1 + multiplier * s) * G).real + room > -1e-9)) and loop["time_step"] is None
+    holds = bool(np.all(((1 + multiplier * s) * G).real + room > -1e-9))
     if loop["element"]["kind"] == "play":
         return holds and (low, high, multiplier) == (0.0, 1.0, 0.0) and Fraction(loop["element"]["gap"]) > 0
     x = np.concatenate([-np.geomspace(1e-3, 1e3, 999), np.geomspace(1e-3, 1e3, 999)])
