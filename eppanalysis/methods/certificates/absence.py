@@ -113,11 +113,10 @@ def _otherwise(loop: Mapping[str, Any], sectors: int, reason: str) -> dict[str, 
         return reason
     low, high = sector(loop["element"])
     shown = f"{float(low):.6g} to {'infinity' if high is None else f'{float(high):.6g}'}"
-    none = (
-        "neither the circle criterion nor Popov's holds" if loop["time_step"] is None else "the circle criterion fails"
-    )
-    why = f"{none} for the sector from {shown}, so absence is undecided"
-    if len(loop["num"]) > 1 or loop["time_step"] is not None:
+    sampled = loop["time_step"] is not None
+    fails = "the circle criterion fails" if sampled else "neither the circle criterion nor Popov's holds"
+    why = f"{fails} for the sector from {shown}, so absence is undecided"
+    if len(loop["num"]) > 1 or sampled:
         return f"{why}."
     from eppanalysis.methods.certificates.cells.find import find as find_cells
 

@@ -55,14 +55,14 @@ def certify(
         "roots" with dead time; both in discrete time, too. "roots" also takes, in continuous time, one piecewise-linear
         element, play or relay with hysteresis with a bias, and rings of odd ones of these.
     statement : str, optional
-        "roots": all roots of the balance ``1 + N(A) G(j omega) = 0`` in a box, none missed. "absence": no
-        periodic motion but rest; for a memoryless element in a sector by the circle criterion or Popov's (in discrete
-        time by the first alone), for any memoryless element where ``Re j omega G(j omega)`` has one sign, and for a
-        relay with dead zone around ``k/(s(s+p)(s+q))`` by cells of its return map; for play, whatever its gap and the constant inputs, by
-        ``Re G(j omega) > -1``, or by a function that falls along every motion where G is of order 2, or of order 3 with
-        one zero at most, with real poles; and for the elbow on its side with a ball-bearing pulley and so small a gap
-        that the drive's friction outweighs it. "cycles": these are all limit cycles, with periods and stability, and
-        nothing else is periodic but rest; for a relay with dead zone around ``k/(s(s+p)(s+q))``.
+        "roots": all roots of the balance ``1 + N(A) G(j omega) = 0`` in a box, none missed. "absence": no periodic
+        motion but rest; for a memoryless element in a sector by the circle criterion or Popov's (in discrete time by
+        the first alone), for any memoryless element where ``Re j omega G(j omega)`` has one sign, and for a relay with
+        dead zone around ``k/(s(s+p)(s+q))`` by cells of its return map; for play, whatever its gap and the constant
+        inputs, by ``Re G(j omega) > -1``, or by a function that falls along every motion where G is of order 2, or of
+        order 3 with one zero at most, with real poles; and for the elbow on its side with a ball-bearing pulley and so
+        small a gap that the drive's friction outweighs it. "cycles": these are all limit cycles, with periods and
+        stability, and nothing else is periodic but rest; for a relay with dead zone around ``k/(s(s+p)(s+q))``.
     box : mapping of str to (float, float), optional
         Of "roots": "amplitude" at the element's input (of a ring, the first one with memory, or the first), "omega"
         [rad/s] and, where there is one, "bias", from and to; by default 1024 times beyond all scales of the loop and
