@@ -99,7 +99,7 @@ def test_no_cycle_of_two_integrators_in_a_chain_is_stable() -> None:
 def test_two_integrators_in_a_chain_have_continua_alone_in_any_form() -> None:
     """Each cycle of a modulator of second order is one of many, whatever its states measure."""
     found = epp.find_limit_cycles(
-        epp.LureSystem.from_tf(signal.dlti([2.0, -1.0], [1.0, -2.0, 1.0], dt=1.0), epp.Relay())
+        epp.LureSystem.from_tf(signal.dlti([2.0, -1.0], [1.0, -2.0, 1.0], dt=1.0), epp.Comparator())
     )
     assert 0 < found.n_continua == len(found) < 20
 
