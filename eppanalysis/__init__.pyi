@@ -124,6 +124,7 @@ from eppanalysis.models.elements import (
     Tanh as Tanh,
     TimedRelay as TimedRelay,
     ViscousCoulomb as ViscousCoulomb,
+    WrapAround as WrapAround,
 )
 from eppanalysis.models.elements.automaton import (
     Automaton as Automaton,

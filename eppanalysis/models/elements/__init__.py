@@ -3,7 +3,13 @@
 from eppanalysis.models.elements.base import ELEMENTS, Nonlinearity, OwnStates
 from eppanalysis.models.elements.contact import LockPin, NordinShaft
 from eppanalysis.models.elements.curves.monotone import MonotoneTable
-from eppanalysis.models.elements.curves.pieces import BilinearSpring, Comparator, FloorQuantiser, MidRiseQuantiser
+from eppanalysis.models.elements.curves.pieces import (
+    BilinearSpring,
+    Comparator,
+    FloorQuantiser,
+    MidRiseQuantiser,
+    WrapAround,
+)
 from eppanalysis.models.elements.curves.sliding import StribeckFriction, ViscousCoulomb
 from eppanalysis.models.elements.curves.smooth import Arctan, Cube, Drag, Polynomial, Tanh
 from eppanalysis.models.elements.curves.table import LookupTable
@@ -94,4 +100,5 @@ __all__ = [
     "Tanh",
     "TimedRelay",
     "ViscousCoulomb",
+    "WrapAround",
 ]

@@ -81,18 +81,19 @@ def require_ordinary(element: Any) -> None:
         require(element, name, are_ordinary(largest), ORDINARY)
 
 
-def require_steps(quantiser: Any) -> None:
-    """Refuse a quantiser unless its `step` is positive and its `levels` are a whole number that a table can hold.
+def require_steps(element: Any, width: str = "step", number: str = "levels") -> None:
+    """Refuse a map of many pieces unless their width is positive and their number a whole one that a table can hold.
 
     Raises
     ------
     ModelError
         If one is not.
     """
-    require_numbers(quantiser, step=POSITIVE)
-    whole = quantiser.levels == int(quantiser.levels) and 1 <= quantiser.levels <= _MOST_LEVELS
+    require_numbers(element, **{width: POSITIVE})
+    pieces = getattr(element, number)
+    whole = pieces == int(pieces) and 1 <= pieces <= _MOST_LEVELS
     expected = f"a positive whole number of {_MOST_LEVELS} or less (those that the input meets)"
-    require(quantiser, "levels", whole, expected)
+    require(element, number, whole, expected)
 
 
 def _numbers(value: ArrayLike, name: str) -> Array:

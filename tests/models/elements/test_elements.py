@@ -50,6 +50,7 @@ SHIPPED: dict[str, Any] = {
     "comparator": epp.Comparator(-1.0, 2.0, 0.3),
     "floor quantiser": epp.FloorQuantiser(0.25, 6),
     "mid-rise quantiser": epp.MidRiseQuantiser(0.25, 6),
+    "wrap around": epp.WrapAround(0.7, 2),
     "viscous and coulomb": epp.ViscousCoulomb(1.0, 0.4),
     "stribeck": epp.StribeckFriction(1.0, 1.5, 0.6, 0.2),
     "drag": epp.Drag(4.0),

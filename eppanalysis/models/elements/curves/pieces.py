@@ -1,8 +1,9 @@
-"""Piecewise-linear curves that go by names of their own: freeplay, comparators, quantisers that round down."""
+"""Piecewise-linear curves that go by names of their own: freeplay, comparators, rounding down, overflow."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 from eppanalysis.arguments import floats, of_two_sides
 from eppanalysis.arrays import Array
 from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE
+from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import require, require_numbers, require_steps
 from eppanalysis.models.elements.piecewise import PiecewiseLinear
 
@@ -63,13 +65,14 @@ class BilinearSpring(PiecewiseLinear, kind="bilinear_spring"):
 
 
 class _SideAtEdges(PiecewiseLinear):
-    """Constant pieces; at an edge the output is that of the piece above it, not the middle of the step."""
+    """Pieces of no slope, or of slope one; at an edge the output is that of the piece above it, not between the two."""
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
         """Output of the map for any array `x`; `memory` is handed through unused."""
         x = floats(x, "output: x")
-        level = self.intercepts[np.searchsorted(self.breakpoints, x, side="right")]
-        return np.asarray(np.where(np.isnan(x), np.nan, level)), memory
+        piece = np.searchsorted(self.breakpoints, x, side="right")
+        rise = np.where(self.slopes[piece] == 0.0, 0.0, x)
+        return np.asarray(np.where(np.isnan(x), np.nan, rise + self.intercepts[piece])), memory
 
 
 @of_two_sides("low", "high")
@@ -175,3 +178,53 @@ class MidRiseQuantiser(_Quantising, kind="mid_rise_quantiser"):
     """
 
     shift = 0.5
+
+
+@dataclass(frozen=True)
+class WrapAround(_SideAtEdges, kind="wrap_around"):
+    """Overflow of two's complement numbers: what leaves `-limit` to `limit` on one side comes in on the other.
+
+    The output is ``(x + limit) mod (2 limit) - limit``, as of an adder that drops its carry. An adder that saturates is
+    a :class:`Saturation`; a :class:`FloorQuantiser` in front of either truncates.
+
+    Parameters
+    ----------
+    limit : float
+        Half of the range of numbers [unit of input and output], positive.
+    overflows : int
+        Jumps on each side of zero, a positive whole number; beyond the last of them the output goes on along its line.
+
+    Raises
+    ------
+    ModelError
+        If the limit is not positive or `overflows` is not a positive whole number.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import WrapAround
+    >>> WrapAround(limit=1.0, overflows=2).output([0.75, 1.0, 1.25, -3.25])[0].tolist()
+    [0.75, -1.0, -0.75, 0.75]
+    """
+
+    units = MappingProxyType({"limit": IN, "overflows": RATIO})
+    same_unit = True
+    linear_gain_is = "its slope between overflows"
+
+    limit: float
+    overflows: int
+
+    def __post_init__(self) -> None:
+        require_steps(self, "limit", "overflows")
+        n = int(self.overflows)
+        edges, turns = 2.0 * np.arange(-n, n) + 1.0, np.arange(-n, n + 1)
+        self._set_pieces(self.limit * edges, np.ones(2 * n + 1), -2.0 * self.limit * turns)
+
+    def exact(self, read: Reading) -> Pieces:
+        """Its lines on either side of zero in exact numbers, for certificates."""
+        limit = read(self.limit)
+        half = Half(Fraction(1), jumps=tuple((limit * (2 * i + 1), -2 * limit) for i in range(int(self.overflows))))
+        return Pieces(half, half)
+
+    def linear_gain(self) -> Array:
+        """One, the slope of its lines."""
+        return np.ones((1, 1))
