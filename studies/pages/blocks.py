@@ -53,10 +53,11 @@ def _section(kind: str) -> str:
     """Heading, docstring, ports and the fields of a block."""
     made = BLOCKS[kind]
     says = _markdown(inspect.cleandoc(made.__doc__ or "").split("\n\nAttributes\n")[0].replace("\n\n", "\n"))
-    own = [(name, about) for name, about in declared_fields(made).items() if name not in declared_fields(Block)]
+    parent = next(base for base in made.__mro__[1:] if base is Block or (issubclass(base, Block) and base.kind))
+    own = [(name, about) for name, about in declared_fields(made).items() if name not in declared_fields(parent)]
     ports = f"`epp.blocks.{made.__name__}`: {_inputs(made)} → {_outputs(made)}."
     also = other_words_line(kind, KINDS_OF_BLOCKS, declared_fields(Block)).rstrip("\n")
-    listed = _fields(own, made)
+    listed = ("" if parent is Block else f"Fields of `{parent.kind}`, and\n\n") + _fields(own, made)
     return "\n" + "\n\n".join(filter(None, (f"## {kind}", says, ports, also, listed.rstrip("\n")))) + "\n"
 
 
@@ -70,7 +71,7 @@ def _meaning(about: Declared) -> str:
     unit = f" [{in_print(about.unit)}]" if about.unit else ""
     words = f": {', '.join(f'`{word}`' for word in about.choices)}" if about.choices else ""
     held = {Form.NUMBERS: " (numbers)", Form.NAMES: " (a list)"}.get(about.form, "")
-    least = "; more than zero" if about.above == 0 else "; zero or more" if about.at_least == 0 else ""
+    least = "; positive" if about.above == 0 else "; not negative" if about.at_least == 0 else ""
     return f"{about.about}{words}{held}{unit}{least}"
 
 

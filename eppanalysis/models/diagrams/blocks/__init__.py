@@ -18,9 +18,11 @@ from eppanalysis.models.diagrams.blocks.control import (
     ZeroPoleGain as ZeroPoleGain,
 )
 from eppanalysis.models.diagrams.blocks.machines import (
+    CartPendulum as CartPendulum,
     Gear as Gear,
     Inertia as Inertia,
     Mass as Mass,
     Motor as Motor,
     Shaft as Shaft,
+    WheeledPendulum as WheeledPendulum,
 )

@@ -1,4 +1,4 @@
-"""Mechanical and electrical blocks of a diagram: motor, inertia, gear, shaft."""
+"""Mechanical and electrical blocks of a diagram: motor, inertia, gear, shaft, pendulums on a cart and on wheels."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.devices.declared import quantity, required
 from eppanalysis.models.diagrams.blocks.control import Block, static
@@ -39,7 +40,7 @@ class Inertia(Block, kind="inertia"):
 
     inertia: float = required("Moment of inertia", "kg*m^2", above=0)
     damping: float = quantity(0.0, "Viscous friction", "N*m*s/rad", at_least=0)
-    stiffness: float = quantity(0.0, "Spring to the ground; negative where it falls, as a pendulum does", "N*m/rad")
+    stiffness: float = quantity(0.0, "Spring to the ground; negative where it falls", "N*m/rad")
 
     def continuous(self) -> StateSpace:
         """States: angle and speed."""
@@ -56,7 +57,7 @@ class Mass(Block, kind="mass"):
 
     mass: float = required("Mass", "kg", above=0)
     damping: float = quantity(0.0, "Viscous friction", "N*s/m", at_least=0)
-    stiffness: float = quantity(0.0, "Spring to the ground; negative where it falls, as a pendulum does", "N/m")
+    stiffness: float = quantity(0.0, "Spring to the ground; negative where it falls", "N/m")
 
     def continuous(self) -> StateSpace:
         """States: position and speed."""
@@ -140,3 +141,61 @@ class Shaft(Block, kind="shaft"):
     def continuous(self) -> StateSpace:
         """No states."""
         return static([[self.stiffness, self.damping]])
+
+
+@dataclass(frozen=True, kw_only=True)
+class CartPendulum(Block, kind="cart_pendulum"):
+    """A pendulum upright on a cart, linearised; ``torque`` acts at its pivot, positive as ``angle``: forward."""
+
+    inputs: ClassVar[tuple[str, ...]] = ("force", "torque")
+    outputs: ClassVar[tuple[str, ...]] = ("position", "speed", "angle", "rate")
+    port_units: ClassVar[Mapping[str, str]] = {
+        "force": "N", "torque": "N*m", "position": "m", "speed": "m/s", "angle": "rad", "rate": "rad/s",
+    }  # fmt: skip
+
+    carriage_mass: float = required("Of the cart, or both wheels", "kg", above=0)
+    mass: float = required("Of the pendulum", "kg", above=0)
+    length: float = required("From pivot to centre of mass", "m", above=0)
+    inertia: float = quantity(0.0, "About the centre of mass", "kg*m^2", at_least=0)
+    damping: float = quantity(0.0, "Viscous friction of the carriage", "N*s/m", at_least=0)
+    pivot_damping: float = quantity(0.0, "Viscous friction of the pivot", "N*m*s/rad", at_least=0)
+    gravity: float = quantity(9.80665, "Negative where it hangs", "m/s^2")
+
+    def continuous(self) -> StateSpace:
+        """States: position, speed, angle and its rate."""
+        found = self._moving(self.carriage_mass, turn=np.array([0.0, 1.0]), pushes=np.eye(2))
+        return StateSpace(*found, np.eye(4), np.zeros((4, 2)))
+
+    def _moving(self, carriage: float, turn: Array, pushes: Array) -> tuple[Array, Array]:
+        """State and input matrix; the pivot turns by `turn` @ (position, angle), inputs push either by `pushes`."""
+        lever, about = self.mass * self.length, self.inertia + self.mass * self.length**2
+        # The determinant of their inertias, without the difference of its large terms.
+        size = carriage * about + self.mass * self.inertia
+        moved = np.array([[about, -lever], [-lever, carriage + self.mass]]) / size
+        friction = np.diag([self.damping, 0.0]) + self.pivot_damping * np.outer(turn, turn)
+        A, B = np.zeros((4, 4)), np.zeros((4, pushes.shape[1]))
+        A[[0, 2], [1, 3]] = 1.0
+        A[1::2, 2] = moved[:, 1] * (lever * self.gravity)
+        A[1::2, 1::2], B[1::2] = -moved @ friction, moved @ pushes
+        return A, B
+
+
+@dataclass(frozen=True, kw_only=True)
+class WheeledPendulum(CartPendulum, kind="wheeled_pendulum"):
+    """The same on two wheels that ``torque`` turns against it: a robot that balances; ``force`` acts on the axle."""
+
+    inputs: ClassVar[tuple[str, ...]] = ("torque", "force")
+    outputs: ClassVar[tuple[str, ...]] = ("position", "speed", "angle", "rate", "wheel_angle", "wheel_speed")
+    port_units: ClassVar[Mapping[str, str]] = {
+        **CartPendulum.port_units, "wheel_angle": "rad", "wheel_speed": "rad/s",
+    }  # fmt: skip
+
+    radius: float = required("Of a wheel", "m", above=0)
+    wheel_inertia: float = quantity(0.0, "Of both wheels about their axle", "kg*m^2", at_least=0)
+
+    def continuous(self) -> StateSpace:
+        """States: position, speed, angle of the body and its rate."""
+        turn = np.array([1.0 / self.radius, -1.0])
+        carriage = self.carriage_mass + self.wheel_inertia / self.radius**2
+        found = self._moving(carriage, turn, pushes=np.column_stack([turn, [1.0, 0.0]]))
+        return StateSpace(*found, np.vstack([np.eye(4), np.kron(turn, np.eye(2))]), np.zeros((6, 2)))
