@@ -111,6 +111,7 @@ from eppanalysis.models.elements import (
     Polynomial as Polynomial,
     PrandtlIshlinskii as PrandtlIshlinskii,
     Preload as Preload,
+    PulseWidthModulator as PulseWidthModulator,
     Quantiser as Quantiser,
     RateLimitedServo as RateLimitedServo,
     RateLimiter as RateLimiter,

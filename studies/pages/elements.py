@@ -35,7 +35,9 @@ print ours. `element` is read as `kind`. An element of your own is `automaton`: 
 
 #: Units of a loop as docstrings spell them and as the page abbreviates them, longest first.
 _UNITS = {
+    "unit of the output times s squared per unit of the input": "y·s²/u",
     "unit of the output per unit of the input and s": "y/(u·s)",
+    "1 per unit of the input and s": "1/(u·s)",
     "unit of the output per unit of the input, times s": "y·s/u",
     "unit of the output per unit of the input": "y/u",
     "unit of the output per squared unit of the input": "y/u²",
@@ -100,7 +102,7 @@ def _default(parameter: inspect.Parameter) -> str:
 def _markdown(text: str) -> str:
     """A piece of a docstring as one line of Markdown."""
     line = re.sub(r"`+([^`]*)`+", r"`\1`", re.sub(r":class:", "", " ".join(text.split())))
-    line = re.sub(r"\[(unit of [^]]*)\]", lambda unit: f"[{_UNITS.get(unit[1], unit[1])}]", line)
+    line = re.sub(r"\[((?:1 per )?unit of [^]]*)\]", lambda unit: f"[{_UNITS.get(unit[1], unit[1])}]", line)
     # A star between units is no emphasis.
     return re.sub(r"(?<=\w)\*(?=\w)(?=[^`]*(?:`[^`]*`[^`]*)*$)", "·", line)
 

@@ -192,7 +192,7 @@ class WrapAround(_SideAtEdges, kind="wrap_around"):
     limit : float
         Half of the range of numbers [unit of input and output], positive.
     overflows : int
-        Jumps on each side of zero, a positive whole number; beyond the last of them the output goes on along its line.
+        Jumps on each side of zero, a positive whole number; behind them its line goes on.
 
     Raises
     ------
