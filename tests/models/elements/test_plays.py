@@ -50,6 +50,47 @@ def test_branches_are_the_first_one_at_twice_the_size(element: epp.PrandtlIshlin
     np.testing.assert_allclose(element.output(peak - way, memory)[0], up - 2.0 * loading(way / 2.0), atol=1e-12)
 
 
+#: Example 1 of Al Janaideh's The Prandtl-Ishlinskii Hysteresis Model (2022), with the numbers of its program.
+EXAMPLE = epp.PrandtlIshlinskii([0.45, 0.9, 1.35, 1.8, 2.25, 2.7], [0.6, 0.48, 0.36, 0.24, 0.12, 0.012], 0.72)
+
+
+def test_an_example_of_the_literature() -> None:
+    """Its input 4 sin(2 pi t): the peak and what remains at zero, by hand; and its loop in the steps of the program."""
+    r, p = np.array([0.0, *EXAMPLE.half_widths]), np.array([0.72, *EXAMPLE.weights])
+    peak, memory = EXAMPLE.output(4.0)
+    remains, memory = EXAMPLE.output(0.0, memory)
+    assert float(peak) == pytest.approx(8.2056, abs=1e-12) and float(remains) == pytest.approx(1.8456, abs=1e-12)
+    v = 4.0 * np.sin(2.0 * np.pi * np.linspace(0.0, 3.0, 3001))
+    plays, memory = np.zeros(7), None
+    for value in v:
+        plays = np.maximum(value - r, np.minimum(value + r, plays))
+        found, memory = EXAMPLE.output(float(value), memory)
+        assert float(found) == pytest.approx(p @ plays, abs=1e-12)
+
+
+def inverse(element: epp.PrandtlIshlinskii) -> epp.PrandtlIshlinskii:
+    """Its inverse (Krejci and Kuhnen 2001): plays as well, of the widths that the outputs have where slopes change."""
+    r, p = np.array([0.0, *element.half_widths]), np.array([element.straight, *element.weights])
+    slopes = np.cumsum(p)
+    widths = [float(p[: i + 1] @ (r[i] - r[: i + 1])) for i in range(1, r.size)]
+    return epp.PrandtlIshlinskii(widths, np.diff(1.0 / slopes), 1.0 / p[0])
+
+
+def test_its_inverse_in_front_of_it_leaves_a_linear_loop() -> None:
+    plant = epp.blocks.TransferFunction(num=[1.5], den=[1.0, 2.0, 1.0, 0.0], start=[0.0, 0.0, 1.2])
+
+    def loop(**between: Any) -> epp.LureSystem:
+        names = [*between]
+        wires = [f"{a} -> {b}" for a, b in zip(["-plant", *names], [*names, "plant"], strict=True)]
+        return epp.Diagram({"plant": plant, **between}, wires).to_system()
+
+    times = np.linspace(0.0, 20.0, 81)
+    both = loop(compensator=inverse(EXAMPLE), actuator=EXAMPLE)
+    plain = loop(wire=epp.PiecewiseLinear([], [1.0], [0.0]))
+    runs = [epp.simulate(system, t_end=20.0, t_eval=times).signals["plant"] for system in (both, plain)]
+    np.testing.assert_allclose(runs[0], runs[1], atol=1e-9)
+
+
 def servo(element: epp.Nonlinearity, gain: float = 6.0, **options: Any) -> epp.LureSystem:
     """A positioning stage of two lags with an integrating controller."""
     return epp.LureSystem.from_tf(([gain], [1.0, 3.0, 2.0, 0.0]), element, **options)

@@ -93,6 +93,32 @@ def test_energy_of_a_loop_with_straight_unloading(size: float) -> None:
     assert float(gain.real) * np.pi * size**2 * omega == pytest.approx(energy, rel=1e-9)
 
 
+@pytest.mark.parametrize("gamma", [0.5, 0.0, -0.3])
+def test_the_greatest_force_of_a_driven_loop_in_closed_form(gamma: float) -> None:
+    """Ikhouane and Rodellar 2005, the forced limit cycle: each half of a period takes it from -F to F.
+
+    ``ln(1 + (beta - gamma) F/k)/(beta - gamma) - ln(1 - (beta + gamma) F/k)/(beta + gamma)`` is twice the size of the
+    motion, whatever its course in time; F is never more than ``k/(beta + gamma)`` (Wen 1976).
+    """
+    k, beta, size, omega = 3.0, 0.5, 1.7, 2.0
+
+    def way(force: float) -> float:
+        back, ahead = beta - gamma, beta + gamma
+        begins = np.log1p(back * force / k) / back if back else force / k
+        return float(begins - np.log1p(-ahead * force / k) / ahead)
+
+    want = brentq(lambda force: way(force) - 2.0 * size, 0.0, k / (beta + gamma) * (1 - 1e-12), xtol=1e-13)
+    loop = epp.LureSystem.build(
+        [[-1.0]], [[0.0]], [[0.0]], [epp.BoucWen(k, beta, gamma)], D_input=[[1.0]], input_names=["speed"],
+        element_names=["spring"],
+    )  # fmt: skip
+    turns = np.pi / (2.0 * omega) + np.pi / omega * np.arange(40, 60)
+    run = epp.simulate(
+        loop, epp.inputs.Sine(size * omega, omega / (2 * np.pi), phase=np.pi / 2), t_end=96.0, t_eval=turns
+    )
+    np.testing.assert_allclose(np.abs(run.signals["spring_output"]), want, rtol=1e-9)
+
+
 def test_limits() -> None:
     a, b = np.array([1e-3, 0.1, 3.0, 2.0]), np.array([3e-4, 0.05, -1.0, 3.0])
     for one, other in zip(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,29 @@ def test_the_periodic_motion_with_one_impact_is_that_in_closed_form() -> None:
     hits = [event.time for event in run.events if event.name == "hits the upper limit"]
     np.testing.assert_allclose(hits, period * np.arange(1, 13), atol=1e-8)
     np.testing.assert_allclose(run.signals["stop_input"], run.signals["stop_input"][0], atol=1e-8)
+
+
+def test_the_impact_oscillator_of_a_book() -> None:
+    """Dankowicz and Schilder, Recipes for Continuation 2013, Example 15.2, with the numbers of its program.
+
+    ``k, c, A, w, d, e = 1, 0.1, 1, 1, 1, 0.8``: behind the impact at 1 the speed is -1.36, at a phase of 0.076 of the
+    cosine that drives it.
+    """
+    stop = epp.ImpactStop(-9.0, 1.0, 1.0, 0.8)
+    loop = epp.LureSystem.build(
+        [[0.0, 1.0], [-1.0, -0.1]], [[0.0], [1.0]], np.eye(2), [stop], B_input=[[0.0], [1.0]], input_names=["push"],
+        element_names=["stop"], x0=[0.5, 0.0],
+    )  # fmt: skip
+    drive = epp.inputs.Sine(1.0, 1.0 / (2.0 * np.pi), phase=np.pi / 2.0)
+    run = epp.simulate(loop, drive, t_end=500.0)
+    hit = [event.time for event in run.events if event.name == "hits the upper limit"][-1]
+    phase = float(np.remainder(hit, 2.0 * np.pi))
+    assert phase == pytest.approx(0.076, abs=5e-4)
+    # From just behind the impact on, at this phase and with that speed, to the next impact.
+    there = replace(loop, x0=[1.0, -1.36])
+    again = epp.simulate(there, replace(drive, phase=np.pi / 2.0 + phase), t_end=7.0)
+    (time,) = (event.time for event in again.events if event.name.startswith("hits"))
+    assert time == pytest.approx(2.0 * np.pi, abs=0.01)
 
 
 @pytest.mark.parametrize(("lower", "restitution"), [(-9.0, 0.9), (-0.4, 0.9)])

@@ -78,6 +78,30 @@ def test_a_burner_cycles_as_the_exponentials_say(high_for: float, low_for: float
     assert found[0].peak_to_peak["room"] == pytest.approx(hot - T, rel=1e-9)
 
 
+@pytest.mark.parametrize("rest", [0.0, 5.0, 20.0])
+def test_an_air_conditioner_of_the_literature_cycles_as_the_exponentials_say(rest: float) -> None:
+    """2 K/kW, 2 kWh/K, 5.6 kW and a COP of 2.5 of a typical one (Hao, Sanandaji, Poolla and Vincent 2015).
+
+    At 32 degrees outside, 22.5 +- 0.3125 inside, and a compressor that rests for some minutes at least.
+    """
+    R, C, power, outside, low, high = 2.0, 2.0 * 60.0, 2.5 * 5.6, 32.0, 22.5 - 0.3125, 22.5 + 0.3125
+    cold, tau = outside - R * power, R * C  # min
+    warming = tau * np.log((outside - low) / (outside - high))
+    off = max(warming, rest)
+    top = outside - (outside - low) * np.exp(-off / tau)
+    on = tau * np.log((top - cold) / (low - cold))
+    relay = epp.TimedRelay(low, high, 0.0, 1.0, minimum_low=60.0 * rest)
+    loop = epp.Diagram(
+        parts={"compressor": relay, "room": epp.blocks.TransferFunction(num=[-R * power], den=[60.0 * tau, 1.0])},
+        connect=["room + outside -> compressor", "compressor -> room"],
+        inputs={"outside": outside},
+    ).to_system()
+    (cycle,) = epp.find_limit_cycles(loop)
+    assert cycle.stable and warming < 20.0
+    assert cycle.period == pytest.approx(60.0 * (on + off), rel=1e-9)
+    assert cycle.peak_to_peak["room"] == pytest.approx(top - low, rel=1e-9)
+
+
 def by_scipy(high_for: float, low_for: float, times: np.ndarray) -> np.ndarray:
     """Output of 1/(s^2 + 0.4 s + 1) behind the relay, from x = 0.5 on, integrated from switch to switch."""
     x, t, high, since, out = np.array([0.5, 0.0]), 0.0, False, -np.inf, []
