@@ -79,7 +79,7 @@ def _section(kind: str) -> str:
     if made.columns:
         named = " and ".join(f"`{column}`" for column in made.columns)
         path = "CSV file in the case's folder"
-        rows.append(f"- `file`: {path}, in place of {named}: its first columns, with units in a header.")
+        rows.append(f"- `file`: {path} with {named}: its first columns, units in a header.")
     if (estimate := made.estimate) is not None:
         named = ", ".join(f"`{name}`" for name in estimate.sizes)
         rows.append(f"- {named}: Sizes [m], in place of `{estimate.field}`, to estimate it from: {estimate.by}.")

@@ -59,8 +59,7 @@ class LockPin(Nonlinearity, kind="lock_pin"):
         Damping of the contact [N*m*s/rad], at least zero.
     model : {"unilateral", "classical"}
         "unilateral": contact only pushes, ``max(0, k (delta - gap/2) + c rate)`` for ``delta > gap/2`` and its mirror
-        image, so the pin lets go before delta is back at the gap. "classical": the damper acts wherever
-        ``|delta| > gap/2``, even if it pulls.
+        image. "classical": the damper acts wherever ``|delta| > gap/2``, even if it pulls.
 
     Raises
     ------

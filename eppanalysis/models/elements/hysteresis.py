@@ -69,9 +69,9 @@ class HysteresisRelay(_Levels, kind="hysteresis_relay"):
     Parameters
     ----------
     lower, upper : float
-        Where it goes low and where it goes high, `upper` at least `lower` [unit of the input].
+        Where it goes low and high, `upper` at least `lower` [unit of the input].
     low, high : float, optional
-        Outputs while low and while high [unit of the output].
+        Outputs while low and high [unit of the output].
 
     Raises
     ------
@@ -154,7 +154,7 @@ class HysteresisRelayDeadZone(_Levels, kind="hysteresis_relay_dead_zone"):
     Parameters
     ----------
     on, off : float
-        Where it switches on and where it switches off, ``0 <= off <= on`` [unit of the input].
+        Where it switches on and off, ``0 <= off <= on`` [unit of the input].
     level : float, optional
         Output while on, positive [unit of the output].
 

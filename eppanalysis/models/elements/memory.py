@@ -369,8 +369,7 @@ class StictionPulley(_Sticking, kind="stiction_pulley"):
     harness_stiffness, forearm_stiffness : float
         Stiffness of the cable on either side of the pulley [N/m], positive.
     friction : float
-        Static friction per load, ``mu sin(psi/2)`` with the coefficient of friction mu and the angle of wrap psi,
-        between 0 and 1 (both excluded).
+        Static friction per load, above 0 and below 1: ``mu sin(psi/2)`` with a coefficient mu and an angle of wrap psi.
     kinetic_ratio : float
         Kinetic over static friction, 0 to 1.
 

@@ -31,7 +31,7 @@ class PrandtlIshlinskii(Nonlinearity, kind="prandtl_ishlinskii"):
     Parameters
     ----------
     half_widths : array_like, shape (n,)
-        Of the plays, positive and ascending [unit of the input]; each output stays within its own of the input.
+        Of the plays, positive and ascending [unit of the input].
     weights : array_like, shape (n,)
         Of the plays, of any sign [unit of the output per unit of the input].
     straight : float

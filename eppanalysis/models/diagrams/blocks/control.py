@@ -142,8 +142,7 @@ class Gain(Block, kind="gain"):
 class Sensor(Block, kind="sensor"):
     """A sensor with its converter: ``gain`` times what comes in, in whole steps; held where it has a sample time.
 
-    It is a gain with a quantiser in front of it, an element of the loop by the sensor's name and
-    "_quantiser".
+    It is a gain behind a quantiser, an element by the sensor's name and "_quantiser".
     """
 
     units: ClassVar[Mapping[str, Role]] = {"gain": SLOPE, "step": OUT, "levels": RATIO}
@@ -173,7 +172,7 @@ class Sensor(Block, kind="sensor"):
 
 @dataclass(frozen=True, kw_only=True)
 class Constant(Block, kind="constant"):
-    """A source that does not move: an offset, a bias, a load; late or sampled it is the same."""
+    """A constant source: an offset, a bias, a load; late or sampled it is the same."""
 
     inputs: ClassVar[tuple[str, ...]] = ()
     units: ClassVar[Mapping[str, Role]] = {"value": OUT}

@@ -109,7 +109,7 @@ class Motor(Block, kind="motor"):
 
 @dataclass(frozen=True, kw_only=True)
 class Gear(Block, kind="gear"):
-    """An ideal gear: angle and speed are divided by the ratio on their way out, the torque on its way back."""
+    """An ideal gear: the ratio divides angle and speed on their way out, the torque on its way back."""
 
     inputs: ClassVar[tuple[str, ...]] = ("angle_in", "speed_in", "torque_in")
     outputs: ClassVar[tuple[str, ...]] = ("angle", "speed", "torque")
@@ -158,7 +158,7 @@ class CartPendulum(Block, kind="cart_pendulum"):
     length: float = required("From pivot to centre of mass", "m", above=0)
     inertia: float = quantity(0.0, "About the centre of mass", "kg*m^2", at_least=0)
     damping: float = quantity(0.0, "Viscous friction of the carriage", "N*s/m", at_least=0)
-    pivot_damping: float = quantity(0.0, "Viscous friction of the pivot", "N*m*s/rad", at_least=0)
+    pivot_damping: float = quantity(0.0, "Of the pivot", "N*m*s/rad", at_least=0)
     gravity: float = quantity(9.80665, "Negative where it hangs", "m/s^2")
 
     def continuous(self) -> StateSpace:
@@ -191,7 +191,7 @@ class WheeledPendulum(CartPendulum, kind="wheeled_pendulum"):
     }  # fmt: skip
 
     radius: float = required("Of a wheel", "m", above=0)
-    wheel_inertia: float = quantity(0.0, "Of both wheels about their axle", "kg*m^2", at_least=0)
+    wheel_inertia: float = quantity(0.0, "Of both wheels", "kg*m^2", at_least=0)
 
     def continuous(self) -> StateSpace:
         """States: position, speed, angle of the body and its rate."""

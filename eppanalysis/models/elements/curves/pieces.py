@@ -139,7 +139,7 @@ class FloorQuantiser(_Quantising, kind="floor_quantiser"):
     step : float
         Width and height of a step [unit of input and output], positive.
     levels : int
-        Steps on each side of zero, a positive whole number; beyond the last of them the output stays where it is.
+        Steps on each side of zero, a positive whole number; beyond them the output stays.
 
     Raises
     ------
@@ -156,7 +156,7 @@ class FloorQuantiser(_Quantising, kind="floor_quantiser"):
 
 @dataclass(frozen=True)
 class MidRiseQuantiser(_Quantising, kind="mid_rise_quantiser"):
-    """Quantiser with a step at zero: levels are the odd multiples of half a step, and there is none at zero.
+    """Quantiser with a step at zero: levels are the odd multiples of half a step.
 
     Parameters
     ----------
@@ -184,15 +184,16 @@ class MidRiseQuantiser(_Quantising, kind="mid_rise_quantiser"):
 class WrapAround(_SideAtEdges, kind="wrap_around"):
     """Overflow of two's complement numbers: what leaves `-limit` to `limit` on one side comes in on the other.
 
-    The output is ``(x + limit) mod (2 limit) - limit``, as of an adder that drops its carry. An adder that saturates is
-    a :class:`Saturation`; a :class:`FloorQuantiser` in front of either truncates.
+    The output is ``(x + limit) mod (2 limit) - limit``, as of an adder that drops its carry. Beyond the last jump its
+    line goes on. An adder that saturates is a :class:`Saturation`; a
+    :class:`FloorQuantiser` in front of either truncates.
 
     Parameters
     ----------
     limit : float
         Half of the range of numbers [unit of input and output], positive.
     overflows : int
-        Jumps on each side of zero, a positive whole number; behind them its line goes on.
+        Jumps on each side of zero, a positive whole number.
 
     Raises
     ------

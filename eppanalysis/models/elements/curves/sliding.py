@@ -139,8 +139,8 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
     viscous : float, optional
         Viscous friction, at least zero [N*s/m or N*m*s/rad].
     shape : float, optional
-        Exponent of the falling part, positive, 6 or less: 2 is a Gaussian, 1 an exponential. In runs, orbits and
-        balances of harmonics the curve of one that is not a whole number is a line below 1e-10 of `velocity`.
+        Exponent of the falling part, positive, 6 or less: 2 is a Gaussian, 1 an exponential. Runs, orbits and balances
+        follow a line below 1e-10 of `velocity` where it is no whole number.
 
     Raises
     ------

@@ -39,7 +39,7 @@ class PulseMemory(NamedTuple):
 
 @dataclass(frozen=True)
 class PulseWidthModulator(Nonlinearity, kind="pulse_width_modulator"):
-    """Pulses of the height `level` and the sign of the input, one a sample, whose width grows with its size.
+    """Pulses of the height `level` and the input's sign, one a sample, as wide as the input is large.
 
     At each sample of the input u, from time zero on, a pulse begins that lasts the fraction ``|u|/full`` of a period,
     one at most, less the dead time, in which a bridge holds both of its switches open; or none begins. Of a bridge

@@ -43,9 +43,9 @@ class TimedRelay(Nonlinearity, kind="timed_relay"):
     Parameters
     ----------
     lower, upper : float
-        Where it goes low and where it goes high, `upper` at least `lower` [unit of the input].
+        Where it goes low and high, `upper` at least `lower` [unit of the input].
     low, high : float, optional
-        Outputs while low and while high, `high` above `low` [unit of the output].
+        Outputs while low and high, `high` above `low` [unit of the output].
     minimum_high, minimum_low : float, optional
         Least time in a row that it is high, and low [s].
 
