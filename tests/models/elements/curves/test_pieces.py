@@ -179,6 +179,12 @@ def test_no_overflow_oscillates_where_sums_are_small_or_saturate(a: float) -> No
         assert not len(found) and found.settles and not found.diverges
 
 
+@pytest.mark.slow
+def test_the_proof_that_no_overflow_oscillates_ends_where_oscillations_begin() -> None:
+    for a, b in ((i / 7, j / 7) for i in (-5, -2, 1, 4) for j in (-4, -1, 2)):
+        assert epp.certify(section(a, b, epp.WrapAround(1.0, 2)), "absence").proved is (abs(a) + abs(b) < 1.0)
+
+
 @pytest.mark.parametrize("rounding", ["down", "to the nearest"])
 def test_a_filter_in_whole_numbers_runs_as_its_arithmetic(rounding: str) -> None:
     """Truncated or rounded, then of four bits: sums meet the edges of both elements, where the upper piece begins."""
