@@ -121,3 +121,24 @@ def test_a_relay_with_hysteresis_is_in_the_kernel_what_its_describing_function_s
     assert np.allclose(found[ok & also], wanted[ok & also], rtol=1e-9, atol=1e-9)
     R, _ = step_by_step(balance).residual(found[ok])
     assert np.abs(R).max() < 1e-9
+
+
+@pytest.mark.parametrize("limiter", [epp.RateLimiter(4.0), epp.RateLimitedServo(9.0, 4.0)])
+def test_a_limited_rate_is_in_the_kernel_what_its_describing_function_says(limiter: epp.Nonlinearity) -> None:
+    """Its error is below its limit, above it, and so large that the output never follows."""
+    system = epp.LureSystem.from_blocks(
+        [([4.0, 6.0, 2.0], [0.05, 1.0, 0.0]), limiter, ([1.0], [1.0, 0.2, 0.0]), epp.Saturation(-1.0, 1.0)]
+    )
+    balance = Balance.of(system, 1, np.asarray(system.v0, float))
+    assert balance.closed_forms is not None
+    random = np.random.default_rng(7)
+    X = random.uniform([-2.0, -1.0, -3.0, -2.0, -0.1, -0.1, -1.0], [2.0, 3.0, 3.0, 2.0, 0.1, 0.1, 1.0], (400, 7))
+    normal = random.normal(size=X.shape)
+    once, same = (newton_and_jacobian(b, X, normal, 1, 1e-12)[2] for b in (balance, step_by_step(balance)))
+    assert np.allclose(once, same, rtol=1e-5, atol=1e-5 * np.abs(same).max((1, 2), keepdims=True))
+    found, ok, _ = newton_and_jacobian(balance, X, normal, 12, 1e-12)
+    wanted, also, _ = newton_and_jacobian(step_by_step(balance), X, normal, 12, 1e-12)
+    assert ok.sum() > 20 and (ok == also).mean() > 0.98
+    assert np.isclose(found[ok & also], wanted[ok & also], rtol=1e-9, atol=1e-9).all(1).mean() > 0.98
+    R, _ = step_by_step(balance).residual(found[ok])
+    assert np.abs(R).max() < 1e-9

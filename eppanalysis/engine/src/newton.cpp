@@ -35,13 +35,13 @@ void describe(Matrix X, Indices points, i64 begin, Indices block, Indices places
     Matrices by_mean{};
     ComplexMatrices by_gain{};
     i64 k{}, i_{}, j{};
-    double phase{}, gap{}, stiffness{}, damping{}, unilateral{}, lag{}, a{}, b{}, omega{}, beside{}, step{},
-        level_there{}, per{};
+    double phase{}, gap{}, stiffness{}, damping{}, unilateral{}, lag{}, rate{}, bandwidth{}, a{}, b{}, omega{},
+        beside{}, step{}, level_there{}, per{};
     std::tuple<Vector, Vector, Vector, Vector> table{};
     std::tuple<bool, double> shape{};
     bool rises{}, falls{};
     std::tuple<double, double, double> there{};
-    Complex pull{}, change{};
+    Complex pull{}, change{}, law{}, by_error{};
     const std::tuple<Indices, std::tuple<Vector, Vector, Vector, Vector>, Matrix> was1 = elements;
     Indices first = std::get<0>(was1);
     Vector breakpoints = std::get<0>(std::get<1>(was1));
@@ -105,6 +105,23 @@ void describe(Matrix X, Indices points, i64 begin, Indices block, Indices places
                     const Complex was9 = Complex(by(1, i) * (2.0 / size(i)), 0.0);
                     by_mean(1, k, e) = was8;
                     by_gain(1, k, e) = was9;
+                }
+                rate = pins(e, 5);
+                if (rate > 0.0) {
+                    bandwidth = pins(e, 6);
+                    omega = std::exp(X(points(i), 1));
+                    std::tie(law, by_error) = describing_rate_limit::inside_at(size(i) * omega / rate,
+                        bandwidth / omega);
+                    gain(k, e) = omega * law;
+                    by_gain(0, k, e) = omega * by_error;
+                    by_gain(1, k, e) = Complex(0.0, 0.0);
+                    if (free) {
+                        omega *= 1.0 + relative;
+                        std::tie(law, std::ignore) = describing_rate_limit::inside_at(size(i) * omega / rate,
+                            bandwidth / omega);
+                        by_gain(2, k, e) = (omega * law - gain(k, e)) / relative;
+                    }
+                    continue;
                 }
                 if (pins(e, 4) == 0.0) {
                     continue;
@@ -173,9 +190,10 @@ void describe(Matrix X, Indices points, i64 begin, Indices block, Indices places
 ///     Elements, and their equations and unknowns; all that the others give stands still.
 /// places, pivot, static
 ///     As of `assemble`.
-/// elements : first (m + 1,), arrays of `biased_sinusoid`, pins (m, 5)
+/// elements : first (m + 1,), arrays of `biased_sinusoid`, pins (m, 7)
 ///     The maps of all elements, one behind the other, their first breakpoints, and gap, stiffness, damping and whether
-///     it only pushes of each that is a lock pin, zeros for the others; the area of a hysteresis loop over pi.
+///     it only pushes of each that is a lock pin, zeros for the others; the area of a hysteresis loop over pi; rate and
+///     bandwidth of a law that limits a rate.
 /// linear : arrays, shapes (n, n), (n, m), (m, n), (m, m)
 ///     State space from all outputs to the first inputs.
 /// L : complex array, shape (n, m, m)

@@ -9,6 +9,7 @@
 #include "balances.hpp"
 #include "describing/closed_forms.hpp"
 #include "describing/piecewise.hpp"
+#include "describing/rate_limit.hpp"
 #include "responses.hpp"
 
 namespace epp {

@@ -176,7 +176,8 @@ class Balance:
         """Which of the shifts change the outputs of an element."""
         if element == self.pivot and not free_pivot:
             return slice(0, 4, 2)
-        return slice(0, 4 if free_pivot and self.system.elements[element].n_inputs > 1 else 3)
+        e = self.system.elements[element]
+        return slice(0, 4 if free_pivot and (e.n_inputs > 1 or e.of_frequency) else 3)
 
     def pack(self, a: Array, phase: Array, b: Array, omega: Array, gain: Array) -> Array:
         """Vector of unknowns, shape (nb, 3 m + 1)."""
@@ -251,7 +252,7 @@ class Balance:
         first = np.cumsum([0, *(form.pieces[0].size for form in known)])
         maps = tuple(np.concatenate(part) for part in zip(*(form.pieces for form in known), strict=True))
         linear = tuple(np.array(part, float, order="C") for part in (s.A, s.B, s.C[self.rows], s.D[self.rows]))
-        numbers = np.array([(*form.pin, form.loop) for form in known], float)
+        numbers = np.array([(*form.pin, form.loop, *form.limit) for form in known], float)
         return (first, maps, numbers), linear
 
     @cached_property

@@ -19,7 +19,7 @@ from eppanalysis.arrays import Array, BoolArray, ComplexArray
 from eppanalysis.engine.balances import drive
 from eppanalysis.methods.describing.balance import ON_THE_WAY, Balance, describe, moved, newton, ranges, solved_in_part
 from eppanalysis.methods.describing.curves import contour_lines, crossings, distinct, interpolate, polish, settle
-from eppanalysis.methods.describing.search import Found, frequency_scales
+from eppanalysis.methods.describing.search import Found, frequency_scales, nodes_beside
 from eppanalysis.methods.describing.trace import Box, trace
 from eppanalysis.models.systems.algebraic import reached
 from eppanalysis.models.systems.linear import ROUNDING, units_of_states
@@ -246,9 +246,8 @@ def _pivot_nodes(balance: Balance) -> Array:
     nodes = [np.geomspace(low, high, int(_PER_DECADE * np.log10(high / low)) + 1)]
     # Beside a threshold the gain rises like a root.
     spread = np.array([-0.1, -0.03, -0.01, -1e-3, -1e-6, 1e-6, 1e-3, 0.01, 0.03, 0.1])
-    nodes.append((thresholds[:, None] * (1.0 + spread)).ravel())
-    out = np.unique(np.concatenate(nodes))
-    return out[out > 0]
+    nodes.append(nodes_beside(np.unique(thresholds[thresholds > 0]), spread))
+    return np.unique(np.concatenate(nodes))
 
 
 def _foreign_scales(balance: Balance) -> Array:

@@ -203,15 +203,22 @@ def amplitude_nodes(scales: Array, thresholds: Array, per_decade: int) -> Array:
     low, high = scales.min() / 1e2, scales.max() * 1e2
     nodes = [np.geomspace(low, high, int(per_decade * np.log10(high / low)) + 2)]
     gaps = np.unique(thresholds[thresholds > 0])
-    around = gaps[:, None] * spread(gaps.size)
-    # Half the way to the next threshold at most: beyond it the nodes of that one are nearer.
-    below, above = np.diff(gaps, prepend=0.0)[:, None] / 2, np.diff(gaps, append=np.inf)[:, None] / 2
-    nodes.append((gaps[:, None] + around)[(-below < around) & (around < above)])
+    nodes.append(nodes_beside(gaps, spread(gaps.size)))
     if gaps.size > 1:
         parts = np.arange(1, 8) / 8.0
         nodes.append((gaps[:-1, None] + parts * np.diff(gaps)[:, None]).ravel())
     out = np.unique(np.concatenate(nodes))
     return out[out > 0]
+
+
+def nodes_beside(thresholds: Array, spread: Array) -> Array:
+    """Amplitudes about ascending thresholds, at relative distances `spread` from each.
+
+    Half the way to the next threshold at most: beyond it the nodes of that one are nearer.
+    """
+    around = thresholds[:, None] * spread
+    below, above = np.diff(thresholds, prepend=0.0)[:, None] / 2, np.diff(thresholds, append=np.inf)[:, None] / 2
+    return np.asarray((thresholds[:, None] + around)[(-below < around) & (around < above)])
 
 
 def search_one(balance: Balance) -> Found:

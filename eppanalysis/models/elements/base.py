@@ -150,7 +150,8 @@ class ClosedForm(NamedTuple):
     """What the engine computes mean and gain of an element from: its map in pieces, or the numbers of a lock pin.
 
     A relay with hysteresis has, where the input passes both of its thresholds, mean and real part of the gain of a map
-    that makes half of its jump at either; its imaginary part is minus the area of its loop over ``pi a**2``.
+    that makes half of its jump at either; its imaginary part is minus the area of its loop over ``pi a**2``. The law
+    inside a limited rate has the mean of its map, and the gain that belongs to its limit.
     """
 
     #: (k,), (k + 1,), (k + 1,), (k,): breakpoints, slopes, intercepts and jumps.
@@ -158,6 +159,7 @@ class ClosedForm(NamedTuple):
     #: Gap, stiffness, damping, and whether it only pushes; zeros for a map.
     pin: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     loop: float = 0.0  # area of a hysteresis loop over pi
+    limit: RateLimit = RateLimit(0.0, 0.0)
 
     def described(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array]:
         """Mean and gain of the map, of any one shape, and the derivatives of the mean by bias and amplitude."""

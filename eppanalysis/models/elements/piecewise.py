@@ -144,13 +144,16 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
 
     def described_with_slopes(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array] | None:
         """Mean and gain of the map, and the derivatives of the mean."""
-        return None if self.closed_form is None else self._map.described(amplitude, bias)
+        return self._map.described(amplitude, bias) if self._is_described_by_its_map else None
 
     @property
     def closed_form(self) -> ClosedForm | None:
         """The pieces of the map, from which mean and gain are computed."""
-        alone = type(self).describing_function is PiecewiseLinear.describing_function
-        return self._map if alone else None
+        return self._map if self._is_described_by_its_map else None
+
+    @property
+    def _is_described_by_its_map(self) -> bool:
+        return type(self).describing_function is PiecewiseLinear.describing_function
 
     @property
     def _map(self) -> ClosedForm:

@@ -18,7 +18,15 @@ from numpy.typing import ArrayLike
 from eppanalysis.arguments import floats
 from eppanalysis.arrays import Array
 from eppanalysis.engine.describing import describe_rate_limit, describe_rate_limit_inside
-from eppanalysis.models.elements.base import OUT_PER_TIME, PER_TIME, Answer, Nonlinearity, OwnStates, RateLimit
+from eppanalysis.models.elements.base import (
+    OUT_PER_TIME,
+    PER_TIME,
+    Answer,
+    ClosedForm,
+    Nonlinearity,
+    OwnStates,
+    RateLimit,
+)
 from eppanalysis.models.elements.dynamic.state import StateOutput, lag
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.phases import POSITIVE, broadcast, broadcast_with_frequency, require_numbers
@@ -58,6 +66,11 @@ class _Chasing(PiecewiseLinear):
         gain = np.empty(error.size, complex)
         describe_rate_limit_inside(error, kappa, gain)
         return mean, np.asarray(w * gain.reshape(a.shape))
+
+    @property
+    def closed_form(self) -> ClosedForm:
+        """The pieces of the law, for its mean, and the limit, for its gain."""
+        return self._map._replace(limit=RateLimit(self.rate, self.bandwidth))
 
 
 class _RateLimited(StateOutput):

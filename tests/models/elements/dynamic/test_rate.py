@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -114,6 +115,37 @@ def test_the_servo_matches_integration_in_time(excess: float, kappa: float) -> N
     servo = epp.RateLimitedServo(bandwidth=kappa * 2.0, rate=3.0)
     gain = servo.describing_function(alpha * 3.0 / 2.0, 1.0, 2.0)[1]
     assert abs(complex(gain) - fundamental_of_servo(alpha, kappa)) < 1e-9
+
+
+def fundamental_by_phases(alpha: float, kappa: float) -> complex:
+    """The same for the servo by the phases at which its ramp begins and ends, bracketed, and quadrature of its rate."""
+    rate, beta = 1 / alpha, np.arccos(1 / alpha)
+
+    def ends(begin: float) -> float:
+        return brentq(lambda p: np.sin(p) - np.sin(begin) - rate * (p - begin), beta, 2 * np.pi - beta, xtol=1e-15)
+
+    def behind(phi: float, end: float) -> float:
+        """Rate of the output behind the ramp: that of a lag which moves with the limit's rate at its end."""
+        share = kappa / (kappa**2 + 1)
+        forced = (share * (kappa * np.cos(p) + np.sin(p)) for p in (phi, end))
+        return next(forced) + (rate - next(forced)) * np.exp(-kappa * (phi - end))
+
+    begin = brentq(lambda b: behind(b + np.pi, ends(b)) + rate if ends(b) < b + np.pi else 2.0, -beta, beta, xtol=1e-15)
+    end, parts = ends(begin), []
+    cuts = np.minimum(end + np.array([0.0, 3.0, 10.0, 40.0, np.inf]) / kappa, begin + np.pi)
+    for turn in (np.cos, np.sin):
+        ramp = quad(lambda p, f=turn: rate * f(p), begin, end, epsabs=1e-14)[0]
+        rest = [quad(lambda p, f=turn: behind(p, end) * f(p), *cut, epsabs=1e-14)[0] for cut in pairwise(cuts)]
+        parts.append(ramp + sum(rest))
+    return complex(parts[0], -parts[1]) * 2 / np.pi
+
+
+@pytest.mark.parametrize("kappa", [0.03, 0.7, 7.0, 2e3, 1e5])
+def test_the_servo_matches_its_phases_from_the_onset_of_its_ramps_on(kappa: float) -> None:
+    for excess in (1.0001, 1.05, 1.7, 4.2, 30.0):
+        alpha = excess * float(np.hypot(1.0, 1 / kappa))
+        gain = epp.RateLimitedServo(kappa, 1.0).describing_function(alpha, 0.0, 1.0)[1]
+        assert abs(complex(gain) - fundamental_by_phases(alpha, kappa)) < 1e-11
 
 
 def test_below_its_limit_the_servo_is_its_lag_and_with_a_great_bandwidth_the_limiter() -> None:
