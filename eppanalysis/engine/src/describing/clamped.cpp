@@ -5,10 +5,10 @@ inline namespace EPP_ARCH {
 
 namespace describing_clamped {
 
-/// Coefficients (s, d) of the response ``Im(c exp(j phi))`` to the sine.
-std::tuple<Complex, Complex> forced(bool free, double kappa, double eta, double tau) {
+/// The law that drives the integrator, or the one that holds it.
+Law law_of(bool free, double kappa, double eta, double tau) {
     if (!free) {
-        return {Complex(0.0, 0.0), eta * tau / (Complex(0.0, 1.0) + (1.0 - eta) * tau)};
+        return {free, kappa, eta, tau, Complex(0.0, 0.0), eta * tau / (Complex(0.0, 1.0) + (1.0 - eta) * tau)};
     }
     // (j - M) c = (kappa, eta tau).
     Complex m00 = Complex(0.0, 1.0) + kappa;
@@ -16,14 +16,17 @@ std::tuple<Complex, Complex> forced(bool free, double kappa, double eta, double 
     double m10 = eta * tau;
     Complex m11 = Complex(0.0, 1.0) + (1.0 - eta) * tau;
     Complex det = m00 * m11 - m01 * m10;
-    return {(kappa * m11 - m01 * eta * tau) / det, (m00 * eta * tau - m10 * kappa) / det};
+    return {free, kappa, eta, tau, (kappa * m11 - m01 * eta * tau) / det, (m00 * eta * tau - m10 * kappa) / det};
 }
 
 /// Matrix of a passage of length t less that of none: of sigma and delta, on sigma and delta.
-std::tuple<double, double, double, double> passage(bool free, double t, double kappa, double eta, double tau) {
+Passage passage(const Law& law, double t) {
     double gone{}, quick{}, slow{}, between{}, first{}, dd{};
+    double kappa = law.kappa;
+    double eta = law.eta;
+    double tau = law.tau;
     double fall = (1.0 - eta) * tau;
-    if (!free) {
+    if (!law.free) {
         gone = std::expm1(-fall * t);
         return {0.0, 0.0, eta / (1.0 - eta) * gone, gone};
     }
@@ -52,35 +55,50 @@ std::tuple<double, double, double, double> passage(bool free, double t, double k
     return {first + (half - kappa) * dd, kappa * dd, -eta * tau * dd, first + (half - fall) * dd};
 }
 
-/// States behind an arc of length t from `begin`.
-std::tuple<double, double> after(bool free, double begin, double t, double s, double d, double kappa, double eta,
-    double tau) {
-    Complex cs{}, cd{};
-    double p00{}, p01{}, p10{}, p11{};
-    std::tie(cs, cd) = forced(free, kappa, eta, tau);
-    Complex turn = exponential(Complex(0.0, 1.0) * begin);
-    Complex change = turn * (Complex(0.0, 2.0) * std::sin(0.5 * t) * exponential(Complex(0.0, 0.5) * t));
-    double rest_s = s - (cs * turn).imag;
-    double rest_d = d - (cd * turn).imag;
-    std::tie(p00, p01, p10, p11) = passage(free, t, kappa, eta, tau);
-    return {s + p00 * rest_s + p01 * rest_d + (cs * change).imag, d + p10 * rest_s + p11 * rest_d + (cd * change).imag};
+/// One passage after another.
+Passage joined(const Passage& a, const Passage& b) {
+    return {a.ss + b.ss + (b.ss * a.ss + b.sd * a.ds), a.sd + b.sd + (b.ss * a.sd + b.sd * a.dd),
+        a.ds + b.ds + (b.ds * a.ss + b.dd * a.ds), a.dd + b.dd + (b.ds * a.sd + b.dd * a.dd)};
 }
 
-/// Length of the arc up to the place between two at which the error turns.
-double turn(bool free, double side, double begin, double low, double high, double s, double d, double kappa,
-    double eta, double tau) {
-    double t{}, at_s{}, at_d{}, q{};
+/// ``exp(j t) - 1``, without cancellation.
+Complex turned(double t) {
+    return Complex(0.0, 2.0) * std::sin(0.5 * t) * exponential(Complex(0.0, 0.5) * t);
+}
+
+/// States behind an arc of length t from `begin`.
+std::tuple<double, double> after(const Law& law, double begin, double t, double s, double d) {
+    Complex turn = exponential(Complex(0.0, 1.0) * begin);
+    Complex change = turn * turned(t);
+    double rest_s = s - (law.s * turn).imag;
+    double rest_d = d - (law.d * turn).imag;
+    Passage p = passage(law, t);
+    return {s + p.ss * rest_s + p.sd * rest_d + (law.s * change).imag, d + p.ds * rest_s + p.dd * rest_d + (law.d *
+        change).imag};
+}
+
+/// Length of the arc up to the place between two at which the error turns: Newton's method, kept in its bracket.
+double turn(const Law& law, double side, double begin, double low, double high, double s, double d) {
+    double at_s{}, at_d{}, q{}, moves{};
+    double t = high;
     while (true) {
-        t = 0.5 * (low + high);
-        if (!(low < t && t < high)) {
-            return high;
-        }
-        std::tie(at_s, at_d) = after(free, begin, t, s, d, kappa, eta, tau);
-        q = side * (std::sin(begin + t) - at_s + at_d);
-        if ((q > 0.0) != free) {
+        std::tie(at_s, at_d) = after(law, begin, t, s, d);
+        q = std::sin(begin + t) - at_s + at_d;
+        if ((side * q > 0.0) != law.free) {
             low = t;
         } else {
             high = t;
+        }
+        moves = std::cos(begin + t) - (law.free ? law.kappa * q : 0.0) + law.tau * (law.eta * q - at_d);
+        if (std::fabs(q) <= (ROUNDING * t * std::fabs(moves))) {
+            return t;
+        }
+        t -= q / moves;
+        if (!(low < t && t < high)) {
+            t = 0.5 * (low + high);
+        }
+        if (!(low < t && t < high)) {
+            return high;
         }
     }
 }
@@ -88,32 +106,54 @@ double turn(bool free, double side, double begin, double low, double high, doubl
 /// Length of an arc beyond a limit, up to where the error turns or to its end; minus one where it has turned before.
 ///
 /// Where the error begins at zero, its sign is that of the first places at which it is not rounding.
-double until(bool free, double side, double begin, double end, double s, double d, double kappa, double eta,
-    double tau) {
-    double t{}, at_s{}, at_d{}, q{};
+double until(const Law& law, double side, double begin, double end, double s, double d) {
+    Complex change{};
+    double q{};
     double whole = end - begin;
     double last = 0.0;
     bool seen = false;
+    Complex from = exponential(Complex(0.0, 1.0) * begin);
+    double rest_s = s - (law.s * from).imag;
+    double rest_d = d - (law.d * from).imag;
+    // From place to place by products: twice as far from the first ones, an even step further from the others.
+    double t = whole / EVEN * whole_power(0.5, HALVED);
+    Complex far = turned(t);
+    Passage p = passage(law, t);
+    Complex step = far;
+    Passage by = p;
     for (i64 k = 0, k_end = HALVED + EVEN; k < k_end; ++k) {
-        t = (k < HALVED) ? whole / EVEN * whole_power(0.5, HALVED - k) : whole * (k - HALVED + 1.0) / EVEN;
-        std::tie(at_s, at_d) = after(free, begin, t, s, d, kappa, eta, tau);
-        q = side * (std::sin(begin + t) - at_s + at_d);
-        if ((q > 0.0) != free) {
+        if (k > 0) {
+            step = (k <= HALVED) ? far : step;
+            by = (k <= HALVED) ? p : by;
+            far += step + step * far;
+            p = joined(p, by);
+            t = (k <= HALVED) ? 2.0 * t : whole * (k - HALVED + 1.0) / EVEN;
+            if (k == HALVED) {
+                step = far;
+                by = p;
+            }
+        }
+        change = from * far;
+        q = from.imag + change.imag - (s + p.ss * rest_s + p.sd * rest_d + (law.s * change).imag) + (d + p.ds * rest_s +
+            p.dd * rest_d + (law.d * change).imag);
+        if ((side * q > 0.0) != law.free) {
             last = t;
             seen = true;
         } else if (seen) {
-            return turn(free, side, begin, last, t, s, d, kappa, eta, tau);
+            return turn(law, side, begin, last, t, s, d);
         }
     }
     return seen ? whole : -1.0;
 }
 
 /// Add the integrals of sigma, and of sigma times ``exp(-j phi)``, over an arc to `sums`.
-void integrals(bool free, double begin, double t, double s, double d, double s1, double d1, double kappa, double eta,
-    double tau, ComplexVector sums) {
+void integrals(const Law& law, double begin, double t, double s, double d, double s1, double d1, ComplexVector sums) {
     double past{}, here{};
+    double kappa = law.kappa;
+    double eta = law.eta;
+    double tau = law.tau;
     Complex turn = exponential(-Complex(0.0, 1.0) * begin);
-    if (!free) {
+    if (!law.free) {
         sums(0) += s * t;
         sums(1) += s * turn * (1.0 - exponential(-Complex(0.0, 1.0) * t)) / Complex(0.0, 1.0);
         return;
@@ -123,7 +163,7 @@ void integrals(bool free, double begin, double t, double s, double d, double s1,
     if (((kappa + tau) * t) < 2.0) {
         for (i64 k = 0; k < PLACE.size(); ++k) {
             past = 0.5 * t * (1.0 + PLACE(k));
-            std::tie(here, std::ignore) = after(free, begin, past, s, d, kappa, eta, tau);
+            std::tie(here, std::ignore) = after(law, begin, past, s, d);
             sums(0) += 0.5 * t * WEIGHT(k) * here;
             sums(1) += 0.5 * t * WEIGHT(k) * here * exponential(-Complex(0.0, 1.0) * (begin + past));
         }
@@ -150,9 +190,9 @@ void integrals(bool free, double begin, double t, double s, double d, double s1,
 }
 
 /// Go through a period: states behind it; fills the product of the passages, and integrals.
-std::tuple<double, double> period(double s, double d, Vector edges, double kappa, double eta, double tau,
-    Matrix product, ComplexVector sums) {
-    double begin{}, end{}, side{}, t{}, s1{}, d1{}, p00{}, p01{}, p10{}, p11{}, one{}, two{};
+std::tuple<double, double> period(double s, double d, Vector edges, const Law& drives, const Law& holds, Matrix product,
+    ComplexVector sums) {
+    double begin{}, end{}, side{}, t{}, s1{}, d1{}, one{}, two{};
     bool free{};
     const double was1 = 1.0;
     product(0, 0) = was1;
@@ -175,21 +215,22 @@ std::tuple<double, double> period(double s, double d, Vector edges, double kappa
             }
             t = end - begin;
             if ((modulo(part, 2)) == 0 && arc < (ARCS - 1)) {
-                t = until(free, side, begin, end, s, d, kappa, eta, tau);
+                t = until(free ? drives : holds, side, begin, end, s, d);
                 // The error has nowhere on the arc the sign of its begin, which was rounding: the other law holds.
                 if (t < 0.0) {
                     free = !free;
                     t = end - begin;
                 }
             }
-            std::tie(s1, d1) = after(free, begin, t, s, d, kappa, eta, tau);
-            integrals(free, begin, t, s, d, s1, d1, kappa, eta, tau, sums);
-            std::tie(p00, p01, p10, p11) = passage(free, t, kappa, eta, tau);
+            const Law& law = free ? drives : holds;
+            std::tie(s1, d1) = after(law, begin, t, s, d);
+            integrals(law, begin, t, s, d, s1, d1, sums);
+            Passage p = passage(law, t);
             for (i64 k = 0; k < 2; ++k) {
                 one = product(0, k);
                 two = product(1, k);
-                product(0, k) = one + p00 * one + p01 * two;
-                product(1, k) = two + p10 * one + p11 * two;
+                product(0, k) = one + p.ss * one + p.sd * two;
+                product(1, k) = two + p.ds * one + p.dd * two;
             }
             s = s1;
             d = d1;
@@ -210,6 +251,8 @@ std::tuple<double, Complex> answer(double low, double high, double kappa, double
     Vector edges = array_of<double>({-quarter, below, above, PI - above, PI - below, 3.0 * quarter});
     Matrix product = empty<double>(2, 2);
     ComplexVector sums = empty<Complex>(2);
+    Law drives = law_of(true, kappa, eta, tau);
+    Law holds = law_of(false, kappa, eta, tau);
     double s = least_of(greatest_of(0.0, low), high);
     double d = 0.0;
     double from_s = s;
@@ -219,7 +262,7 @@ std::tuple<double, Complex> answer(double low, double high, double kappa, double
     double least = INF;
     i64 halved = 0;
     for (i64 turn_ = 0; turn_ < STEPS; ++turn_) {
-        std::tie(s1, d1) = period(s, d, edges, kappa, eta, tau, product, sums);
+        std::tie(s1, d1) = period(s, d, edges, drives, holds, product, sums);
         off_s = s1 - s;
         off_d = d1 - d;
         off = std::fabs(off_s) + std::fabs(off_d);

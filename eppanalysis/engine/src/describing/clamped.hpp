@@ -38,18 +38,34 @@ alignas(64) inline double WEIGHT_numbers[] = {0.017614007139150893, 0.0406014298
     0.040601429800386446, 0.017614007139150893};
 inline const Vector WEIGHT(WEIGHT_numbers, {20});
 
-std::tuple<Complex, Complex> forced(bool free, double kappa, double eta, double tau);
-std::tuple<double, double, double, double> passage(bool free, double t, double kappa, double eta, double tau);
-std::tuple<double, double> after(bool free, double begin, double t, double s, double d, double kappa, double eta,
-    double tau);
-double turn(bool free, double side, double begin, double low, double high, double s, double d, double kappa,
-    double eta, double tau);
-double until(bool free, double side, double begin, double end, double s, double d, double kappa, double eta,
-    double tau);
-void integrals(bool free, double begin, double t, double s, double d, double s1, double d1, double kappa, double eta,
-    double tau, ComplexVector sums);
-std::tuple<double, double> period(double s, double d, Vector edges, double kappa, double eta, double tau,
-    Matrix product, ComplexVector sums);
+/// One of both laws, with the coefficients (s, d) of its response ``Im(c exp(j phi))`` to the sine.
+struct Law {
+    bool free;
+    double kappa;
+    double eta;
+    double tau;
+    Complex s;
+    Complex d;
+};
+
+/// What a passage adds to sigma and delta, of either.
+struct Passage {
+    double ss;
+    double sd;
+    double ds;
+    double dd;
+};
+
+Law law_of(bool free, double kappa, double eta, double tau);
+Passage passage(const Law& law, double t);
+Passage joined(const Passage& a, const Passage& b);
+Complex turned(double t);
+std::tuple<double, double> after(const Law& law, double begin, double t, double s, double d);
+double turn(const Law& law, double side, double begin, double low, double high, double s, double d);
+double until(const Law& law, double side, double begin, double end, double s, double d);
+void integrals(const Law& law, double begin, double t, double s, double d, double s1, double d1, ComplexVector sums);
+std::tuple<double, double> period(double s, double d, Vector edges, const Law& drives, const Law& holds, Matrix product,
+    ComplexVector sums);
 std::tuple<double, Complex> answer(double low, double high, double kappa, double eta, double tau);
 void describe(Vector low, Vector high, Vector kappa, Vector eta, Vector tau, Vector mean, ComplexVector gain);
 
