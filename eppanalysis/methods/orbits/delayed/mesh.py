@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -110,7 +110,11 @@ def nodes(degree: int) -> Array:
 
 def basis(u: Array, degree: int, order: int = 0) -> Array:
     """Rows that give a polynomial (or its derivative) at u in [0, 1] from its values at the nodes."""
+    return np.asarray(legendre.legvander(2.0 * u - 1.0, degree - order) @ _to_series(degree, order), float)
+
+
+@lru_cache(maxsize=16)
+def _to_series(degree: int, order: int) -> Array:
+    """Legendre's series of a polynomial, or of its derivative, from its values at the nodes."""
     to_series = np.linalg.inv(legendre.legvander(2.0 * nodes(degree) - 1.0, degree))
-    if order:
-        to_series = 2.0 * legendre.legder(to_series)
-    return np.asarray(legendre.legvander(2.0 * u - 1.0, degree - order) @ to_series, float)
+    return np.asarray(2.0 * legendre.legder(to_series) if order else to_series, float)

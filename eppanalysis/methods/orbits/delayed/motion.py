@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -108,6 +108,23 @@ class DelayedMotion:
         return times - 1e-13 * self.mesh.period
 
     @property
+    def residual(self) -> tuple[Array, Array]:
+        """What the equations of the motion lack, in free places at all nodes, and the guards that end its arcs.
+
+        The joint is at the first node of each piece, at the others the collocation at its Gauss points.
+        """
+        arcs, mesh = self.arcs, self.mesh
+        u, at, slope = collocation(mesh.degree)
+        rate = np.einsum("jn,pni->pji", slope, self.values) / mesh.size[:, None, None]
+        y = np.einsum("jn,pni->pji", at, self.values)
+        late = self.delayed((mesh.breaks[:-1, None] + mesh.size[:, None] * u).ravel())
+        n = arcs.F.shape[1]
+        rate[:, :, :n] -= np.einsum("pik,pjk->pji", arcs.F[mesh.arc], y)
+        rate[:, :, :n] -= np.einsum("pis,pjs->pji", arcs.S[mesh.arc], late.reshape(*rate.shape[:2], -1))
+        joint = self.values[:, 0] - np.einsum("pik,pk->pi", maps(arcs, mesh), np.roll(self.values[:, -1], 1, axis=0))
+        return np.concatenate([joint[:, None], rate], axis=1)[:, :, arcs.free].ravel(), self.guards
+
+    @property
     def rates_before(self) -> Array:
         """Rate of y before each event, shape (p, N)."""
         return self._rates(np.arange(self.tau.size), self.ends, self._before(self.marks))
@@ -138,6 +155,20 @@ class DelayedMotion:
         """Size of the motion in each place of y; never zero."""
         span, size = np.ptp(self.values, axis=(0, 1)), np.abs(self.values).max(axis=(0, 1))
         return np.where(span > 1e-9 * size, span, np.where(size > 0, size, 1.0))
+
+
+@lru_cache(maxsize=8)
+def collocation(degree: int) -> tuple[Array, Array, Array]:
+    """Gauss points of a piece, and the rows that give a polynomial and its slope there from its values at the nodes."""
+    u = 0.5 + 0.5 * legendre.leggauss(degree)[0]
+    return u, basis(u, degree), basis(u, degree, 1)
+
+
+def maps(arcs: Arcs, mesh: Mesh) -> Array:
+    """What takes y from the end of the piece before to the begin of each piece, shape (pieces, N, N)."""
+    J = np.broadcast_to(np.eye(arcs.size), (mesh.n_pieces, arcs.size, arcs.size)).copy()
+    J[(mesh.last + 1) % mesh.n_pieces] = arcs.J
+    return J
 
 
 def is_delayed(hybrid: HybridSystem) -> bool:
@@ -231,12 +262,14 @@ def _step(mesh: Mesh, arcs: Arcs, whole: Array, lines: tuple[IntArray, Array]) -
     here = _Equations(arcs, mesh, lines)
     free = here.places(arcs.free)
     p, h = mesh.tau.size, _STEP * mesh.period
-    residual, columns = here.residual(whole, free), np.empty((free.size + p, p))
+
+    def residual_at(tau: Array) -> Array:
+        return np.concatenate(DelayedMotion(arcs, tau, mesh.moved(tau), whole, lines).residual)
+
     # A dwell time moves the nodes of its own arc and all that is read through the dead times: by differences, which
     # slow Newton's method a little and do not shift where it ends.
-    for k, unit in enumerate(np.eye(p)):
-        ahead = _Equations(arcs, mesh.moved(mesh.tau + h * unit), lines)
-        columns[:, k] = (ahead.residual(whole, free) - residual) / h
+    residual = residual_at(mesh.tau)
+    columns = np.stack([residual_at(mesh.tau + h * unit) - residual for unit in np.eye(p)], axis=1) / h
     matrix = block_array(
         [[here.around[free][:, free], csc_array(columns[:-p])], [here.guards[:, free], csc_array(columns[-p:])]]
     )
@@ -260,7 +293,7 @@ def _begun(mesh: Mesh, arcs: Arcs, y: Array, lines: tuple[IntArray, Array]) -> A
     whole = np.zeros((mesh.n_pieces, mesh.degree + 1, arcs.size))
     whole[:, :, fixed] = y[fixed]
     M = vstack([equations.around[free][:, free], equations.guards[:, free]])
-    right = -equations.residual(whole, free)
+    right = -np.concatenate(DelayedMotion(arcs, mesh.tau, mesh, whole, lines).residual)
     # More equations than unknowns, as dwell times are given: least squares as one sparse system in which M stands as it
     # is.
     normal: Any = [[eye_array(M.shape[0]), M], [M.T, None]]
@@ -307,8 +340,7 @@ class _Equations:
         """Collocation at the Gauss points of each piece: rows of all nodes but the first."""
         arcs, mesh, m, N = self.arcs, self.mesh, self.mesh.degree, self.arcs.size
         n = arcs.F.shape[1]
-        u = 0.5 + 0.5 * legendre.leggauss(m)[0]
-        at, slope = basis(u, m), basis(u, m, 1)
+        u, at, slope = collocation(m)
         piece, j, node, i = np.ix_(np.arange(mesh.n_pieces), np.arange(m), np.arange(m + 1), np.arange(N))
         now = np.zeros(1, np.int64)
         row = self._place(piece, j + 1, i)
@@ -330,13 +362,11 @@ class _Equations:
         """Each piece begins where the one before ends, behind an event by its map."""
         mesh, N, m = self.mesh, self.arcs.size, self.mesh.degree
         before = np.roll(np.arange(mesh.n_pieces), 1)
-        J = np.broadcast_to(np.eye(N), (mesh.n_pieces, N, N)).copy()
-        J[(mesh.last + 1) % mesh.n_pieces] = self.arcs.J
         piece, i, k = np.ix_(np.arange(mesh.n_pieces), np.arange(N), np.arange(N))
         none, first = np.zeros(1, np.int64), (np.arange(mesh.n_pieces) == 0).astype(np.int64)[:, None, None]
         at, end = np.zeros(1, np.int64), np.full(1, m)
         self._add(none, self._place(piece, at, i), self._place(piece, at, i), np.ones(1))
-        self._add(first, self._place(piece, at, i), self._place(before[piece], end, k), -J)
+        self._add(first, self._place(piece, at, i), self._place(before[piece], end, k), -maps(self.arcs, mesh))
 
     def _shifts(self, motion: DelayedMotion) -> None:
         """What the shift of an event does behind it, and, where the output jumps, behind the dead time."""
@@ -389,10 +419,6 @@ class _Equations:
         place = np.repeat(np.arange(len(rows)), [columns.size for _, columns, _ in rows])
         columns, values = (np.concatenate([row[k] for row in rows]) for k in (1, 2))
         return coo_array((values, (place, columns)), shape=(len(rows), self.around.shape[0])).tocsc()
-
-    def residual(self, whole: Array, free: IntArray) -> Array:
-        """Of the equations, and behind them of the guards."""
-        return np.concatenate([(self.around @ whole.ravel())[free], self.guards @ whole.ravel()])
 
 
 def _multipliers(motion: DelayedMotion) -> ComplexArray | None:
