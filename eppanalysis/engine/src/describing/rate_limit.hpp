@@ -2,8 +2,8 @@
 // The answer of a servo with a limited rate to a sine, ``dy/dphi = clip(kappa (u - y), -1/alpha, 1/alpha)``.
 //
 // The input is ``u = sin(phi)``; alpha is the input's greatest rate over the limit, kappa the servo's bandwidth over
-// the frequency, and infinite for the ideal limiter, which follows its input where that is slow enough. The answer is
-// odd by half a period, in each of which it ramps once. Of a ramp of a given length all else is explicit: the phase of its
+// the frequency, infinite for the ideal limiter, which follows an input that is slow enough. The answer is odd by
+// half a period, in each of which it ramps once. Of a ramp of a given length all else is explicit: the phase of its
 // middle, the rate 1/alpha, the fundamental of the output and its derivatives. So the answer to an input, and that with
 // an error of a given size, are one equation each for the length of the ramp.
 
