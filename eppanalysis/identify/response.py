@@ -149,6 +149,7 @@ class Response:
         self.case, self.unknowns, self.layout = case, tuple(unknowns), layout_of(case)
         time = recording[Role.TIME]
         self.inputs, self.time = _input_signals(recording, case, self.layout)
+        self.begin = float(time[0] - self.time[0])  # of the run, on the record's clock [s]
         longest = max(LONGEST_BLOCK, HybridSystem.from_lure(self._as_run(case.to_system())).time_scale)
         if recording.block > 1 and float(np.ptp(time)) / len(time) > longest:
             raise EppError(

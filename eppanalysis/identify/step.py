@@ -25,8 +25,10 @@ from eppanalysis.identify.plausible import LEAST_SHARE, explained, refuse_what_i
 from eppanalysis.identify.response import Response, Unknown
 from eppanalysis.identify.sampling import WALKED, Cloud, anneal, walk
 from eppanalysis.identify.surface import DRAWS, ENOUGH, explore
-from eppanalysis.identify.whitening import WIDEST_START, bounds_of, local, suspects
+from eppanalysis.identify.whitening import WIDEST_START, bounds_of, held_between_rows, local, suspects
+from eppanalysis.models.systems.inputs import Recorded
 from eppanalysis.progress import Progress
+from eppanalysis.readable import listed
 from eppanalysis.records.reading import Recording
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
@@ -414,6 +416,29 @@ def _doubt(solution: _Solution) -> str:
     )
 
 
+def _unrecorded(solution: _Solution) -> Iterator[str]:
+    """The parameters whose intervals hold only if recorded inputs are linear between rows, in a sentence."""
+    response, q = solution.response, solution.q
+    inputs = {name: given for name, given in response.inputs.items() if isinstance(given, Recorded)}
+    if not inputs:
+        return
+    moved = q + held_between_rows(local(response, q)[0], q)
+    other = {
+        u.name: response.case.text(u.name, u.value(float(place)), 4)
+        for u, place, low, high in zip(response.unknowns, moved, solution.low, solution.high, strict=True)
+        if not low <= place <= high and u.name not in solution.held
+    }
+    if other:
+        # Where an input changes most while nothing is recorded.
+        areas = {name: np.abs(np.diff(given.values)) * np.diff(given.times) for name, given in inputs.items()}
+        name = max(inputs, key=lambda n: float(areas[n].max() / max(np.ptp(inputs[n].values), 1e-300)))
+        begin, end = inputs[name].times[int(np.argmax(areas[name])) :][:2] + response.begin
+        yield (
+            f"The intervals hold for inputs that are linear between rows. Were {name} held from {begin:.6g} s to "
+            f"{end:.6g} s and so on, {listed([f'{n} would be {value}' for n, value in other.items()])}."
+        )
+
+
 def _objections(solution: _Solution, doubt: str, worst: float, shares: Mapping[str, float]) -> Iterator[str]:
     """What speaks against a fit, in sentences."""
     if solution.apart is not None:
@@ -459,6 +484,7 @@ def _result(recording: Recording, solution: _Solution, names: Sequence[str], see
     # Counted before the residuals are asked, which takes further runs.
     notes = [*recording.sentences(), f"{response.runs} simulated candidates from {STARTS} starts."]
     doubt = _doubt(solution)
+    notes += _unrecorded(solution)
     notes += _objections(solution, doubt, worst, shares)
     identified = solution.converged and not doubt and worst <= _WORST_FIT and min(shares.values()) >= LEAST_SHARE
     status = Status.CONVERGED if identified else Status.NOT_CONVERGED

@@ -20,6 +20,7 @@ from eppanalysis.cases import Case
 from eppanalysis.errors import CaseError, EppError
 from eppanalysis.identify.intervals import Weighted, weighted
 from eppanalysis.identify.response import Response, Unknown
+from eppanalysis.models.systems.inputs import Recorded, Steps
 
 #: Standard deviation on the fitted scale where the data identify nothing at all; least lag, in units of the case's.
 WIDEST_START, _LEAST_LAG = 0.7, 0.02
@@ -141,6 +142,31 @@ def suspects(whitener: Whitener, q: Array, known: Sequence[str]) -> dict[str, tu
                 change = -float(slope @ left) / size**2
                 out[name] = change, abs(change) * size
     return out
+
+
+def held_between_rows(whitener: Whitener, q: Array) -> Array:
+    """How far places move, to first order, were recorded inputs held until the next row instead of linear to it.
+
+    What an input does between two rows is not recorded; a step that a controller takes, or a row that is missing, makes
+    it another one than the straight line.
+
+    Parameters
+    ----------
+    q : array, shape (p,)
+        The best place.
+
+    Returns
+    -------
+    array, shape (p,)
+    """
+    response = copy.copy(whitener.response)
+    response.inputs = {
+        name: Steps(given.times, given.values) if isinstance(given, Recorded) else given
+        for name, given in response.inputs.items()
+    }
+    slopes = np.column_stack([_slope(whitener, whitener, q - step, q + step) / 6e-3 for step in 3e-3 * np.eye(q.size)])
+    change = replace(whitener, response=response).residual(q) - whitener.residual(q)
+    return np.asarray(np.linalg.lstsq(slopes, -change, rcond=1e-10)[0], float)
 
 
 def _slope(low: Whitener, high: Whitener, below: Array, above: Array) -> Array:

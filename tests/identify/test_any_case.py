@@ -148,6 +148,30 @@ def test_a_model_that_is_wrong_elsewhere_is_said_and_what_would_mend_it(tmp_path
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("missing", "rows"),
+    [(None, "0.498 s to 0.5 s"), (49, "0.096 s to 0.1 s")],
+    ids=["no row is missing", "the row before the step is missing"],
+)
+def test_what_an_input_does_between_rows_is_said_where_it_matters(tmp_path, few_draws, missing, rows):
+    """The current is held from row to row, and the fit takes straight lines: what it says then is the true value."""
+    current = np.where(TIME < 0.1, 0.0, np.where(TIME < 0.5, 3.0, -1.0))
+    kept = np.arange(TIME.size) != missing
+    times, held = TIME[kept], epp.inputs.Steps(TIME[kept], current[kept])
+    run = epp.simulate(drive().with_values(TRUTH), held, t_end=TIME[-1], t_eval=times)
+    angle = np.degrees(run.signals["motor_angle"]) + 0.05 * np.random.default_rng(5).normal(size=times.size)
+    path = tmp_path / "record.csv"
+    columns = np.column_stack([times, angle, current[kept]])
+    np.savetxt(path, columns, delimiter=",", header="time [s],motor_angle [deg],current [A]", comments="")
+    known = drive().with_values({name: TRUTH[name] for name in ("J_load", "coulomb")})
+    fit = epp.identify(known, step=path, fit=("k",)).fits[0]
+    assert not fit["k"].low <= TRUTH["k"] <= fit["k"].high
+    (said,) = [note for note in fit.notes if "linear between rows" in note]
+    assert f"Were current held from {rows} and so on, k would be " in said
+    assert float(said.partition("k would be ")[2].split()[0]) == pytest.approx(TRUTH["k"], rel=3e-3)
+
+
+@pytest.mark.slow
 def test_what_acts_as_a_sum_alone_is_named(tmp_path, few_draws):
     """Two inertias on one shaft: the motion depends on their sum, so that one of them is taken from the case."""
     parts = 'J_arm = "0.012 kg*m^2"\nJ_tool = "0.015 kg*m^2"\nJ_load = "J_arm + J_tool"'
