@@ -94,10 +94,13 @@ Allow = Annotated[
 ]
 
 
-def echo(text: str = "", *, err: bool = False, bold: bool | None = None) -> None:
+def echo(text: str = "", *, err: bool = False, bold: bool = False) -> None:
     """Write lines for people, of which names of files and whatever else they quote cannot steer the terminal."""
+    shown = "\n".join(map(visible, text.split("\n")))
+    if bold and os.environ.get("TERM") != "dumb":  # a terminal that would print the codes of bold letters
+        shown = typer.style(shown, bold=True)
     with suppress(OSError) if err else nullcontext():  # where nobody reads a refusal the exit code still says it
-        typer.secho("\n".join(map(visible, text.split("\n"))), err=err, bold=bold)
+        typer.echo(shown, err=err)
 
 
 def load_case(text: str, settings: Sequence[str]) -> Case:

@@ -8,6 +8,7 @@ import os
 import shlex
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -315,3 +316,22 @@ def test_a_refusal_that_nobody_can_read_has_its_exit_code() -> None:
             [sys.executable, "-m", "eppanalysis", "predict", "no_such_case"], stderr=full, check=False
         )
     assert ended.returncode == 2
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="terminals of this system")
+@pytest.mark.parametrize("case", ["backlash_servo", "no_case"])
+def test_a_terminal_that_knows_no_codes_gets_none(case: str) -> None:
+    import pty
+
+    ours, theirs = pty.openpty()
+    call = [sys.executable, "-m", "eppanalysis", "predict", case]
+    with subprocess.Popen(call, stdout=theirs, stderr=theirs, env={**os.environ, "TERM": "dumb"}) as process:
+        os.close(theirs)
+        shown = b""
+        with suppress(OSError):  # the other end is closed
+            while more := os.read(ours, 65536):
+                shown += more
+        os.close(ours)
+    assert process.returncode == (2 if case == "no_case" else 0)
+    assert len(shown) > 40 and b"\x1b" not in shown
