@@ -119,7 +119,7 @@ def number(value: float, digits: int = DIGITS) -> str:
         return str(value)
     if math.isinf(value):
         return ("-" if value < 0 else "") + "infinite"
-    text = f"{value:.{digits}g}"
+    text = f"{value + 0.0:.{digits}g}"  # zero has no sign
     return f"{float(text):.0f}" if "e+" in text and abs(value) < _PLAIN else text
 
 

@@ -45,7 +45,8 @@ class Margins(Result):
         With d, any gain between (2 - d)/(2 + d) and (2 + d)/(2 - d) is borne, or any phase up to 2 atan(d/2); 0 where
         the linearised loop is unstable.
     delay_margin : float
-        Dead time that brings a stable loop to the border [s]; 0 where the loop is unstable.
+        Dead time that brings a stable loop to the border [s]; 0 where the loop is unstable, nan where its stability is
+        not decided.
     phase_crossover, gain_crossover, disk_frequency : float
         Where these are taken [rad/s]; nan where there is none.
     bandwidth : float
@@ -119,6 +120,8 @@ class Margins(Result):
 
 
 def _in(value: float, unit: str) -> str:
+    if math.isnan(value):
+        return "not decided"
     return f"{number(value)} {unit}" if math.isfinite(value) else number(value)
 
 

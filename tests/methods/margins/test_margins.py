@@ -445,3 +445,10 @@ def test_what_hands_on_a_late_input_is_no_place():
         epp.margins(loop, "nowhere")
     whole, part = epp.margins(loop), epp.margins(loop, "oven.in")
     assert part.gain_margin == pytest.approx(whole.gain_margin, rel=1e-9)
+
+
+def test_what_is_not_decided_is_no_number_and_zero_has_no_sign() -> None:
+    """Two integrators without damping: on the border, with no phase to lose."""
+    loop = epp.LureSystem.from_tf(([5.0], [1.0, 0.0, 0.0]), epp.Play(gap=2.0))
+    said = str(epp.margins(loop))
+    assert "phase margin 0 deg at 2.236 rad/s" in said and "delay margin not decided" in said and "nan" not in said
