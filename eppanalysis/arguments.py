@@ -42,6 +42,8 @@ _SMALLEST, _GREATEST = 1e-50, 1e50
 ORDINARY = f"zero, or a number from {_SMALLEST:g} to {_GREATEST:g} in size"
 #: Longest name of a file that systems have.
 _LONGEST_NAME = 255
+#: Most numbers of an array: what is not one yet (a range) would be made into one before anything else is known of it.
+_MOST_NUMBERS = 10**8
 #: Most of what is counted: of anything, and of what is less (or more) than that.
 _MOST_COUNT = 1_000_000
 _MOST = {"order": 5000, "workers": 1024, "threads": 1024, "halvings": 50, "seed": LARGEST_WHOLE}
@@ -259,6 +261,8 @@ def floats(value: Any, name: str, **options: Any) -> NDArray[Any]:
     >>> floats([1, 2], "gap").tolist()
     [1.0, 2.0]
     """
+    if not is_an_array(value):
+        raise ModelError(name, value, f"numbers, at most {_MOST_NUMBERS} of them and none masked")
     if getattr(getattr(value, "dtype", None), "kind", "") in _TIMES:  # numpy makes numbers of them in any unit
         raise ModelError(f"{name}: holds dates or durations", expected="numbers")
     if getattr(value, "dtype", None) is not None and np.iscomplexobj(value):  # numpy drops their imaginary parts
@@ -308,6 +312,8 @@ def _refusal(function: Callable[..., Any], name: str, value: object, words: str)
     """The sentence; of the first argument, for which a neighbour of what is wanted is a likely slip, with a hint."""
     called = _name_of(function)
     words = line_for(value) or words
+    if not is_an_array(value):
+        words += f", at most {_MOST_NUMBERS} of them and none masked"
     if name != next(iter(inspect.signature(function).parameters)) or _is_plain(value):
         return f"{called}: {name} is {shown(value)}; expected {words}{'' if words.endswith('?') else '.'}"
     methods = inspect.getmembers(type(value), inspect.isfunction)
@@ -414,6 +420,8 @@ def _many(item: _Expected | None) -> _Expected:
             return False
         if isinstance(value, type) or (isinstance(value, np.ndarray) and (not value.size or not value.ndim)):
             return False
+        if not is_an_array(value):
+            return False
         return item is None or all(map(item.holds, value[:_MOST_ITEMS]))
 
     return _Expected(holds, "a sequence" if item is None else f"a sequence, each item {item.words}")
@@ -460,9 +468,29 @@ def _is_whole(value: Any) -> bool:
         return False
 
 
-def _is_array(value: Any) -> bool:
-    """Whether numpy makes numbers of it: no texts, no lists of unequal lengths, no objects."""
+def is_an_array(value: Any) -> bool:
+    """Whether numpy may make an array of it: not too large to try, and without masked numbers, which it would take."""
     try:
+        return _size(value) <= _MOST_NUMBERS and not np.ma.is_masked(value)
+    except RecursionError:  # a list within itself
+        return False
+
+
+def _size(value: Any) -> int:
+    """How many numbers an array of it would have, without making one."""
+    shape = getattr(value, "shape", None)
+    if isinstance(shape, tuple):
+        return math.prod(shape)
+    if isinstance(value, list | tuple):
+        return sum(1 if type(v) is float or type(v) is int else _size(v) for v in value)
+    return len(value) if isinstance(value, range) else 1
+
+
+def _is_array(value: Any) -> bool:
+    """Whether numpy makes numbers of it: no texts, no lists of unequal lengths, no objects, nothing without end."""
+    try:
+        if not is_an_array(value):
+            return False
         array = np.asarray(value)
         return array.dtype.kind in "iufb" or (
             array.dtype.kind == "O" and array.size > 0 and bool(array.astype(float).size)

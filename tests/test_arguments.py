@@ -66,6 +66,9 @@ def everything(
     return "done"
 
 
+MOST = ", at most 100000000 of them and none masked."
+
+
 @pytest.mark.parametrize(
     "good",
     [
@@ -89,6 +92,12 @@ def test_what_an_annotation_says_is_taken(good: dict[str, object]) -> None:
         ({"d": [1]}, "d is [1]; expected a mapping by name, each value a number, or None."),
         ({"e": [[1], [2, 3]]}, "e is [[1], [2, 3]]; expected an array of numbers."),
         ({"e": "1"}, "e is '1'; expected an array of numbers."),
+        ({"e": range(10**9)}, f"e is range(0, 1000000000); expected an array of numbers{MOST}"),
+        ({"e": np.broadcast_to(1.0, (10**6, 10**6))}, f"expected an array of numbers{MOST}"),
+        ({"e": [[1.0], range(10**9)]}, f"expected an array of numbers{MOST}"),
+        ({"e": (1.0 for _ in range(3))}, "expected an array of numbers."),
+        ({"e": np.ma.array([1.0, 2.0], mask=[0, 1])}, f"expected an array of numbers{MOST}"),
+        ({"c": np.broadcast_to("u", 10**9)}, f"expected a sequence, each item a text{MOST}"),
         ({"f": (1, 2, 3)}, "f is (1, 2, 3); expected 2 values in a row."),
         ({"g": "z"}, "g is 'z'; expected 'x' or 'y'."),
         ({"h": 1}, "h is 1; expected a text or a path that a file can have."),
@@ -121,6 +130,11 @@ def test_counts_and_arrays() -> None:
     with pytest.raises(ModelError, match="x: holds complex numbers; expected real ones"):
         floats(np.array([1.0, 2.0 + 1e-3j]), "x")
     assert floats(np.array([1.0 + 0.0j]), "x").tolist() == [1.0]
+    for large in (range(10**9), np.broadcast_to(0.5, (10**9,)), np.ma.array([0.5, 0.9], mask=[False, True])):
+        with pytest.raises(EppError, match="of them and none masked"):
+            floats(large, "x")
+        with pytest.raises(EppError, match="expected a list of numbers"):
+            epp.blocks.TransferFunction(num=large, den=[1.0, 1.0])
     with pytest.raises(ModelError, match="Quantiser: levels is 1000000000000; expected a positive whole number of"):
         epp.Quantiser(0.1, 10**12)
     with pytest.raises(EppError, match=r"simulate: max_events is 1000000000000\.0; expected a whole number"):
@@ -189,6 +203,9 @@ def test_numbers_with_which_no_loop_can_be_computed_are_refused(analysis, size) 
         lambda: epp.LureSystem.from_tf((gain, lag), epp.RelayDeadZone(1.0, size)),
         lambda: epp.LureSystem.from_tf((gain, lag), epp.Quantiser(size, 5)),
         lambda: epp.LureSystem.from_tf(([size], lag), epp.Play(1.0)),
+        lambda: epp.LureSystem.build([[0.5]], [[1.0]], [[1.0]], [epp.Play(1.0)], time_step=size),
+        lambda: epp.blocks.Gain(gain=1.0, sample_time=size),
+        lambda: epp.blocks.Mass(mass=size),
     ):
         with pytest.raises(epp.EppError, match="from 1e-50 to 1e\\+50 in size"):
             analysis(make())

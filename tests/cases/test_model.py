@@ -118,7 +118,7 @@ def refusal(path: Path) -> CaseError:
         ('[drive]\ninertia = { value = "1 kg*m^2", mark = "guess" }', "drive.inertia.mark", "guess", "paper, derived"),
         ('[drive]\ninertia = { value = 1, colour = "red" }', "drive.inertia", None, "without 'colour'"),
         ('[drive]\ninertia = { value = 1, tolerance = "-5 %" }', "drive.inertia.tolerance", "-5 %", "not negative"),
-        ("[pulley]\nradius = 1e308", "", None, "ordinary magnitudes"),
+        ("[pulley]\nradius = 1e308", "pulley.radius", None, "from 1e-50 to 1e+50 in size"),
         ('[expected]\noutcome = "explode"', "expected.outcome", "explode", "'oscillate' or 'settle'"),
     ],
 )

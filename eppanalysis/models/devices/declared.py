@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from eppanalysis.arguments import is_number
+from eppanalysis.arguments import ORDINARY, are_ordinary, is_an_array, is_number
 from eppanalysis.errors import ModelError
 from eppanalysis.readable import quantity as written
 
@@ -95,7 +95,9 @@ class Declared:
             return "" if whole else f"a whole number from {self.at_least} to {self.at_most}"
         if not is_number(value):
             return "a finite number"
-        return unmet(value, self.limits, lambda limit: written(limit, self.unit))
+        return unmet(value, self.limits, lambda limit: written(limit, self.unit)) or (
+            "" if are_ordinary(value) else ORDINARY
+        )
 
 
 def quantity(default: float | None, about: str, unit: str = "", friendly: str = "", **limits: Any) -> Any:
@@ -138,6 +140,8 @@ def choice(about: str, choices: tuple[str, ...]) -> Any:
 
 def _unlike(values: Any, form: Form) -> str:
     """What is expected in place of lists of numbers; empty for those of the right depth and of equal rows."""
+    if not is_an_array(values):
+        return form.value
     if form is Form.ROOTS:
         pairs = isinstance(values, Sequence | np.ndarray) and all(_depth(root, (0, 1), (1, 2)) for root in values)
         return (_not_finite(np.array([0.0, *map(np.sum, values)]))) if pairs else form.value

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eppanalysis.arguments import checked
+from eppanalysis.arguments import ORDINARY, are_ordinary, checked
 from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity
@@ -177,6 +177,7 @@ class LureSystem(Responses):
             require_ordinary(element)
         require(name, "memory", starts, len(starts) == len(elements), f"{len(elements)}, one for each element")
         require(name, "time_step", time_step, time_step is None or 0 < time_step < np.inf, "a positive number or None")
+        require(name, "time_step", time_step, are_ordinary(time_step or 0.0), ORDINARY)
         waits = array("delays", delays, (nw,))
         require(name, "delays", waits.tolist(), bool(np.all(waits >= 0)), "zero or positive numbers")
         C, D = array("C", C, (nz, n)), array("D", D, (nz, nw))

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eppanalysis.arguments import checked_class, floats
+from eppanalysis.arguments import are_ordinary, checked_class, floats
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder
@@ -128,7 +128,7 @@ class SampledController(Nonlinearity):
         self._read_matrices()
         positive = math.isfinite(self.sample_time) and self.sample_time > 0
         ranges = {
-            "sample_time": (positive, "a positive number of seconds"),
+            "sample_time": (positive and are_ordinary(self.sample_time), "a positive number of seconds"),
             "delay": (0 <= self.delay <= self.sample_time, "zero to the sample time"),
             "offset": (math.isfinite(self.offset) and self.offset >= 0, "zero or a positive number of seconds"),
             "tick": (self.tick is None or 0 < self.tick < math.inf, "a positive number of seconds"),
