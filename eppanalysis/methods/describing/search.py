@@ -42,6 +42,9 @@ _RESONANT = 0.03
 _SHARP, _UNDAMPED = 3.0, 1e9
 #: Logarithm of a loop gain between nodes that surely is not one; gain below which the logarithm goes on as its tangent.
 _FAR_FROM_ONE, _FAINT = 4.0, 1e-3
+#: Halvings of an interval, to the last digits; the same in sections of many, and how often.
+_HALVINGS = 60
+_SECTIONS, _ROUNDS = 64, 8
 #: Breakpoints around which biases are sought where the static balance has several answers.
 _MOST_CENTRES = 8
 _MANY_STEPS = (
@@ -319,7 +322,7 @@ def static_curves(balance: Balance, amplitude: Array, scales: Array) -> tuple[li
     lines = [np.stack([amplitude, np.zeros(len(amplitude))], -1)] if symmetric else []
     if _prescribed_alone(balance):
         fixed = float(balance.prescribed[0] / balance.on_bias[0, 0])
-        return lines or [np.stack([amplitude, np.full(len(amplitude), fixed)], -1)], True, False
+        return lines or [_with_turns(balance, np.stack([amplitude, np.full(len(amplitude), fixed)], -1))], True, False
     bias = _bias_nodes(balance, scales)
     bias = bias[bias > 0] if symmetric else bias
     # Where all slopes turn the balance the same way no bias beside none is expected: that is held against few
@@ -337,6 +340,7 @@ def static_curves(balance: Balance, amplitude: Array, scales: Array) -> tuple[li
         points = _settle_bias(balance, branch)
         if dear:
             points = _settle_bias(balance, _denser(points, _AMPLITUDES // _FEW_AMPLITUDES))
+        points = _with_turns(balance, points)
         lines += [points, points * [1.0, -1.0]] if symmetric else [points]
     return lines, len(branches) <= _MOST_BRANCHES, dear and not few
 
@@ -345,6 +349,42 @@ def _denser(points: Array, times: int) -> Array:
     """As many points between two neighbours, even in the logarithm of the amplitude and in the bias."""
     place = np.linspace(0.0, len(points) - 1.0, times * (len(points) - 1) + 1)
     return np.stack([np.exp(at_index(np.log(points[:, 0]), place)), at_index(points[:, 1], place)], -1)
+
+
+def _with_turns(balance: Balance, points: Array) -> Array:
+    """A curve of the static balance, denser around where an oscillation about its bias reaches one more threshold."""
+    element = balance.system.elements[0]
+
+    def on_curve(place: Array) -> Array:
+        """Points at fractional indices."""
+        i = np.minimum(place.astype(int), len(points) - 2)
+        a, ends = np.exp(at_index(np.log(points[:, 0]), place)), np.stack([points[i, 1], points[i + 1, 1]])
+        margin = _margin(a, np.abs(ends).max(axis=0))
+        return _balanced(
+            balance, a, ends.min(axis=0) - margin, ends.max(axis=0) + margin, at_index(points[:, 1], place)
+        )
+
+    def spared(at: Array) -> Array:
+        """How many thresholds the oscillation does not pass; on a jump it reaches one, to rounding."""
+        return np.array([np.count_nonzero(element.thresholds(float(b)) >= a * (1.0 - 1e-9)) for a, b in at])
+
+    counts = spared(points)
+    first = np.flatnonzero((counts[1:] != counts[:-1]) & (points[1:, 0] != points[:-1, 0]))
+    if not first.size:
+        return points
+    # Sections of many at once: a point costs hardly more than one of many.
+    high, step = first.astype(float), 1.0
+    for _ in range(_ROUNDS):
+        step /= _SECTIONS
+        places = high[:, None] + step * np.arange(1, _SECTIONS)
+        before = spared(on_curve(places.ravel())).reshape(places.shape) == counts[first, None]
+        high += step * np.cumprod(before, axis=1).sum(axis=1)
+    high += step
+    around = spread(len(element.thresholds()))
+    room = np.where(around[:, None] < 0.0, high - first, first + 1.0 - high)
+    places = np.concatenate([np.arange(len(points), dtype=float), (high + room * around[:, None]).ravel()])
+    rows = np.concatenate([points, on_curve(places[len(points) :])])
+    return rows[np.unique(places, return_index=True)[1]]
 
 
 def _branches(balance: Balance, amplitude: Array, bias: Array, symmetric: bool) -> list[Array]:
@@ -396,17 +436,26 @@ def _bias_nodes(balance: Balance, scales: Array) -> Array:
 def _settle_bias(balance: Balance, points: Array) -> Array:
     """Bring contour points onto the static balance by bisection in the bias."""
     a, b = points.T
-    width = 0.2 * np.abs(b) + 1e-3 * a
-    low, high = b - width, b + width
+    margin = _margin(a, np.abs(b))
+    return _balanced(balance, a, b - margin, b + margin, b)
+
+
+def _margin(amplitude: Array, bias: Array) -> Array:
+    """How far a bias of this size may be off between nodes."""
+    return 0.2 * bias + 1e-3 * amplitude
+
+
+def _balanced(balance: Balance, a: Array, low: Array, high: Array, otherwise: Array) -> Array:
+    """Points (n, 2) of the static balance between two biases, at another one where it does not change its sign."""
     # Bisection: the slope of the mean is infinite where the input just reaches a jump, and Newton's method fails there.
     f_low, f_high = _static(balance, a, low), _static(balance, a, high)
     ok = (f_low < 0) != (f_high < 0)
-    for _ in range(60):
+    for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         f = _static(balance, a, middle)
         left = (f < 0) == (f_low < 0)
         low, high = np.where(left, middle, low), np.where(left, high, middle)
-    return np.stack([a, np.where(ok, 0.5 * (low + high), b)], -1)
+    return np.stack([a, np.where(ok, 0.5 * (low + high), otherwise)], -1)
 
 
 def _is_real(N: ComplexArray) -> bool:
