@@ -369,15 +369,15 @@ def test_a_search_without_a_stable_cycle_claims_none():
     unknown = replace(search, cycles=(replace(search[0], stable=None, multipliers=None),))
     assert str(unknown).startswith("Limit cycles of unknown stability exist: 1 limit cycle with x 2.066 peak to peak")
     none = replace(search, cycles=(), n_runs=40)
-    assert str(none) == "No limit cycle was found by 40 runs: all settle at rest."
+    assert str(none) == "No limit cycle was found: all runs settle at rest."
     undecided = replace(none, left_open=("2 runs neither settled nor repeated themselves",), status=Status.UNDECIDED)
     assert str(undecided).startswith(
-        "Undecided: no limit cycle was found by 40 runs, some starts settle at rest. The search leaves"
+        "Undecided: no limit cycle was found, some starts settle at rest. The search leaves"
     )
     nothing = replace(undecided, settles=False)
-    assert str(nothing).startswith("Undecided: no limit cycle was found by 40 runs. The search leaves")
+    assert str(nothing).startswith("Undecided: no limit cycle was found. The search leaves")
     both = replace(none, diverges=True)
-    assert str(both) == "No limit cycle was found by 40 runs: some starts settle at rest and some grow without bound."
+    assert str(both) == "No limit cycle was found: some starts settle at rest and some grow without bound."
 
 
 EMPTY = {

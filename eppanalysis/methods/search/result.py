@@ -116,9 +116,8 @@ class CycleSearch(Listing[LimitCycle]):
         if not self.cycles:
             # Runs without an end say nothing of cycles: the verdict begins with that, not with what was not found.
             none = "No limit cycle was found" if self.status.ok else "Undecided: no limit cycle was found"
-            none += f" by {count(self.n_runs, 'run')}" if self.n_runs else ""
             alike = self.n_runs > 0 and not self.left_open and self.settles != self.diverges
-            first, second = ("all", "all") if alike else ("some starts", "some")
+            first, second = ("all runs", "all runs") if alike else ("some starts", "some")
             ends = [f"{first} settle at rest"] * self.settles + [f"{second} grow without bound"] * self.diverges
             sign = ": " if self.status.ok else ", "
             return f"{none}{sign * bool(ends)}{listed(ends) if ends else ''}.{open_ends}"
