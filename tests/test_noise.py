@@ -37,10 +37,6 @@ LONG = """
 OPEN = {
     ("simulate", "azimuth_servo"): "whether a sample that falls on the end of a run counts as an event is rounding",
     ("simulate", "virtual_spring"): "whether a sample that falls on the end of a run counts as an event is rounding",
-    (
-        "simulate",
-        "buck_converter",
-    ): "an irregular motion is told by turns of one run: no orbit is closed to confirm it",
 }
 
 
