@@ -44,6 +44,7 @@ ORDINARY = f"zero, or a number from {_SMALLEST:g} to {_GREATEST:g} in size"
 _LONGEST_NAME = 255
 #: Most numbers of an array: what is not one yet (a range) would be made into one before anything else is known of it.
 _MOST_NUMBERS = 10**8
+_IN_AN_ARRAY = f"at most {_MOST_NUMBERS} of them and none masked"
 #: Most of what is counted: of anything, and of what is less (or more) than that.
 _MOST_COUNT = 1_000_000
 _MOST = {"order": 5000, "workers": 1024, "threads": 1024, "halvings": 50, "seed": LARGEST_WHOLE}
@@ -262,7 +263,7 @@ def floats(value: Any, name: str, **options: Any) -> NDArray[Any]:
     [1.0, 2.0]
     """
     if not is_an_array(value):
-        raise ModelError(name, value, f"numbers, at most {_MOST_NUMBERS} of them and none masked")
+        raise ModelError(name, value, f"numbers, {_IN_AN_ARRAY}")
     if getattr(getattr(value, "dtype", None), "kind", "") in _TIMES:  # numpy makes numbers of them in any unit
         raise ModelError(f"{name}: holds dates or durations", expected="numbers")
     if getattr(value, "dtype", None) is not None and np.iscomplexobj(value):  # numpy drops their imaginary parts
@@ -313,7 +314,7 @@ def _refusal(function: Callable[..., Any], name: str, value: object, words: str)
     called = _name_of(function)
     words = line_for(value) or words
     if not is_an_array(value):
-        words += f", at most {_MOST_NUMBERS} of them and none masked"
+        words += f", {_IN_AN_ARRAY}"
     if name != next(iter(inspect.signature(function).parameters)) or _is_plain(value):
         return f"{called}: {name} is {shown(value)}; expected {words}{'' if words.endswith('?') else '.'}"
     methods = inspect.getmembers(type(value), inspect.isfunction)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from eppanalysis.models.diagrams import Diagram
-from eppanalysis.models.diagrams.blocks import CartPendulum, Gear, Inertia, Mass, Motor, Shaft, WheeledPendulum
+from eppanalysis.models.diagrams.blocks import CartPendulum, Gear, Inertia, Mass, Motor, Shaft
 from eppanalysis.models.diagrams.wiring import Port
 from eppanalysis.models.elements import Play
 
-_BODIES = (Inertia, Mass, Motor, CartPendulum, WheeledPendulum)
+_BODIES = (Inertia, Mass, Motor, CartPendulum)
 #: Outputs that say where a body is, and inputs by which it is pushed.
 _PLACES, _PUSHES = ("angle", "position", "wheel_angle"), ("torque", "force")
 #: Parts that hand a place or a push on, without states.

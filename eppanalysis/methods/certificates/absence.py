@@ -81,10 +81,15 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     reason = _not_covered(loop)
     if reason:
         return reason
-    linear, play, sampled = Linear.of(loop), loop["element"]["kind"] == "play", loop["time_step"] is not None
+    try:
+        linear = Linear.of(loop)
+    except Refused as error:
+        return f"{error}."
     edges, reason = _sector(loop, linear)
-    multiplier = None if reason else _multiplier(linear, edges, circle=play or sampled)
-    if multiplier is None and not (play or sampled):
+    # With memory the integral of w dx/dt over a period need not vanish, nor need its sum over samples.
+    circle = loop["element"]["kind"] == "play" or loop["time_step"] is not None
+    multiplier = None if reason else _multiplier(linear, edges, circle)
+    if multiplier is None and not circle:
         edges, multiplier = (None, None), _sign(linear)
     if multiplier is None:
         return _otherwise(loop, sectors, reason)
@@ -146,10 +151,6 @@ def _not_covered(loop: Mapping[str, Any]) -> str:
         return "the linear part passes its input straight through."
     if loop["element"]["kind"] not in check_absence.ELEMENTS:
         return f"{loop['element']['kind']}: the criteria are those of memoryless elements, and of play."
-    try:
-        linear_parts(loop)
-    except Refused as error:
-        return f"{error}."
     return ""
 
 
@@ -171,8 +172,7 @@ def _sector(loop: Mapping[str, Any], linear: Linear) -> tuple[Sector, str]:
 def _multiplier(linear: Linear, edges: Sector, circle: bool) -> Fraction | None:
     """A multiplier with which the criterion holds, the circle criterion's zero first; None where none was found.
 
-    With memory the integral of w dx/dt over a period need not vanish, nor need its sum over samples: there is no
-    multiplier but zero.
+    Where the circle criterion alone holds there is none but zero.
     """
     if _holds(linear, edges, Fraction(0)):
         return Fraction(0)

@@ -16,6 +16,7 @@ from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE
 from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import require, require_numbers, require_steps
 from eppanalysis.models.elements.piecewise import PiecewiseLinear
+from eppanalysis.models.elements.static import Relay
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class _SideAtEdges(PiecewiseLinear):
 
 @of_two_sides("low", "high")
 @dataclass(frozen=True)
-class Comparator(_SideAtEdges, kind="comparator"):
+class Comparator(_SideAtEdges, Relay, kind="comparator"):
     """`low` below `threshold`, `high` at it and above: a relay that has a side at its threshold.
 
     Parameters
@@ -98,17 +99,6 @@ class Comparator(_SideAtEdges, kind="comparator"):
     >>> Comparator(low=0.0, high=1.0).output([-0.1, 0.0, 0.1])[0].tolist()
     [0.0, 1.0, 1.0]
     """
-
-    units = MappingProxyType({"low": OUT, "high": OUT, "threshold": IN})
-
-    low: float = -1.0
-    high: float = 1.0
-    threshold: float = 0.0
-
-    def __post_init__(self) -> None:
-        require_numbers(self)
-        require(self, "high", self.high != self.low, "other than low", "low")
-        self._set_pieces([self.threshold], [0.0, 0.0], [self.low, self.high])
 
 
 @dataclass(frozen=True)
@@ -185,8 +175,8 @@ class WrapAround(_SideAtEdges, kind="wrap_around"):
     """Overflow of two's complement numbers: what leaves `-limit` to `limit` on one side comes in on the other.
 
     The output is ``(x + limit) mod (2 limit) - limit``, as of an adder that drops its carry. Beyond the last jump its
-    line goes on. An adder that saturates is a :class:`Saturation`; a
-    :class:`FloorQuantiser` in front of either truncates.
+    line goes on. An adder that saturates is a :class:`Saturation`; a :class:`FloorQuantiser` in front of either
+    truncates.
 
     Parameters
     ----------

@@ -170,8 +170,7 @@ class BoucWen(StateOutput, kind="bouc_wen"):
     beta : float
         How fast the force gives way, positive [1 per unit of the input and s].
     gamma : float
-        By how much faster against the motion, and slower with it; more than -beta [1 per
-        unit of the input and s].
+        By how much faster against the motion, and slower with it; more than -beta [1 per unit of the input and s].
 
     Raises
     ------
