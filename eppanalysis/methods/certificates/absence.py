@@ -5,21 +5,24 @@ One multiplier serves one loop, or all loops of a range or box.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import zip_longest
 from math import comb
 from typing import Any
 
+import numpy as np
+
 from eppanalysis.methods.certificates import check_absence
 from eppanalysis.methods.certificates.check_absence import (
     Refused,
     added,
     coefficients,
+    dead_times,
+    holds,
     linear_parts,
     number,
-    positive,
     sector,
     times,
 )
@@ -35,11 +38,14 @@ Sector = tuple[Fraction | None, Fraction | None]
 
 @dataclass(frozen=True)
 class Linear:
-    """Linear parts at the corners, on the axis of s; how large their coefficients are there, and the least degree."""
+    """Linear parts at the corners, on the axis of s; how large their coefficients are there, the least degree, and dead
+    times from and to.
+    """
 
     corners: Corners
     sizes: tuple[Polynomial, Polynomial]
     degree: int
+    late: tuple[Fraction, Fraction] | None
 
     @classmethod
     def of(cls, loop: Mapping[str, Any]) -> Linear:
@@ -50,11 +56,13 @@ class Linear:
         if loop["time_step"] is not None:
             most: Polynomial = [Fraction(comb(degree, k)) for k in range(degree + 1)]
             nums, dens = ([sum(row) * c for c in most] for row in (nums, dens))
-        return cls(corners, (nums, dens), degree)
+        return cls(corners, (nums, dens), degree, dead_times(loop))
 
 
 #: How far beyond all turning points the ends of the frequency axis are looked at, as a factor.
 _FAR = Fraction(10) ** 20
+#: Behind dead time: frequencies of a grid, and how far it goes beyond all scales, as a factor.
+_GRID, _WIDE = 2000, 300.0
 
 
 def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
@@ -89,11 +97,11 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     # With memory the integral of w dx/dt over a period need not vanish, nor need its sum over samples.
     circle = loop["element"]["kind"] == "play" or loop["time_step"] is not None
     multiplier = None if reason else _multiplier(linear, edges, circle)
-    if multiplier is None and not circle:
+    if multiplier is None and not circle and not linear.late:
         edges, multiplier = (None, None), _sign(linear)
     if multiplier is None:
         return _otherwise(loop, sectors, reason)
-    polynomials = coefficients(linear.corners, edges, multiplier)
+    polynomials = coefficients(linear.corners, edges, multiplier, linear.late)
     return sealed(
         {
             "statement": check_absence.STATEMENT,
@@ -118,10 +126,10 @@ def _otherwise(loop: Mapping[str, Any], sectors: int, reason: str) -> dict[str, 
         return reason
     low, high = sector(loop["element"])
     shown = f"{float(low):.6g} to {'infinity' if high is None else f'{float(high):.6g}'}"
-    sampled = loop["time_step"] is not None
+    sampled, late = loop["time_step"] is not None, check_absence.dead_times(loop)
     fails = "the circle criterion fails" if sampled else "neither the circle criterion nor Popov's holds"
     why = f"{fails} for the sector from {shown}, so absence is undecided"
-    if len(loop["num"]) > 1 or sampled:
+    if len(loop["num"]) > 1 or sampled or late:
         return f"{why}."
     from eppanalysis.methods.certificates.cells.find import find as find_cells
 
@@ -133,7 +141,8 @@ def _by_sectors(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     """The certificate of a loop with play by a function that falls, or why there is none."""
     from eppanalysis.methods.certificates.play.find import find as find_function
 
-    found = find_function(loop, sectors)
+    late = check_absence.dead_times(loop)
+    found = "with dead time a function that falls is not sought." if late else find_function(loop, sectors)
     if isinstance(found, str):
         return f"Re G(jω) > -1 fails at some frequency, and {found} There may be a cycle or none."
     return found
@@ -141,8 +150,6 @@ def _by_sectors(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
 
 def _not_covered(loop: Mapping[str, Any]) -> str:
     """Which hypothesis of all criteria a loop does not meet; empty where it meets all."""
-    if loop["time_step"] is None and number(loop["delay"]) != 0:
-        return "the criteria are checked for rational linear parts, and the loop has dead time."
     if loop["time_step"] is not None and loop["element"]["kind"] == "play":
         return "of play the criteria are those of continuous time, and the loop is in discrete time."
     if not all(any(number(c) for c in row) for row in loop["num"]):
@@ -162,6 +169,8 @@ def _sector(loop: Mapping[str, Any], linear: Linear) -> tuple[Sector, str]:
         return (None, None), f"{error}: the criteria are those of memoryless elements in a sector, and of play."
     if low is None or low == high:
         return (None, None), "the element lies in no sector, or is linear."
+    if linear.late and high is None:
+        return (None, None), "behind dead time the criteria need a sector that is bounded, and this one is not."
     # The criteria know the loop by what the element sees: an integrator that cancels is beyond them
     # (docs/theory/proofs.md, No periodic motion).
     lasts = [[p[0] if p else Fraction(0) for p in row] for row in zip(*linear.corners, strict=True)]
@@ -180,9 +189,10 @@ def _multiplier(linear: Linear, edges: Sector, circle: bool) -> Fraction | None:
         return None
     # The criterion is linear in its multiplier: two of them give the polynomial of any (docs/theory/proofs.md, No
     # periodic motion).
-    circles, tilted = (coefficients(linear.corners, edges, Fraction(r)) for r in (0, 1))
+    circles, tilted = (coefficients(linear.corners, edges, Fraction(r), linear.late) for r in (0, 1))
     tilts = [added(tilt, circle, Fraction(-1)) for tilt, circle in zip(tilted, circles, strict=True)]
-    return next((r for r in _candidates(circles, tilts) if _holds(linear, edges, r)), None)
+    bounds = _exact_bounds(circles, tilts) if not linear.late else _bounds_behind(circles, tilts, linear.late)
+    return next((r for r in _between(*bounds) if _holds(linear, edges, r)), None)
 
 
 def _sign(linear: Linear) -> Fraction | None:
@@ -203,26 +213,64 @@ def _holds(linear: Linear, edges: Sector, multiplier: Fraction) -> bool:
         terms = added(terms, times(dens, dens), 1 / (high - low))
     # Each term has two rounded coefficients; those of omega squared come from even powers.
     room = [3 * ROUNDING * c for c in terms[::2]]
-    left = [added(p, room, Fraction(-1)) for p in coefficients(linear.corners, edges, multiplier)]
-    return all(positive(p) and len(p) > linear.degree for p in left)
+    left = coefficients(linear.corners, edges, multiplier, linear.late)
+    if linear.late:  # odd powers count, too, each with a sine, which is no more than its angle
+        room = added(room, [Fraction(0), *(3 * ROUNDING * c * linear.late[1] for c in terms[1::2])])
+    left[:: 3 if linear.late else 1] = [added(p, room, Fraction(-1)) for p in left[:: 3 if linear.late else 1]]
+    return holds(left, linear.degree, linear.late)
 
 
-def _candidates(circles: list[Polynomial], tilts: list[Polynomial]) -> list[Fraction]:
-    """Multipliers r between all bounds that ``circle + r tilt > 0`` sets at the frequencies where they are tightest."""
-    least, most = None, None
+#: The least and the greatest multiplier; None where there is no bound.
+Bounds = tuple[Fraction | None, Fraction | None]
+
+
+def _exact_bounds(circles: list[Polynomial], tilts: list[Polynomial]) -> Bounds:
+    """All bounds that ``circle + r tilt > 0`` sets to r, at the frequencies where they are tightest."""
+    pairs = []
     for circle, tilt in zip(circles, tilts, strict=True):
         # Each frequency bounds the multiplier by -circle/tilt; the tightest bounds are where that quotient turns.
         turning = added(times(_slope(circle), tilt), times(circle, _slope(tilt)), Fraction(-1))
         places = _positive_roots(turning) or [Fraction(1)]
-        for u in [min(places) / _FAR, *places, max(places) * _FAR]:
-            size, lean = _at(circle, u), _at(tilt, u)
-            if lean > 0:
-                least = -size / lean if least is None else max(least, -size / lean)
-            elif lean < 0:
-                most = -size / lean if most is None else min(most, -size / lean)
+        pairs += [(_at(circle, u), _at(tilt, u)) for u in [min(places) / _FAR, *places, max(places) * _FAR]]
+    return _bounds(pairs)
+
+
+def _bounds_behind(circles: list[Polynomial], tilts: list[Polynomial], late: tuple[Fraction, Fraction]) -> Bounds:
+    """The same behind dead time, on a grid of frequencies and dead times: what is found there is checked."""
+    sizes = np.abs(np.concatenate([np.roots(_floats(row)) for row in circles]))
+    scales = [*np.sqrt(sizes[sizes > 0]), 1.0 / float(late[1])]
+    omega = np.geomspace(min(scales) / _WIDE, max(scales) * _WIDE, _GRID)
+    pairs: list[tuple[float, float]] = []
+    for tau in np.linspace(float(late[0]), float(late[1]), 5):
+        phi = omega * tau
+        for i in range(0, len(circles), 3):
+            sizes, leans = (
+                np.polyval(_floats(still), omega**2)
+                + np.polyval(_floats(cosine), omega**2) * np.cos(phi)
+                + np.polyval(_floats(sine), omega**2) * omega * np.sin(phi)
+                for still, cosine, sine in (circles[i : i + 3], tilts[i : i + 3])
+            )
+            pairs += zip(sizes.tolist(), leans.tolist(), strict=True)
+    return _bounds(pairs)
+
+
+def _floats(p: Polynomial) -> list[float]:
+    """Coefficients in descending powers."""
+    return [float(c) for c in p[::-1]]
+
+
+def _bounds(pairs: Iterable[tuple[Fraction, Fraction] | tuple[float, float]]) -> Bounds:
+    """The bounds of all r with ``size + r lean > 0``."""
+    pairs = list(pairs)
+    least = max((-size / lean for size, lean in pairs if lean > 0), default=None)
+    most = min((-size / lean for size, lean in pairs if lean < 0), default=None)
+    return None if least is None else Fraction(least), None if most is None else Fraction(most)
+
+
+def _between(least: Fraction | None, most: Fraction | None) -> list[Fraction]:
+    """Multipliers between two bounds; bounded on one side alone, a little beyond the bound, and far beyond it."""
     if least is None and most is None:
         return []
-    # Bounded on one side alone: a little beyond the bound, and far beyond it.
     if least is None or most is None:
         bound, way = (most, -1) if least is None else (least, 1)
         assert bound is not None

@@ -51,8 +51,8 @@ def certify(
     Parameters
     ----------
     loop : LureSystem or Case
-        With one element of one input and output without a bias (play may have one), and a rational linear part; for
-        "roots" with dead time; both in discrete time, too. "roots" also takes, in continuous time, one piecewise-linear
+        With one element of one input and output without a bias (play may have one), and a linear part that is rational
+        but for dead time, in continuous or discrete time. "roots" also takes, in continuous time, one piecewise-linear
         element, play or relay with hysteresis with a bias, and rings of odd ones of these.
     statement : str, optional
         "roots": all roots of the balance ``1 + N(A) G(j omega) = 0`` in a box, none missed. "absence": no periodic
@@ -70,9 +70,9 @@ def certify(
         frequency).
     within : mapping of str to (quantity, quantity), optional
         Of "absence", for a case: up to three parameters and their ranges, from and to. Along each of them the
-        coefficients of the linear part run along straight lines, as they do with gains, and the element keeps to the
-        sector of one; of play, to any gap. By sectors one parameter may change the numerator, and none else but the
-        gap. One file then holds for all values.
+        coefficients of the linear part run along straight lines, as they do with gains, the element keeps to the sector
+        of one, or is play with any gap, and dead time may change at will. By sectors one parameter may change the
+        numerator, and none else but the gap. One file then holds for all values.
     sectors : int, optional
         Of "absence" with play: most sectors of a quarter plane in which the function is quadratic, 2 to 200; more of
         them come nearer to the exact onset of cycles.

@@ -1,8 +1,9 @@
 """Checker of a certificate of absence: no periodic motion but rest, by the criterion of Popov or the circle criterion.
 
-A file speaks of one linear part, of all on the straight line between two, or of a box with 4 or 8 at its corners. The
-checker stands alone, ``python -I check_absence.py < certificate.json``, and computes with exact rationals
-(python-flint). Theory: docs/theory/proofs.md, "No periodic motion", and of play "By frequency".
+A file speaks of one linear part, of all on the straight line between two, or of a box with 4 or 8 at its corners, and
+of one dead time, or of all between two. The checker stands alone, ``python -I check_absence.py < certificate.json``,
+and computes with exact rationals and, behind dead time, with balls (python-flint). Theory: docs/theory/proofs.md, "No
+periodic motion", and of play "By frequency".
 """
 
 import sys
@@ -16,6 +17,8 @@ from fractions import Fraction
 STATEMENT = "no periodic motion but rest"
 #: Most characters of a file, of a number in it, and of the numbers of a polynomial; most coefficients of the loop's.
 LENGTH, DIGITS, SIZE, ORDER = 100_000, 1000, 4000, 60
+#: Most boxes of frequency and dead time, and the binary places of the balls over them.
+BOXES, BITS = 20_000, 100
 HALF = {"slope": (Fraction,), "bends": [[(Fraction,), (Fraction,)]], "jumps": [[(Fraction,), (Fraction,)]]}
 ELEMENTS: dict = {
     "odd_pieces": HALF,
@@ -104,6 +107,11 @@ def element_form(part):
     return {"kind": (str,), **ELEMENTS[kind]}
 
 
+def delay_form(part):
+    """The form of a dead time: one, or the least and the greatest."""
+    return [(Fraction,), (Fraction,)] if type(part) is list else (Fraction,)
+
+
 def ratios(half):
     """Least and greatest y/x of a static element for x > 0; None for no bound.
 
@@ -168,18 +176,25 @@ def turned(p, n):
     return out
 
 
+def dead_times(loop):
+    """The least and the greatest dead time; None where the linear part is rational: without any, and of samples."""
+    listed = isinstance(loop["delay"], list)
+    low, high = [*map(number, loop["delay"])] if listed else [number(loop["delay"])] * 2
+    require(0 <= low <= high, "dead times that are negative, or not from low to high")
+    require(not listed or (loop["time_step"] is None and low < high), "a range of dead times that is none")
+    return None if high == 0 or loop["time_step"] is not None else (low, high)
+
+
 def linear_parts(loop):
     """Numerators and denominators at the corners, in ascending powers of s, and the least degree of the criterion.
 
     Of samples ``s = (z - 1)/(z + 1)``: at half of their frequency, which is infinite, the criterion must hold, too.
     """
     nums, dens = ([trimmed([*map(number, row[::-1])]) for row in loop[name]] for name in ("num", "den"))
-    late = number(loop["delay"])
-    if loop["time_step"] is None:
-        require(late == 0, "a loop with dead time is not covered")
-    else:
-        step = number(loop["time_step"])
-        require(step > 0 and 0 <= late <= ORDER * step, "a dead time that is negative or too long")
+    dead_times(loop)
+    if loop["time_step"] is not None:
+        step, late = number(loop["time_step"]), number(loop["delay"])
+        require(step > 0 and late <= ORDER * step, "a dead time that is too long")
         require((late / step).denominator == 1, "a dead time that is no whole number of samples")
         dens = [[*[Fraction(0)] * int(late / step), *den] for den in dens]
     monic = all(0 < len(num) < len(den) == len(dens[0]) and den[-1] == 1 for num, den in zip(nums, dens, strict=True))
@@ -196,37 +211,51 @@ def on_axis(p):
 
 
 def criterion(num, den, low, high, multiplier):
-    """``Re((1 + j omega r) num conj(D)) + |D|^2/(high - low)``, D = den + low num, as a polynomial in omega squared.
+    """Polynomials a, b, c in omega squared, with ``phi = omega * dead time``: ``a + b cos(phi) + c omega sin(phi)`` is
+    ``Re((1 + j omega r) N conj(D)) + |D|^2/(high - low)``, N = num exp(-j phi), D = den + low N.
 
-    Without a sector (no `low`) it is ``Re(j omega r num conj(den))``.
+    Without a sector (no `low`) it is ``Re(j omega r N conj(den))``.
     """
-    den = added(den, num, low or Fraction(0))
     (a, b), (c, d), u = on_axis(num), on_axis(den), [Fraction(0), Fraction(1)]
     real, turn = added(times(a, c), times(u, times(b, d))), added(times(b, c), times(a, d), Fraction(-1))
-    size = added(times(c, c), times(u, times(d, d)))
-    popov = added([] if low is None else real, times(u, turn), -multiplier)
-    return popov if high is None else added(popov, size, 1 / (high - low))
+    below, room = low or Fraction(0), Fraction(0) if high is None else 1 / (high - low)
+    size, driven = added(times(c, c), times(u, times(d, d))), added(times(a, a), times(u, times(b, b)))
+    still = added(times([room], size), driven, below + room * below**2)
+    share = (low is not None) + 2 * room * below
+    cosine = added(times([share], real), times(u, turn), -multiplier)
+    return still, cosine, added(times([share], turn), real, multiplier)
 
 
-def coefficients(corners, edges, multiplier):
-    """The Bernstein coefficients of the criterion over a box, of degree 2 along each side, from products of corners.
-
-    Bit i of a corner's place says at which end of side i it is.
+def coefficients(corners, edges, multiplier, late):
+    """The Bernstein coefficients of the criterion over a box, of degree 2 along each side, from products of corners:
+    polynomials in omega squared, three of each with dead time. Bit i of a place says at which end of side i it is.
     """
     low, high = edges
-    alone = [criterion(num, den, low, high, multiplier) for num, den in corners]
+
+    def parts(num, den):
+        still, cosine, sine = criterion(num, den, low, high, multiplier)
+        return (still, cosine, sine) if late else (added(still, cosine),)
+
+    alone = [parts(*corner) for corner in corners]
     found: dict = {}
     for a, (num, den) in enumerate(corners):
         for b, (other, below) in enumerate(corners):
-            both = criterion(added(num, other), added(den, below), low, high, multiplier)
-            product = added(added(both, alone[a], Fraction(-1)), alone[b], Fraction(-1))
-            found.setdefault(tuple((a >> i & 1) + (b >> i & 1) for i in range(3)), []).append(product)
-    means: list = []
-    for _, products in sorted(found.items()):
-        means.append([])
+            place = tuple((a >> i & 1) + (b >> i & 1) for i in range(3))
+            for k, both in enumerate(parts(added(num, other), added(den, below))):
+                product = added(added(both, alone[a][k], Fraction(-1)), alone[b][k], Fraction(-1))
+                found.setdefault((place, k), []).append(product)
+    means: list = [[] for _ in found]
+    for i, (_, products) in enumerate(sorted(found.items())):
         for product in products:
-            means[-1] = added(means[-1], product, Fraction(1, 2 * len(products)))
+            means[i] = added(means[i], product, Fraction(1, 2 * len(products)))
     return means
+
+
+def holds(polynomials, degree, late):
+    """Whether the criterion is positive at all frequencies, as its coefficients over a box say."""
+    if not late:
+        return all(positive(p) and len(p) > degree for p in polynomials)
+    return all(positive_behind(*late, *polynomials[i : i + 3]) for i in range(0, len(polynomials), 3))
 
 
 def changes(signs):
@@ -252,9 +281,85 @@ def positive(p):
     return changes([q[0] for q in chain]) == changes([q[q.degree()] for q in chain])
 
 
+def over(p, u):
+    """A polynomial over a ball."""
+    from flint import arb, fmpq
+
+    out = arb(0)
+    for c in reversed(p):
+        out = out * u + fmpq(*c.as_integer_ratio())
+    return out
+
+
+def ball(low, high):
+    """All numbers from low to high."""
+    from flint import arb, fmpq
+
+    return arb(fmpq(*low.as_integer_ratio())).union(arb(fmpq(*high.as_integer_ratio())))
+
+
+def halves(box):
+    """A box of frequencies and dead times cut in two, across the one that turns phi, or the powers of omega, more."""
+    first, last, short, long = box
+    omega, late = (first + last) / 2, (short + long) / 2
+    if (long - short) * omega > (last - first) * (late + 1 / omega):
+        return [(first, last, short, late), (first, last, late, long)]
+    return [(first, omega, short, long), (omega, last, short, long)]
+
+
+def enclosed(a, b, c, box):
+    """``a + b cos(phi) + c sin(phi)/omega`` over a box of frequencies and dead times, phi their product."""
+
+    def value(omega, late):
+        phi, u = omega * late, omega * omega
+        return over(a, u) + over(b, u) * phi.cos() + over(c, u) * late * phi.sinc()
+
+    omega, late, u = ball(*box[:2]), ball(*box[2:]), ball(*box[:2]) ** 2
+    whole = value(omega, late)
+    if whole > 0 or not omega > 0:
+        return whole
+    # By the value in the middle and the slopes over the box: terms that cancel in each of these do not count apart.
+    slopes = [over([i * x for i, x in enumerate(p)][1:], u) for p in (a, b, c)]
+    phi, middle = omega * late, [ball(x, x) for x in (sum(box[:2]) / 2, sum(box[2:]) / 2)]
+    cosine, bent = phi.cos(), late * phi.sinc()
+    by_omega = 2 * omega * (slopes[0] + slopes[1] * cosine + slopes[2] * bent)
+    by_omega += over(c, u) * (late * cosine - bent) / omega - over(b, u) * late * phi.sin()
+    by_late = over(c, u) * cosine - over(b, u) * omega * phi.sin()
+    return value(*middle) + by_omega * (omega - middle[0]) + by_late * (late - middle[1])
+
+
+def positive_behind(low, high, still, cosine, sine):
+    """Whether ``a + b cos(phi) + c omega sin(phi)`` is positive for all frequencies and dead times from low to high.
+
+    Beyond all roots of a and of ``a^2 - b^2 - omega^2 c^2`` it is, whatever phi; before them boxes are looked at.
+    """
+    from flint import ctx
+
+    sine = [Fraction(0), *sine] if sine else []
+    swing = added(times(cosine, cosine), times(sine, sine[1:]))
+    least = added(times(still, still), swing, Fraction(-1))
+    if not (still and least and still[-1] > 0 and least[-1] > 0):
+        return False
+    end = Fraction(1)
+    while any(end**2 < 1 + abs(c / p[-1]) for p in (still, least) for c in p):
+        end *= 2
+    # What vanishes at zero frequency in all of them, by an integrator's pole, vanishes at no other.
+    powers = min(next((i for i, c in enumerate(p) if c), len(still)) for p in (still, cosine, sine))
+    a, b, c = (p[powers:] for p in (still, cosine, sine))
+    boxes = [(Fraction(0), end, low, high)]
+    with ctx.workprec(BITS):
+        for box in boxes:
+            value, u = enclosed(a, b, c, box), ball(*box[:2]) ** 2
+            if value < 0 or len(boxes) > BOXES:
+                return False
+            if not value > 0 and not (over(still, u) > 0 and over(least, u) > 0):
+                boxes += halves(box)  # the widest are looked at first
+    return True
+
+
 def verify(document):
     """What a certificate proves: the sector and the multiplier with which the criterion holds."""
-    loop_form = {"time_step": (str, type(None)), "num": [[(Fraction,)]], "den": [[(Fraction,)]], "delay": (Fraction,)}
+    loop_form = {"time_step": (str, type(None)), "num": [[(Fraction,)]], "den": [[(Fraction,)]], "delay": delay_form}
     loop, said, evidence = opened(document, {**FORM, "loop": {**loop_form, "element": element_form}})
     count = len(loop["num"])
     require(count == len(loop["den"]) and count in (1, 2, 4, 8), "linear parts that are no point, line or box")
@@ -264,6 +369,7 @@ def verify(document):
     corners, degree = linear_parts(loop)
     sampled, play = loop["time_step"] is not None, loop["element"]["kind"] == "play"
     edges, multiplier = sector(loop["element"]), number(evidence["multiplier"])
+    late = dead_times(loop)
     require(not (sampled and play), "play in discrete time is not covered")
     require(multiplier == 0 or not (sampled or play), "a multiplier, where there are samples or the element remembers")
     if not play and said["sector"] == [None, None]:
@@ -277,10 +383,10 @@ def verify(document):
     require(bounded or edges == (None, None), "an element without a sector")
     claim = {"sector": [edge if edge is None else str(edge) for edge in edges], "multiplier": evidence["multiplier"]}
     require(said == claim, f"it claims {said}, its evidence shows {claim}")
-    for polynomial, given in zip(coefficients(corners, edges, multiplier), evidence["polynomials"], strict=True):
+    found = coefficients(corners, edges, multiplier, late)
+    for polynomial, given in zip(found, evidence["polynomials"], strict=True):
         require([*map(number, given)] == polynomial[::-1], "a polynomial that is not the loop's")
-        holds = positive(polynomial) and len(polynomial) > degree
-        require(holds, "a polynomial that is not positive for all frequencies")
+    require(holds(found, degree, late), "a polynomial that is not positive for all frequencies")
     return claim
 
 

@@ -99,12 +99,17 @@ def _plot_popov(certificate: Certificate, ax: Axes) -> None:
     low, high = (None if edge is None else float(Fraction(edge)) for edge in claim["sector"])
     rate, floor = float(Fraction(claim["multiplier"])), 0.0 if low is None else low
     edge, curves = 0.0 if high is None else -1.0 / (high - floor), []
-    for num, den in zip(nums, dens, strict=True):
-        shifted = np.polyadd(den, floor * num)
-        sizes = np.abs(np.concatenate([np.roots(shifted), np.roots(num)]))
+    step = None if loop["time_step"] is None else float(Fraction(loop["time_step"]))
+    given = loop["delay"] if isinstance(loop["delay"], list) else [loop["delay"]]
+    for num, den, late in ((*row, float(Fraction(delay))) for row in zip(nums, dens, strict=True) for delay in given):
+        sizes = np.abs(np.concatenate([np.roots(np.polyadd(den, floor * num)), np.roots(num)]))
         scales = sizes[sizes > 0] if np.any(sizes > 0) else np.ones(1)
         omega = np.geomspace(scales.min() / 300.0, scales.max() * 300.0, 2000)
-        response = np.polyval(num, 1j * omega) / np.polyval(shifted, 1j * omega)
+        if step is not None:
+            omega = np.linspace(0.0, np.pi / step, 2001)[1:]
+        at = 1j * omega if step is None else np.exp(1j * omega * step)
+        driven = np.polyval(num, at) * np.exp(-1j * omega * late)
+        response = driven / (np.polyval(den, at) + floor * driven)
         curves.append((response.real, omega * response.imag))
         ax.plot(*curves[-1], color=BLUE, linewidth=1.6, label="Popov's curve" if len(curves) == 1 else "")
     if low is None:

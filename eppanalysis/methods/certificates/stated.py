@@ -32,7 +32,7 @@ _ASKED = {
 _OF_A_SECTOR = (STATEMENTS[Asked.ABSENCE].text, STATEMENTS["absence_with_play"].text)
 #: What the parts of a loop are called.
 _CALLED = {"num": "numerator", "den": "denominator", "delay": "dead time", "time_step": "time step"}
-#: What of a loop may change within a box.
+#: What of the linear part may change within a box, besides its dead time.
 _ROWS = ("num", "den")
 #: Most steps of Newton's method.
 _STEPS = 30
@@ -109,10 +109,14 @@ def stated_box(
     if widest is None:
         raise NotCovered(f"no sector of an element with {' and '.join(within)} in the range holds the others.")
     family["element"] = widest
+    late = sorted({Fraction(loop["delay"]) for loop, _ in made})
+    if len(late) > 1:
+        family["delay"] = [str(late[0]), str(late[-1])]
     for loop, _ in made:
-        if any(loop[name] != first[name] for name in first if name not in (*_ROWS, "element")):
+        sampled = loop["time_step"] is not None
+        if loop["time_step"] != first["time_step"] or (sampled and loop["delay"] != first["delay"]):
             raise NotCovered(
-                f"{' or '.join(within)} changes more than linear part and element, and ranges are proved of these."
+                f"{' or '.join(within)} changes the samples, and ranges are proved of linear part and element."
             )
         if not _lies_within(loop, family):
             raise NotCovered(
@@ -197,11 +201,14 @@ def another(document: Mapping[str, Any], stated: Mapping[str, Any]) -> str:
         return "the file states a loop of another kind"
     for name, value in stated.items():
         among = asked is Asked.ABSENCE and name in _ROWS and _lies_within(stated, given)
+        if name == "delay" and isinstance(given[name], list):
+            among = Fraction(given[name][0]) <= Fraction(value) <= Fraction(given[name][1])
         if name == "element" and document["statement"] in _OF_A_SECTOR:
             among = covers(given[name], value, document["claim"].get("sector"))
         if given[name] != value and not among:
             called = _CALLED.get(name, name.replace("_", " "))
-            return f"its {called} is {shown(value)}, and that of the file {shown(given[name])}"
+            listed = " to ".join(given[name]) if name == "delay" and not isinstance(given[name], str) else given[name]
+            return f"its {called} is {shown(value)}, and that of the file {shown(listed)}"
     return ""
 
 

@@ -15,7 +15,15 @@ from hypothesis import given, settings, strategies as st
 
 import eppanalysis as epp
 from eppanalysis.methods.certificates import check_absence
-from eppanalysis.methods.certificates.check_absence import Refused, coefficients, criterion, positive, sector, times
+from eppanalysis.methods.certificates.check_absence import (
+    Refused,
+    coefficients,
+    criterion,
+    holds,
+    positive,
+    sector,
+    times,
+)
 from eppanalysis.methods.certificates.rational import element_data
 from eppanalysis.methods.certificates.registry import sealed
 from tests.shared import mostly_slow
@@ -80,14 +88,50 @@ def test_the_polynomial_is_the_criterion(seed: int) -> None:
     rng = np.random.default_rng(seed)
     num, den = ([Fraction(int(c), 8) for c in rng.integers(-40, 40, n)] for n in (3, 5))
     low, width, rate = (Fraction(int(c), 8) for c in rng.integers(1, 40, 3))
-    polynomial = criterion(num, den, low, low + width, rate)
-    for omega in np.exp(rng.normal(size=3)):
+    polynomials = criterion(num, den, low, low + width, rate)
+    for omega, late in zip(np.exp(rng.normal(size=4)), (0.0, *np.exp(rng.normal(size=3))), strict=True):
         s = 1j * omega
         N, D = (np.polyval([float(c) for c in p[::-1]], s) for p in (num, den))
+        size, N = abs(D) ** 2 + abs(N) ** 2, N * np.exp(-s * late)
         D = D + float(low) * N
         by_hand = ((1 + s * float(rate)) * N * np.conj(D)).real + abs(D) ** 2 / float(width)
-        value = np.polyval([float(c) for c in polynomial[::-1]], omega**2)
-        assert value == pytest.approx(by_hand, rel=1e-9, abs=1e-9 * abs(D) ** 2)
+        still, cosine, sine = (np.polyval([float(c) for c in p[::-1]], omega**2) for p in polynomials)
+        value = still + cosine * np.cos(omega * late) + sine * omega * np.sin(omega * late)
+        assert value == pytest.approx(by_hand, rel=1e-9, abs=1e-7 * size)
+
+
+@given(st.integers(0, 10**9))
+@settings(max_examples=12, deadline=None)
+def test_behind_dead_time_it_is_positive_where_dense_frequencies_say_so(seed: int) -> None:
+    """Margins from 1 % on, to both sides, whatever the unit of time; with an integrator, and damped poles."""
+    rng = np.random.default_rng(seed)
+
+    def some(n: int) -> list[Fraction]:
+        return [Fraction(int(c), 8) for c in rng.integers(2, 40, n)]
+
+    (pole, speed, damping), num = some(3), some(2)
+    den = times([pole * int(rng.integers(2)), Fraction(1)], [speed**2, 2 * speed * min(damping, 1), Fraction(1)])
+    rate, (first, late) = (
+        Fraction(int(rng.integers(-8, 8)), 8),
+        sorted(Fraction(int(c), 16) for c in rng.integers(1, 40, 2)),
+    )
+    omega, delays = np.linspace(1e-3, 40.0, 8000), np.linspace(float(first), float(late), 9)[:, None]
+    s = 1j * omega
+    G = (
+        np.polyval([float(c) for c in num[::-1]], s)
+        / np.polyval([float(c) for c in den[::-1]], s)
+        * np.exp(-s * delays)
+    )
+    least = float(((1 + s * float(rate)) * G).real.min())
+    if not -1e3 < least < -1e-3:
+        return
+    unit = Fraction(10) ** int(rng.integers(-4, 5))
+    for share, is_positive in ((0.99, True), (1.01, False)):
+        edges = Fraction(0), Fraction(-share / least).limit_denominator(10**6)
+        rows = [[c * unit ** (len(row) - 1 - i) for i, c in enumerate(row)] for row in (num, den)]
+        rows[0] = [c * unit ** (len(den) - len(num)) for c in rows[0]]
+        found = coefficients([(rows[0], rows[1])], edges, rate / unit, True)
+        assert holds(found, 0, (first / unit, late / unit)) == is_positive
 
 
 @pytest.mark.parametrize(
@@ -258,7 +302,7 @@ def test_a_range_between_whose_ends_the_loop_swings_is_not_proved() -> None:
     forged["loop"] |= {name: low["loop"][name] + high["loop"][name] for name in ("num", "den")}
     nums, dens = ([[Fraction(c) for c in row[::-1]] for row in forged["loop"][name]] for name in ("num", "den"))
     multiplier = Fraction(low["claim"]["multiplier"])
-    sums = coefficients([*zip(nums, dens, strict=True)], (Fraction(1), Fraction(6, 5)), multiplier)
+    sums = coefficients([*zip(nums, dens, strict=True)], (Fraction(1), Fraction(6, 5)), multiplier, None)
     forged["evidence"]["polynomials"] = [[str(c) for c in p[::-1]] for p in sums]
     assert len(sums) == 3
     with pytest.raises(Refused, match="not positive"):
@@ -375,8 +419,8 @@ def sampled(
 @pytest.mark.parametrize(("element", "most"), [(epp.Saturation(), 1.0), (epp.Quantiser(1.0, 60), 2.0)])
 def test_in_discrete_time_the_circle_criterion_holds_up_to_the_cycle(element: epp.Nonlinearity, most: float) -> None:
     """x[k+1] = -K N(x[k]) alternates for ever from K = 1/most on, where N(x)/x has its most."""
-    for share, holds in ((0.999, True), (1.001, False)):
-        assert epp.certify(sampled([share / most], [1.0, 0.0], element), "absence").proved == holds
+    for share, proved in ((0.999, True), (1.001, False)):
+        assert epp.certify(sampled([share / most], [1.0, 0.0], element), "absence").proved == proved
 
 
 def test_in_discrete_time_it_is_the_criterion_on_the_unit_circle() -> None:
@@ -417,9 +461,9 @@ def test_filters_that_are_proved_have_no_cycle_of_rounding() -> None:
 
 def test_a_range_of_gains_in_discrete_time_ends_before_the_cycle() -> None:
     case = epp.Case.from_system(sampled([0.5], [1.0, -0.3]))
-    for top, holds in ((1.29, True), (1.31, False)):  # at z = -1: G = -K/1.3
+    for top, proved in ((1.29, True), (1.31, False)):  # at z = -1: G = -K/1.3
         found = epp.certify(case, "absence", within={"loop.gain": (0.2, top / 0.5)})
-        assert found.proved == holds, found
+        assert found.proved == proved, found
 
 
 def test_a_pole_at_minus_one_is_not_passed_over() -> None:
@@ -427,12 +471,51 @@ def test_a_pole_at_minus_one_is_not_passed_over() -> None:
     assert not epp.certify(sampled([0.1, -0.1], [1.0, 1.0, 0.0]), "absence").proved
 
 
+def reach_and_border(den: list[float], late: float) -> tuple[float, float]:
+    """Gains up to which Popov's criterion holds with a dead time, and at which the linear loop oscillates."""
+    omega = np.linspace(1e-3, 40.0, 20_000)
+    G = np.exp(-1j * omega * late) / np.polyval(den, 1j * omega)
+    rates = np.linspace(-1.0, 4.0, 501)
+    criterion = max(-1.0 / (G.real - r * omega * G.imag).min() for r in rates)
+    crossed = np.flatnonzero((G.imag[1:] >= 0.0) & (G.imag[:-1] < 0.0) & (G.real[1:] < 0.0))
+    return criterion, float(-1.0 / G.real[crossed].min())
+
+
+@pytest.mark.parametrize(("den", "late"), [([1.0, 1.0], 0.5), ([1.0, 1.0, 0.0], 0.5), ([1.0, 0.4, 1.0], 1.2)])
+def test_behind_dead_time_the_criterion_reaches_as_far_as_it_holds(den: list[float], late: float) -> None:
+    reach, border = reach_and_border(den, late)
+    loops = {
+        gain: epp.LureSystem.from_tf(([gain], den), epp.Saturation(), delay=late)
+        for gain in (0.1 * reach, 0.99 * reach, 1.01 * reach, 1.02 * border)
+    }
+    proved = [epp.certify(loop, "absence").proved for loop in loops.values()]
+    assert proved == [True, True, False, False]
+    assert len(epp.find_limit_cycles(list(loops.values())[-1])) == 1
+
+
+def test_a_range_of_dead_times_is_proved_by_one_file(tmp_path: Path) -> None:
+    case = epp.Case.from_system(epp.LureSystem.from_tf(([1.0], [1.0, 1.0, 0.0]), epp.Saturation(), delay=0.5))
+    within = {"loop.gain": (0.5, 1.2), "loop.delay": (0.3, 0.5)}
+    found = epp.certify(case, "absence", within=within)
+    assert found.proved and found.document["loop"]["delay"] == ["3/10", "1/2"]
+    path = found.write(tmp_path / "range.json")
+    for gain, late, about in ((0.5, 0.5, True), (0.9, 0.37, True), (1.2, 0.3, True), (1.0, 0.52, False)):
+        check = epp.check_certificate(path, case.with_values({"loop.gain": gain, "loop.delay": late}))
+        assert check.accepted and check.about == about and ("dead time" in check.message) == (not about)
+    assert "with any dead time from 0.3 to 0.5 s" in epp.check_certificate(path).message
+    # The gain at which the linear loop oscillates with the longest of the dead times.
+    border = reach_and_border([1.0, 1.0, 0.0], 0.5)[1]
+    assert not epp.certify(case, "absence", within=within | {"loop.gain": (0.5, 1.01 * border)}).proved
+    assert epp.certify(case, "absence", within=within | {"loop.delay": (0.0, 0.5)}).proved
+
+
 @pytest.mark.parametrize(
     ("loop", "why"),
     [
         (limited(1.0, [1.0, 1.0, 0.0], epp.JumpAndFollow(1.0, 0.5)), "memoryless"),
         (limited(1.0, [1.0, 1.0, 0.0], epp.HysteresisRelay(-1.0, 1.0)), "memoryless"),
-        (epp.LureSystem.from_tf(([0.1], [1.0, 1.0]), epp.Saturation(), delay=0.5), "dead time"),
+        (epp.LureSystem.from_tf(([0.1], [1.0, 1.0]), epp.Relay(), delay=0.5), "a sector that is bounded"),
+        (epp.LureSystem.from_tf(([9.0], [1.0, 1.0]), epp.Play(gap=1.0), delay=0.5), "with dead time"),
         (epp.LureSystem.from_tf(([1.0, 2.0], [1.0, 1.0]), epp.Saturation()), "straight through"),
         (limited(1.0, [1.0, 0.0, 0.0]), "neither"),
         (limited(0.0, [1.0, 2.0, 1.0]), "does not reach its input"),

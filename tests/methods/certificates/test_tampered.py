@@ -114,6 +114,15 @@ MADE: dict[str, Callable[[], Document]] = {
     "absence, samples": _absence(
         epp.LureSystem.from_tf(control.tf([0.2, 0.1], [1.0, -0.6, 0.05], 0.5), epp.Saturation(), delay=1.0)
     ),
+    "absence, dead time": _absence(L(([1.2], [1.0, 1.0, 0.0]), epp.Saturation(), delay=0.5)),
+    "absence, play and dead time": _absence(L(([0.4], [1.0, 1.0]), epp.Play(gap=0.1), delay=0.5)),
+    "absence, range of dead times": lambda: dict(
+        epp.certify(
+            epp.Case.from_system(L(([1.0], [1.0, 1.0, 0.0]), epp.Saturation(), delay=0.5)),
+            "absence",
+            within={"loop.gain": (0.5, 1.2), "loop.delay": (0.3, 0.5)},
+        ).document
+    ),
     "absence, any element": _absence(L(([0.7, 1.0], [1.0, 0.0, 0.0]), epp.RelayDeadZone(threshold=0.5))),
     "orbit": _orbit,
     "elbow": _elbow,
@@ -124,6 +133,8 @@ MADE: dict[str, Callable[[], Document]] = {
 FAST = ("roots, dead zone", "roots, relay", "balance, relay", "absence, saturation", "absence, play", "play")
 FAST += (
     "absence, samples",
+    "absence, dead time",
+    "absence, range of dead times",
     "play, range",
     "absence, range",
     "absence, box",
@@ -133,7 +144,7 @@ FAST += (
 FIRST = ("roots, dead zone", "balance, relay", "absence, saturation", "play, range", "absence, any element", "orbit")
 #: Of which all of that takes a second or two.
 FASTEST = ("roots, dead zone", "absence, saturation", "absence, range", "absence, box", "absence, any element")
-FASTEST += ("absence, samples",)
+FASTEST += ("absence, samples", "absence, dead time")
 
 
 @pytest.fixture(scope="module")
@@ -342,15 +353,14 @@ def no_cycle_by_frequency(document: Document) -> bool:
     loop, multiplier = document["loop"], float(Fraction(document["claim"]["multiplier"]))
     low, high = (None if edge is None else float(Fraction(edge)) for edge in document["claim"]["sector"])
     omega, room = np.geomspace(1e-4, 1e4, 4001), 0.0 if low is None or high is None else 1.0 / (high - low)
-    sampled = loop["time_step"] is not None
-    s, late = 1j * omega, 0.0 if not sampled else float(Fraction(loop["delay"]) / Fraction(loop["time_step"]))
-    if sampled:
+    s, late = 1j * omega, numbers(loop["delay"] if isinstance(loop["delay"], list) else [loop["delay"]])
+    passed = np.exp(-np.linspace(late[0], late[-1], 7)[:, None] * s)[:, None]
+    if loop["time_step"] is not None:
         s = np.exp(2j * np.append(np.arctan(omega), np.pi / 2))
+        passed = s ** -float(Fraction(loop["delay"]) / Fraction(loop["time_step"]))
         if multiplier != 0.0 or low is None or loop["element"]["kind"] == "play":
             return False
-    elif Fraction(loop["delay"]) != 0:
-        return False
-    G = np.array([np.polyval(num, s) / np.polyval(den, s) * s**-late for num, den in between(loop)])
+    G = np.array([np.polyval(num, s) / np.polyval(den, s) for num, den in between(loop)]) * passed
     if low is None:  # of any memoryless element
         return loop["element"]["kind"] != "play" and bool((multiplier * (s * G).real > 0.0).all())
     G = G / (1 + low * G)

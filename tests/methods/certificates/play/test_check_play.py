@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 
 import eppanalysis as epp
 from eppanalysis.methods.certificates import check_absence, check_play
-from eppanalysis.methods.certificates.check_absence import criterion, positive
+from eppanalysis.methods.certificates.check_absence import added, criterion, positive
 from eppanalysis.methods.certificates.check_play import Refused, never_positive
 from eppanalysis.methods.certificates.registry import sealed
 
@@ -264,7 +264,7 @@ def test_frequency_bound_turns_where_the_response_does(num: list[float], den: li
 
     def proved(factor: float) -> bool:
         over, under = ([Fraction(c * by) for c in p[::-1]] for p, by in ((num, factor * gain), (den, 1.0)))
-        return positive(criterion(over, under, Fraction(0), Fraction(1), Fraction(0)))
+        return positive(added(*criterion(over, under, Fraction(0), Fraction(1), Fraction(0))[:2]))
 
     assert proved(0.9999) and not proved(1.0001)
 
@@ -276,7 +276,7 @@ def test_play_has_no_multiplier_but_zero() -> None:
     check_absence.verify(document)
     document["claim"]["multiplier"] = document["evidence"]["multiplier"] = "1/10"
     num, den = ([Fraction(c) for c in row[::-1]] for row in (document["loop"]["num"][0], document["loop"]["den"][0]))
-    turned = criterion(num, den, Fraction(0), Fraction(1), Fraction(1, 10))
+    turned = added(*criterion(num, den, Fraction(0), Fraction(1), Fraction(1, 10))[:2])
     assert positive(turned)
     document["evidence"]["polynomials"] = [[str(c) for c in turned[::-1]]]
     with pytest.raises(check_absence.Refused, match="remembers"):
