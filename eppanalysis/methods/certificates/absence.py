@@ -5,10 +5,11 @@ One multiplier serves one loop, or all loops of a range or box.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import zip_longest
+from functools import partial
+from itertools import accumulate, zip_longest
 from math import comb
 from typing import Any
 
@@ -51,12 +52,25 @@ class Linear:
     def of(cls, loop: Mapping[str, Any]) -> Linear:
         """Those of a loop; of samples each coefficient is rounded as those of z are that it is the sum of."""
         corners, degree = linear_parts(loop)
-        rows = ([[number(c) for c in row[::-1]] for row in loop[name]] for name in ("num", "den"))
-        nums, dens = ([max(map(abs, c)) for c in zip_longest(*row, fillvalue=Fraction(0))] for row in rows)
-        if loop["time_step"] is not None:
-            most: Polynomial = [Fraction(comb(degree, k)) for k in range(degree + 1)]
-            nums, dens = ([sum(row) * c for c in most] for row in (nums, dens))
+        rows = [[[number(c) for c in row[::-1]] for row in loop[name]] for name in ("num", "den")]
+        sized = _greatest if loop["time_step"] is None else partial(_greatest_of_samples, degree)
+        nums, dens = map(sized, rows)
         return cls(corners, (nums, dens), degree, dead_times(loop))
+
+
+def _greatest(rows: Sequence[Polynomial]) -> Polynomial:
+    """How large each coefficient is among several polynomials."""
+    return [max(map(abs, c)) for c in zip_longest(*rows, fillvalue=Fraction(0))]
+
+
+def _greatest_of_samples(degree: int, rows: Sequence[Polynomial]) -> Polynomial:
+    """The same on the axis of s, where integrators, which are exact, stay so: roots at z = 1 are ones at s = 0."""
+    integrators = 0
+    while all(sum(row) == 0 for row in rows):
+        rows = [list(accumulate(row[:0:-1]))[::-1] for row in rows]  # divided by z - 1
+        integrators += 1
+    most = sum(_greatest(rows)) * 2**integrators
+    return [Fraction(0)] * integrators + [most * comb(degree - integrators, k) for k in range(degree - integrators + 1)]
 
 
 #: How far beyond all turning points the ends of the frequency axis are looked at, as a factor.
@@ -141,8 +155,9 @@ def _by_sectors(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     """The certificate of a loop with play by a function that falls, or why there is none."""
     from eppanalysis.methods.certificates.play.find import find as find_function
 
-    late = check_absence.dead_times(loop)
-    found = "with dead time a function that falls is not sought." if late else find_function(loop, sectors)
+    rational = loop["time_step"] is None and not check_absence.dead_times(loop)
+    none = "functions that fall are sought in continuous time without dead time."
+    found = find_function(loop, sectors) if rational else none
     if isinstance(found, str):
         return f"Re G(jω) > -1 fails at some frequency, and {found} There may be a cycle or none."
     return found
@@ -150,8 +165,6 @@ def _by_sectors(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
 
 def _not_covered(loop: Mapping[str, Any]) -> str:
     """Which hypothesis of all criteria a loop does not meet; empty where it meets all."""
-    if loop["time_step"] is not None and loop["element"]["kind"] == "play":
-        return "of play the criteria are those of continuous time, and the loop is in discrete time."
     if not all(any(number(c) for c in row) for row in loop["num"]):
         return "the element's output does not reach its input."
     if max(map(len, loop["num"])) >= min(map(len, loop["den"])):

@@ -28,6 +28,8 @@ from eppanalysis.results.provenance import Provenance
 #: Longest time that a checker may take [s].
 _PATIENCE = 600.0
 _MOST_SECTORS = 200
+#: A gain that is small.
+_SMALL = 1e-6
 #: Absence of cycles is no stability: said where all motions may grow.
 _GROWS = " While the play moves, {}: motions that do not rest may grow without bound."
 #: Why roots are not decided beside an undamped pole.
@@ -224,8 +226,17 @@ def _growth(stated: Mapping[str, Any]) -> str:
     """That linear loops which stand for a play while it moves are not stable; empty where they are."""
     if stated.get("element", {}).get("kind") != "play":
         return ""
-    nums, dens = ([[float(Fraction(c)) for c in row] for row in rows] for rows in (stated["num"], stated["den"]))
-    grows = [bool(np.max(np.roots(np.polyadd(*pair)).real) >= 0.0) for pair in zip(nums, dens, strict=True)]
+    nums, dens = (
+        [np.array([float(Fraction(c)) for c in row]) for row in rows] for rows in (stated["num"], stated["den"])
+    )
+    late, step = stated["delay"], stated["time_step"]
+    if step is not None:
+        dens = [np.append(den, np.zeros(round(Fraction(late) / Fraction(step)))) for den in dens]
+    elif late != "0":
+        # Where Re L > -1 no root crosses the axis as the gain grows: the loops of a small one are as stable.
+        nums = [_SMALL * num for num in nums]
+    roots = [np.roots(np.polyadd(*pair)) for pair in zip(nums, dens, strict=True)]
+    grows = [bool(np.max(z.real if step is None else np.abs(z) - 1.0) >= 0.0) for z in roots]
     which = "the loop is not stable" if all(grows) else "some of the loops are not stable"
     return _GROWS.format(which) if any(grows) else ""
 

@@ -130,7 +130,7 @@ def ratios(half):
 
 
 def sector(element):
-    """Least and greatest y/x of an element, one of them None for no bound; of play those of the rates of y and x."""
+    """Least and greatest y/x of an element, one of them None for no bound; of play those of the changes of y and x."""
     if element["kind"] == "play":
         require(number(element["gap"]) > 0, "a play without a gap")
         return Fraction(0), Fraction(1)
@@ -370,7 +370,6 @@ def verify(document):
     sampled, play = loop["time_step"] is not None, loop["element"]["kind"] == "play"
     edges, multiplier = sector(loop["element"]), number(evidence["multiplier"])
     late = dead_times(loop)
-    require(not (sampled and play), "play in discrete time is not covered")
     require(multiplier == 0 or not (sampled or play), "a multiplier, where there are samples or the element remembers")
     if not play and said["sector"] == [None, None]:
         edges = None, None  # of any memoryless element, and of any constants: Re(j omega G) has one sign

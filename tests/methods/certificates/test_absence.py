@@ -416,11 +416,14 @@ def sampled(
     return epp.LureSystem.from_tf(G, element or epp.Saturation(), delay=0.5 * late)
 
 
-@pytest.mark.parametrize(("element", "most"), [(epp.Saturation(), 1.0), (epp.Quantiser(1.0, 60), 2.0)])
+@pytest.mark.parametrize(
+    ("element", "most"), [(epp.Saturation(), 1.0), (epp.Quantiser(1.0, 60), 2.0), (epp.Play(1.0), 1.0)]
+)
 def test_in_discrete_time_the_circle_criterion_holds_up_to_the_cycle(element: epp.Nonlinearity, most: float) -> None:
     """x[k+1] = -K N(x[k]) alternates for ever from K = 1/most on, where N(x)/x has its most."""
     for share, proved in ((0.999, True), (1.001, False)):
-        assert epp.certify(sampled([share / most], [1.0, 0.0], element), "absence").proved == proved
+        for den, border in (([1.0, 0.0], 1.0), ([1.0, -1.0], 2.0)):  # of a delay, and of an integrator
+            assert epp.certify(sampled([share * border / most], den, element), "absence").proved == proved
 
 
 def test_in_discrete_time_it_is_the_criterion_on_the_unit_circle() -> None:
@@ -437,6 +440,33 @@ def test_in_discrete_time_it_is_the_criterion_on_the_unit_circle() -> None:
         assert found == (least > -1.0), (num, den, late)
         proved += found
     assert 10 < proved < 50
+
+
+def test_play_that_is_proved_in_discrete_time_comes_to_rest() -> None:
+    """Random linear parts of second order, with and without an integrator, up to the border: runs by hand."""
+    rng, proved, z = np.random.default_rng(7), 0, np.exp(1j * np.linspace(1e-4, np.pi, 20_001))
+    for k in range(40):
+        num, poles = rng.integers(-16, 17, 2) / 16, rng.integers(-14, 15, 2) / 16
+        den = np.poly([1.0 if k % 2 else poles[0], poles[1]])
+        least = float((np.polyval(num, z) / np.polyval(den, z)).real.min())
+        num = num * float(np.round(rng.uniform(0.3, 1.5) / max(-least, 0.1), 3))
+        least = float((np.polyval(num, z) / np.polyval(den, z)).real.min())
+        if abs(1.0 + least) < 1e-3 or not num.any():
+            continue
+        found = epp.certify(sampled(list(num), list(den), epp.Play(0.4)), "absence").proved
+        assert found == (least > -1.0), (num, den)
+        proved += found
+        x, w, held = np.zeros(2), 0.0, []
+        for n in range(4000 if found else 0):  # x'' of the canonical form, the play's output where it is caught
+            x = np.array([-den[1] * x[0] - den[2] * x[1] + w, x[0]])
+            u = float(-(num @ x)) + (3.0 if n < 5 else 0.0)
+            w = min(max(w, u - 0.2), u + 0.2)
+            held.append(w)
+            if abs(w) > 1e6:  # what grows is no periodic motion
+                break
+        if found and abs(w) < 1e6:
+            assert np.ptp(held[-500:]) < 1e-6 * (1.0 + abs(held[-1])), (num, den)
+    assert 10 < proved < 35
 
 
 def test_filters_that_are_proved_have_no_cycle_of_rounding() -> None:
@@ -515,7 +545,7 @@ def test_a_range_of_dead_times_is_proved_by_one_file(tmp_path: Path) -> None:
         (limited(1.0, [1.0, 1.0, 0.0], epp.JumpAndFollow(1.0, 0.5)), "memoryless"),
         (limited(1.0, [1.0, 1.0, 0.0], epp.HysteresisRelay(-1.0, 1.0)), "memoryless"),
         (epp.LureSystem.from_tf(([0.1], [1.0, 1.0]), epp.Relay(), delay=0.5), "a sector that is bounded"),
-        (epp.LureSystem.from_tf(([9.0], [1.0, 1.0]), epp.Play(gap=1.0), delay=0.5), "with dead time"),
+        (epp.LureSystem.from_tf(([9.0], [1.0, 1.0]), epp.Play(gap=1.0), delay=0.5), "without dead time"),
         (epp.LureSystem.from_tf(([1.0, 2.0], [1.0, 1.0]), epp.Saturation()), "straight through"),
         (limited(1.0, [1.0, 0.0, 0.0]), "neither"),
         (limited(0.0, [1.0, 2.0, 1.0]), "does not reach its input"),
@@ -525,7 +555,7 @@ def test_a_range_of_dead_times_is_proved_by_one_file(tmp_path: Path) -> None:
         ),
         (limited(1.0, [1.0, 0.0, 4.0]), "neither"),
         (epp.LureSystem.from_tf(([1.0, 0.0], [1.0, 3.0, 3.0, 1.0, 0.0]), epp.Saturation()), "integrator"),
-        (epp.LureSystem.from_tf(epp.StateSpace([[0.5]], [[1.0]], [[0.1]], [[0.0]], 1.0), epp.Play(1.0)), "discrete"),
+        (sampled([9.0], [1.0, -0.5], epp.Play(1.0)), "in continuous time"),
         (sampled([1.1], [1.0, 0.0]), "circle criterion fails"),
         (
             epp.LureSystem.from_tf(control.tf([0.1], [1.0, 0.5], 1.0), epp.Saturation(), delay=0.5),

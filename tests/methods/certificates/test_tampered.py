@@ -123,6 +123,9 @@ MADE: dict[str, Callable[[], Document]] = {
             within={"loop.gain": (0.5, 1.2), "loop.delay": (0.3, 0.5)},
         ).document
     ),
+    "absence, samples and play": _absence(
+        epp.LureSystem.from_tf(control.tf([0.3], [1.0, -1.0], 0.5), epp.Play(gap=0.1))
+    ),
     "absence, any element": _absence(L(([0.7, 1.0], [1.0, 0.0, 0.0]), epp.RelayDeadZone(threshold=0.5))),
     "orbit": _orbit,
     "elbow": _elbow,
@@ -133,6 +136,7 @@ MADE: dict[str, Callable[[], Document]] = {
 FAST = ("roots, dead zone", "roots, relay", "balance, relay", "absence, saturation", "absence, play", "play")
 FAST += (
     "absence, samples",
+    "absence, samples and play",
     "absence, dead time",
     "absence, range of dead times",
     "play, range",
@@ -358,7 +362,7 @@ def no_cycle_by_frequency(document: Document) -> bool:
     if loop["time_step"] is not None:
         s = np.exp(2j * np.append(np.arctan(omega), np.pi / 2))
         passed = s ** -float(Fraction(loop["delay"]) / Fraction(loop["time_step"]))
-        if multiplier != 0.0 or low is None or loop["element"]["kind"] == "play":
+        if multiplier != 0.0 or low is None:
             return False
     G = np.array([np.polyval(num, s) / np.polyval(den, s) for num, den in between(loop)]) * passed
     if low is None:  # of any memoryless element

@@ -146,7 +146,7 @@ def test_ranges_that_are_not_covered_are_said(tmp_path: Path) -> None:
     # Behind dead time the criterion by frequency is left.
     found = epp.certify(case, "absence", within={"loop.delay": (0.0, 0.1)})
     assert not found.proved and str(found).startswith(
-        "Not decided: Re G(jω) > -1 fails at some frequency, and with dead time"
+        "Not decided: Re G(jω) > -1 fails at some frequency, and functions that fall are sought"
     )
     slow = epp.Case.from_system(servo([0.3], THIRD))
     assert epp.certify(slow, "absence", within={"loop.delay": (0.0, 0.1)}).proved
