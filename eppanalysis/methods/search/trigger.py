@@ -346,7 +346,10 @@ def _threshold(
         return Trigger(name, float("nan"), below, float("nan"), float(_GRID[-1] * scale), _left_open(left))
     above = size
     if grows and below == 0.0:
-        return Trigger(name, 0.0, 0.0, above, size)
+        # What drifts, as a motor in the gap of its gear, grows only as far as to a stop, and may rest there.
+        below = _DIGITS * size
+        if to.ends(apply(below))[0] is not Status.SETTLED:
+            return Trigger(name, 0.0, 0.0, above, size)
     while abs(above - below) > _DIGITS * abs(above):
         middle = 0.5 * (above + below)
         status = to.ends(apply(middle))[0]

@@ -1,4 +1,6 @@
-"""Where the loop's rest lets a disturbance grow, any size starts a cycle, and no rounding is told as a threshold."""
+"""Where the loop's rest lets a disturbance grow, any size starts a cycle, and no rounding is told as a threshold; a
+drift that ends at a stop has one.
+"""
 
 from __future__ import annotations
 
@@ -49,3 +51,42 @@ def test_a_drift_grows_too_and_what_has_a_threshold_keeps_it() -> None:
     hits = {hit.name: hit for hit in epp.trigger(epp.case("two_mass_damped_shaft"), states=["motor", "load"])}
     assert hits["load"].size == 0.0
     assert abs(hits["motor"].size) == pytest.approx(0.01, rel=1e-6)
+
+
+def test_a_drift_that_ends_at_a_stop_has_a_threshold() -> None:
+    """A motor without friction drifts in its gap under any step, and holds its teeth against a load that sticks."""
+    gear = {"kind": "lock_pin", "gap": "0.5 deg", "stiffness": "800 N*m/rad", "damping": "1.5 N*m*s/rad"}
+    servo = epp.Case.from_tables(
+        {
+            "kind": "diagram",
+            "title": "Servo",
+            "connect": [
+                "setpoint - load.angle -> controller",
+                "controller -> motor.voltage",
+                "motor.angle - load.angle -> gear.twist",
+                "motor.speed - load.speed -> gear.rate",
+                "-gear -> motor.torque",
+                "gear - friction -> load",
+                "load.speed -> friction",
+            ],
+            "inputs": {"setpoint": "0 deg"},
+            "run": {"t_end": "60 s", "input": {"kind": "step", "size": "5 deg"}},
+            "blocks": {
+                "controller": {"kind": "gain", "gain": "250 V/rad"},
+                "motor": {
+                    "kind": "motor",
+                    "resistance": "2 ohm",
+                    "torque_constant": "0.05 N*m/A",
+                    "inertia": "2e-5 kg*m^2",
+                    "ratio": 50,
+                },
+                "load": {"kind": "inertia", "inertia": "0.05 kg*m^2", "damping": "0.1 N*m*s/rad"},
+            },
+            "elements": {"gear": gear, "friction": {"kind": "friction", "coulomb": "0.1 N*m"}},
+        }
+    )
+    for hit in epp.trigger(servo, states=()):
+        assert hit.starts / hit.settles == pytest.approx(1.0, rel=1e-6)
+        for share, ends in ((0.99, "SETTLED"), (1.01, "LIMIT_CYCLE")):
+            stepped = servo.with_values({"run.input.size": f"{share * hit.size!r} rad"})
+            assert epp.simulate(stepped).status.name == ends
