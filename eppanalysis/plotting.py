@@ -45,7 +45,8 @@ SMALL = 9.0
 STABILITY = {True: "stable", False: "unstable", None: "stability unknown"}
 #: More marks than these merge into a bar that says nothing.
 _MOST_MARKS = 300
-_MOST_TIMES = 6
+#: So many numbers along an axis, of 0.0005 s or -0.075, are written side by side.
+_MOST_NUMBERS = 6
 #: Height of a panel, and of one of many [inch].
 _PANEL_HEIGHT, _LOW_PANEL, _MANY_PANELS = 1.5, 1.15, 4
 #: Letters of a label that stand on an inch of a panel's height.
@@ -207,7 +208,7 @@ def draw_nyquist(ax: Axes, response: ComplexArray, locus: ComplexArray, meets: S
     )
     _arrows(ax, response, box, BLUE)
     _arrows(ax, locus, box, VERMILLION)
-    ax.locator_params(axis="x", nbins=_MOST_TIMES)
+    few_numbers(ax)
     ax.set_xlim(box[0], box[1])
     ax.set_ylim(box[2], box[3])
     ax.set_xlabel("real part")
@@ -299,7 +300,7 @@ class _InUnit(MaxNLocator):
     """Round numbers of a unit, on an axis of SI values."""
 
     def __init__(self, factor: float) -> None:
-        super().__init__(nbins=_MOST_TIMES, steps=[1, 1.5, 2, 3, 5, 6, 10])
+        super().__init__(nbins=_MOST_NUMBERS, steps=[1, 1.5, 2, 3, 5, 6, 10])
         self.factor = factor
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
@@ -313,7 +314,7 @@ def label_time(panels: Sequence[Axes], text: str, units: Mapping[str, str] | Non
     """
     factor = readable((units or {}).get("time", "s"))[1]
     for ax in panels:
-        ax.locator_params(axis="x", nbins=_MOST_TIMES)  # so many of 0.0005 s stand side by side
+        few_numbers(ax)
         if factor != 1.0:
             ax.xaxis.set_major_locator(_InUnit(factor))
             ax.xaxis.set_major_formatter(lambda time, _: number(factor * time))
@@ -321,6 +322,11 @@ def label_time(panels: Sequence[Axes], text: str, units: Mapping[str, str] | Non
         ax.tick_params(labelbottom=ax is panels[-1])
     panels[-1].set_xlabel(text)
     root_figure(panels[0]).align_ylabels(panels)
+
+
+def few_numbers(ax: Axes) -> None:
+    """The level axis has so few numbers that long ones do not touch."""
+    ax.locator_params(axis="x", nbins=_MOST_NUMBERS)
 
 
 def label_up(ax: Axes, text: str, least: float = _LOW_PANEL) -> None:

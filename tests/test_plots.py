@@ -432,14 +432,29 @@ def test_numbers_along_the_peak_to_peak_do_not_run_into_one_another(factor, unit
     branch = dict(found.curves["branches"][0], amplitude=np.geomspace(unit, factor * unit, 200))
     meets = [{"amplitude": unit * factor**share, "omega": 2.0} for share in (0.3, 0.7)]
     figure = plot_nyquist(replace(found, curves={**found.curves, "branches": [branch], "intersections": meets}))
-    figure.draw_without_rendering()
-    axis = figure.axes[0].xaxis
+    assert numbers_are_apart(figure.axes[0])
+
+
+def numbers_are_apart(ax) -> bool:
+    """Whether two numbers at least are written along the level axis, and none touches its neighbour."""
+    ax.figure.draw_without_rendering()
     boxes = sorted(
-        (text.get_window_extent() for text in axis.get_ticklabels(which="both") if text.get_text()), key=lambda b: b.x0
+        (text.get_window_extent() for text in ax.get_xticklabels(which="both") if text.get_text()), key=lambda b: b.x0
     )
-    low, high = figure.axes[0].bbox.x0 - 1.0, figure.axes[0].bbox.x1 + 1.0
+    low, high = ax.bbox.x0 - 1.0, ax.bbox.x1 + 1.0
     boxes = [box for box in boxes if low <= (box.x0 + box.x1) / 2 <= high]
-    assert len(boxes) >= 2 and all(left.x1 + 4.0 < right.x0 for left, right in pairwise(boxes))
+    return len(boxes) >= 2 and all(left.x1 + 4.0 < right.x0 for left, right in pairwise(boxes))
+
+
+@pytest.mark.parametrize("size", [0.0402, 0.0804, 0.8])
+def test_numbers_along_a_small_orbit_do_not_run_into_one_another(size):
+    time = np.linspace(0.0, 1.0, 101)
+    wave = size * np.cos(2.0 * np.pi * time)
+    own = replace(
+        cycles_of("relay_deadzone")[1], period=1.0, time=time, waveform={"x": wave}, harmonics={"x": [0, size]}
+    )
+    figure = replace(cycles_of("relay_deadzone"), cycles=(own,)).plot().figure
+    assert all(map(numbers_are_apart, figure.axes))
 
 
 @pytest.mark.parametrize("residual", [1e-9, 0.05, float("nan")])

@@ -25,6 +25,7 @@ from eppanalysis.plotting import (
     PURPLE,
     SMALL,
     VERMILLION,
+    few_numbers,
     note_below,
     panels_of,
     place_of,
@@ -87,6 +88,7 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
     panels[0].set_xlabel("time over period")
     panels[0].set_ylabel(with_unit(words(name), unit))
     for right in panels[1:]:
+        few_numbers(right)
         right.set_xlabel(with_unit(words(name), unit))
         right.set_ylabel(with_unit(f"rate of {words(name)}", f"{unit or '1'}/s"))
     put_legend(panels[0])
@@ -156,6 +158,7 @@ def plot_trigger(trigger: Trigger, ax: Axes | None = None) -> Figure:
     far = 1.3 * (end if none or not edge else edge)
     ax.set_xlim(min(0.0, far), max(0.0, far))
     ax.set_yticks([])
+    few_numbers(ax)
     ax.set_xlabel(with_unit(words(trigger.name), unit))
     if trigger.not_covered:
         note_below(ax, trigger.not_covered)
