@@ -203,7 +203,8 @@ def _tested(result: DesignBounds) -> str:
     from eppanalysis.methods.bounds.result import UNTESTED, Finding
 
     if result.not_covered:
-        return str(result)
+        # Why there is none follows for each value.
+        return str(result) if any(math.isfinite(c.bound) for c in result) else result.not_covered.strip()
     found = [c for c in result if c.finding is Finding.BOUND]
     if found and all(c.message == UNTESTED for c in found):
         return "No bound was tested (--no-verify)."

@@ -202,7 +202,8 @@ def _without(question: BoundProblem, value: float, asked: Sequence[Answer], aski
     what = "limit cycle" if asking.allowed is None else asking.allowed.exceeded
     who = "The case's own run" if asking.own_run else "The search"
     found = without_bound(question, [(a.value, a.cycles, not a.open_ends) for a in asked], what, who)
-    opened = listed(list(dict.fromkeys(text for a in asked for text in a.open_ends)))
+    left = (f"at {question.in_words([a.value])}, {text}" for a in asked if not a.cycles for text in a.open_ends)
+    opened = "; ".join(left)
     note = found.note + (f" Left open: {opened}." if opened else "")
     return BoundCell(value=value, finding=found.finding, message=note, n_searched=len(asked))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -127,6 +128,10 @@ def test_starts_that_leave_the_end_of_the_range_open_are_no_cycles_there(case, b
     cell = cell_of(case, OpenFromOthers(cycle=bounds[0].other_orbit, cycles_from=0.16, free_to=9.0))
     assert cell.finding is Finding.UNSURE and np.isnan(cell.bound)
     assert "of the others, runs were left undecided at" in cell.message
+    _, free, left = re.split("undecided at |Left open: ", cell.message)
+    assert [part.split(",")[0] for part in left.split("; ")] == [f"at {v}" for v in re.findall(r"\d[.\d]*\d", free)]
+    told = [f"{replace(bounds, cells=(cell,)).headline()}.", *sentences(case, replace(bounds, cells=(cell,)))]
+    assert " ".join(told).count(cell.message) == 1 and bounds.not_covered in told
 
 
 def test_a_bound_at_zero_is_found_in_few_steps(case, bounds) -> None:
