@@ -67,42 +67,41 @@ if TYPE_CHECKING:
 
 
 class _Commands(TyperGroup):
-    """Turns an error that the user can act on into one sentence and exit code 2, an interrupt into one and 130."""
+    """Ends with a sentence and its exit code where a command, or its help, fails."""
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
-        with _interrupt_told():  # the library that reads arguments takes its time to import, and says nothing
+        with _in_a_sentence():  # the library that reads arguments takes its time to import, and prints the help
             return super().make_context(*args, **kwargs)
 
     def invoke(self, ctx: Any) -> Any:
-        try:
-            with _interrupt_told():
-                result = super().invoke(ctx)
-                sys.stdout.flush()  # here, where a full disk is a sentence
-        except EppError as error:
-            echo(str(error), err=True)
-            raise typer.Exit(2) from error
-        except MemoryError as error:
-            echo(f"Not enough memory ({error or 'nothing is kept'}); expected a smaller case.", err=True)
-            raise typer.Exit(2) from error
-        except OSError as error:
-            if error.errno == errno.EPIPE:  # the reader has seen enough
-                raise
-            where = _place(error)
-            known = error.filename or error.errno in _OUTPUT
-            expected = "a place to read from or write to" if known else "a system that grants it"
-            echo(f"{where}: {error.strerror or error}; expected {expected}.", err=True)
-            raise typer.Exit(2) from error
+        with _in_a_sentence():
+            result = super().invoke(ctx)
+            sys.stdout.flush()  # here, where a full disk is a sentence
         return result
 
 
 @contextmanager
-def _interrupt_told() -> Iterator[None]:
-    """Say in one sentence that a command was interrupted, and end with its code."""
+def _in_a_sentence() -> Iterator[None]:
+    """Say what the user can act on, and an interrupt, in one sentence, and end with its code."""
     try:
         yield
     except KeyboardInterrupt:
         echo("Interrupted: nothing is kept.", err=True)
         raise typer.Exit(130) from None
+    except EppError as error:
+        echo(str(error), err=True)
+        raise typer.Exit(2) from error
+    except MemoryError as error:
+        echo(f"Not enough memory ({error or 'nothing is kept'}); expected a smaller case.", err=True)
+        raise typer.Exit(2) from error
+    except OSError as error:
+        if error.errno == errno.EPIPE:  # the reader has seen enough
+            raise
+        where = _place(error)
+        known = error.filename or error.errno in _OUTPUT
+        expected = "a place to read from or write to" if known else "a system that grants it"
+        echo(f"{where}: {error.strerror or error}; expected {expected}.", err=True)
+        raise typer.Exit(2) from error
 
 
 #: What a full or broken place to write to answers.

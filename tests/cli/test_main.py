@@ -463,7 +463,9 @@ def test_numbers_beyond_all_range_are_one_sentence(command, setting):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no disk that is always full")
-@pytest.mark.parametrize("arguments", [("cases",), ("cases", "--json"), ("--version",), ("check", "sat_am165")])
+@pytest.mark.parametrize(
+    "arguments", [("cases",), ("cases", "--json"), ("--version",), ("check", "sat_am165"), ("--help",), ()]
+)
 def test_a_full_disk_behind_the_standard_output_is_one_sentence(arguments):
     with open("/dev/full", "w") as full:
         command = [sys.executable, "-m", "eppanalysis", *arguments]
