@@ -164,8 +164,8 @@ def check_target(
     Raises
     ------
     EppError
-        If the suffix is not one of `suffixes`, the folder does not exist, the path is a folder itself, its name is too
-        long for a file, or modules that `needed` lists for the suffix are not installed.
+        If the suffix is not one of `suffixes`, the folder does not exist or is read-only, the path is a folder itself,
+        its name is too long for a file, or modules that `needed` lists for the suffix are not installed.
     """
     if len(os.fsencode(path.name)) > _LONGEST_NAME:
         raise EppError(f"{path.name[:40]}...: is a name of {len(path.name)} letters; expected at most {_LONGEST_NAME}.")
@@ -177,6 +177,8 @@ def check_target(
         raise EppError(f"{path}: the folder {str(path.parent)!r} does not exist; expected an existing one.")
     if os.path.isdir(path):
         raise EppError(f"{path}: is a folder; expected the name of a file.")
+    if not os.access(os.path.dirname(os.path.realpath(path)), os.W_OK):
+        raise EppError(f"{path}: cannot be written (its folder is read-only); expected a place to write to.")
     require_packages(f"{path}: the file", "tables", *(needed or {}).get(path.suffix.lower(), ()))
 
 

@@ -319,6 +319,20 @@ def test_a_refusal_that_nobody_can_read_has_its_exit_code() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="capabilities of this system")
+def test_a_read_only_folder_is_refused_before_anything_is_computed(tmp_path: Path) -> None:
+    tmp_path.chmod(0o555)
+    # The superuser writes everywhere, except without this capability.
+    drop = ["setpriv", "--bounding-set=-dac_override,-dac_read_search"] if os.geteuid() == 0 else []
+    command = [*drop, sys.executable, "-m", "eppanalysis", "simulate", "relay_deadzone", "-o", str(tmp_path / "a.png")]
+    ended = subprocess.run(command, check=False, capture_output=True, text=True)
+    tmp_path.chmod(0o755)
+    assert ended.returncode == 2 and not ended.stdout and not list(tmp_path.iterdir())
+    sentence = "a.png: cannot be written (its folder is read-only); expected a place to write to."
+    assert [line.rpartition("/")[2] for line in ended.stderr.splitlines()] == [sentence]
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="terminals of this system")
 @pytest.mark.parametrize("case", ["backlash_servo", "no_case"])
 def test_a_terminal_that_knows_no_codes_gets_none(case: str) -> None:
