@@ -318,7 +318,7 @@ def predict(
     as_json: Json = False,
     output: Output = None,
 ) -> None:
-    """Predict limit cycles with describing functions, stable and unstable; what these may not see is said."""
+    """Predict limit cycles with describing functions, stable and unstable; warn where these may miss some."""
     from eppanalysis.tables.files import prediction_table
 
     measured = None if response is None else _read_response(response)

@@ -73,13 +73,13 @@ Drawn = Annotated[
     ),
 ]
 Prove = Annotated[bool, typer.Option("--prove", help="Prove both sides of every bound where possible; seconds each.")]
-Workers = Annotated[int | None, typer.Option("--workers", help="Processes. [one a core]", show_default=False)]
+Workers = Annotated[int | None, typer.Option("--workers", help="Processes.", show_default="one per core")]
 Certificates = Annotated[
     Path | None,
     typer.Option(
         "--certificates",
         metavar="FOLDER",
-        help="Also write the certificates (--prove is understood).",
+        help="Also write the certificates; implies --prove.",
         show_default=False,
     ),
 ]

@@ -38,18 +38,15 @@ Tuned = Annotated[
     list[str],
     typer.Option("--tune", metavar='"FIELD RANGE"', help='Parameter that may be chosen, as in "Kp 1..10"; repeatable.'),
 ]
-Name = typer.Option(
-    metavar="GOAL",
-    help="Quantity to maximise (minimise): a parameter, or bandwidth, crossover, a margin, tracking_error.",
-)
+_GOALS = "a parameter, or bandwidth, crossover, a margin, tracking_error."
 
 
 def design(
     case: CaseName,
     tune: Tuned,
     settings: Settings = NOTHING,
-    maximise: Annotated[str | None, Name] = None,
-    minimise: Annotated[str | None, Name] = None,
+    maximise: Annotated[str | None, typer.Option(metavar="GOAL", help=f"Quantity to maximise: {_GOALS}")] = None,
+    minimise: Annotated[str | None, typer.Option(metavar="GOAL", help=f"Quantity to minimise: {_GOALS}")] = None,
     subject_to: Annotated[
         list[str],
         typer.Option(
@@ -59,7 +56,7 @@ def design(
             show_default=False,
         ),
     ] = NOTHING,
-    at: Annotated[str | None, typer.Option("--at", metavar="NAME", help="Where to cut the loop for them.")] = None,
+    at: Annotated[str | None, typer.Option("--at", metavar="NAME", help="Where to cut the loop for measures.")] = None,
     allow: Allow = None,
     tolerance: Annotated[
         list[str],

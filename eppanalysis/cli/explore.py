@@ -21,7 +21,7 @@ def explore(
     port: Annotated[int, typer.Option("--port", help="Port on this machine; 0 takes any free one.")] = 5006,
     browser: Annotated[
         bool | None,
-        typer.Option("--browser/--no-browser", help="Open the page. [on a terminal]", show_default=False),
+        typer.Option("--browser/--no-browser", help="Open the page.", show_default="on a terminal"),
     ] = None,
 ) -> None:
     """See in the browser what happens when a slider moves: run, Nyquist plot, limit cycles, design map.

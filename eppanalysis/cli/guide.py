@@ -58,7 +58,8 @@ def guide(
         typer.Option(
             "--gains",
             metavar="VALUES",
-            help="Values of --over, at commas; of an elbow 1.5, 2.5 and 3.5 lbf, else half, once and twice its own.",
+            help="Values of --over, separated by commas; of an elbow 1.5, 2.5 and 3.5 lbf, else half, once and twice "
+            "its own.",
         ),
     ] = None,
     vary: Annotated[
@@ -69,11 +70,11 @@ def guide(
     ] = NOTHING,
     tolerances: Annotated[
         list[str],
-        typer.Option("--tolerance", metavar="FIELD=VALUE", help='As in cable.stiffness="10 %"' + _END),
+        typer.Option("--tolerance", metavar="FIELD=VALUE", help='Half-width, as in cable.stiffness="10 %"' + _END),
     ] = NOTHING,
     margins: Annotated[
         list[str],
-        typer.Option("--margin", metavar="FIELD=FACTOR", help="On the limit, or bands.range" + _END),
+        typer.Option("--margin", metavar="FIELD=FACTOR", help="Safety factor on the limit, or on bands.range" + _END),
     ] = NOTHING,
     within: Annotated[
         str | None, typer.Option("--within", metavar="LOW..HIGH", help="Range of the limit to look in.")
@@ -148,7 +149,7 @@ def _check_values(case: Case, option: str, values: Mapping[str, Sequence[str]]) 
     """Refuse values that the case cannot take, by the name of the option that holds them."""
     for name, texts in values.items():
         if not texts:
-            raise EppError(f"{option}: holds no value of {name}; expected one or more, at commas.")
+            raise EppError(f"{option}: holds no value of {name}; expected one or more, separated by commas.")
         for text in texts:
             case.with_values({name: text}, option)
 

@@ -97,7 +97,7 @@ AxesOption = Annotated[
 ]
 RunOption = Annotated[
     list[Run],
-    typer.Option("--run", metavar="METHOD", help=f"Analyses: {', '.join(Run)}; repeatable. [simulate]"),
+    typer.Option("--run", metavar="METHOD", help=f"Analyses: {', '.join(Run)}; repeatable.", show_default="simulate"),
 ]
 SignalsOption = Annotated[
     list[str], typer.Option("--signal", metavar="NAME", help="Signals to report; repeatable; all for every one.")
@@ -153,10 +153,10 @@ def sweep(
     signals: SignalsOption = NOTHING,
     allow: Allow = None,
     design: DesignOption = Design.GRID,
-    n: Annotated[int | None, typer.Option("--n", help="Cells of a sample. [1024]", show_default=False)] = None,
+    n: Annotated[int | None, typer.Option("--n", help="Cells of a sample.", show_default="1024")] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed of a sample.")] = 0,
     scheduler: Scheduler = _THREADS,
-    workers: Annotated[int | None, typer.Option(help="Threads or processes. [one a core]", show_default=False)] = None,
+    workers: Annotated[int | None, typer.Option(help="Threads or processes.", show_default="one per core")] = None,
     chunk: Annotated[int | None, typer.Option(help="Cells stored together.", show_default=False)] = None,
     resume: Annotated[bool, typer.Option("--resume/--no-resume", help="Continue an existing store.")] = True,
     shard: ShardOption = None,

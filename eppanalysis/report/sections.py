@@ -340,7 +340,7 @@ SECTIONS: tuple[Section, ...] = (
     Section(
         "Branch",
         "How a limit cycle changes with a parameter; the dotted line is the case. Stable is solid, unstable dashed. "
-        "The first page rounds where it ends to the side without it.",
+        "The first page rounds the end of the branch to the side without a cycle.",
         _branch,
         partial(_branch, full=True),
     ),

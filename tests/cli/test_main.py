@@ -13,6 +13,7 @@ import sys
 
 import click
 import pytest
+from rich.text import Text
 from typer.testing import CliRunner
 
 from eppanalysis.cli import main
@@ -33,6 +34,14 @@ def test_no_word_of_the_help_is_cut_off(command: str) -> None:
     """On a console of 80 letters, where columns of names leave little room for what they mean."""
     told = runner.invoke(app, [command, "--help"], env={"COLUMNS": "80", "TERMINAL_WIDTH": "80"}, color=False).output
     assert "Usage" in told and "…" not in told
+
+
+def test_nothing_of_the_help_passes_for_markup() -> None:
+    """A word in brackets is a colour to what draws the help, and vanishes."""
+    for name, command in command_line().commands.items():
+        for option in command.params:
+            text = getattr(option, "help", None) or ""
+            assert str(Text.from_markup(text)) == text.replace(r"\[", "["), f"{name}: {text}"
 
 
 def one_sentence(result) -> str:
