@@ -19,6 +19,7 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.cases import Case
+from eppanalysis.cases.variation import takes
 from eppanalysis.errors import EppError
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.plausible import LEAST_SHARE, explained, refuse_what_is_no_response
@@ -48,6 +49,8 @@ IDENTIFIED = 0.6
 _WORST_FIT = 3.0
 #: Standard deviations beyond which residuals are said to ask for another value of what is not fitted.
 _ASKED = 5.0
+#: So far beyond an end of the search a case is tried, on the fitted scale.
+_BEYOND = 0.01
 
 
 def fit_step(
@@ -350,7 +353,9 @@ def _vague(response: Response, q: Array, matrix: Array, names: Sequence[str]) ->
         if u.name not in names:
             continue
         half = 1.96 * math.sqrt(max(matrix[i, i], 0.0))
-        width = half if u.logarithmic else half / max(abs(q[i]), 1e-3)
+        # What may be nothing at all is known where the case's own value is far.
+        alone = u.logarithmic or (u.vanishes and half >= abs(q[i]))
+        width = half if alone else half / max(abs(q[i]), 1e-3)
         if width > IDENTIFIED:
             found.append((width, u.name))
     return [name for _, name in sorted(found, reverse=True)]
@@ -394,12 +399,28 @@ def _estimates(solution: _Solution, names: Sequence[str]) -> tuple[Estimate, ...
             identified, note = False, f"identified only together with {other}."
         elif solution.vague(i):
             identified, note = False, "searches from other starts end at other values of it."
+        elif end := _end_reached(solution, i):
+            identified = False
+            note = f"its interval reaches {end}, where the search ends; expected a nearer value in the case."
         elif u.name not in names:
             note = "known before, within its tolerance"
         unit, friendly = case.unit(u.name)
         kept = u.name in solution.together
         out.append(Estimate(u.name, value, low, high, unit, friendly, identified, note, kept))
     return tuple(out)
+
+
+def _end_reached(solution: _Solution, place: int) -> str:
+    """The end of the search that a parameter's interval reaches; empty where it reaches none, where that is zero, as no
+    fit changes a sign, or where the case goes no further.
+    """
+    case, unknown = solution.response.case, solution.response.unknowns[place]
+    low, high = (float(ends[place]) for ends in bounds_of(solution.response.unknowns))
+    reached = ((low, -_BEYOND, solution.low[place] <= low), (high, _BEYOND, solution.high[place] >= high))
+    for end, step, there in reached:
+        if there and unknown.value(end) and takes(case, unknown.name, unknown.value(end + step)):
+            return case.text(unknown.name, unknown.value(end))
+    return ""
 
 
 def _doubt(solution: _Solution) -> str:

@@ -189,6 +189,28 @@ def test_what_acts_as_a_sum_alone_is_named(tmp_path, few_draws):
     assert result.case.value("J_arm") + result.case.value("J_tool") == pytest.approx(TRUTH["J_load"], rel=0.02)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.02, 0.0125])
+def test_an_estimate_at_an_end_of_the_search_is_none(tmp_path, few_draws, share):
+    """The search ends at fifty times the case's value: there the truth is, or beyond."""
+    case = epp.case_from_text(DRIVE).with_values({**TRUTH, "J_load": share * TRUTH["J_load"]})
+    path = record(tmp_path, "time [s],motor_angle [deg],current [mA]", noisy(), 1e3 * CURRENT)
+    result = epp.identify(case, step=path, fit=("J_load",))
+    end = case.text("J_load", 50.0 * share * TRUTH["J_load"])
+    assert not result["J_load"].identified and f"reaches {end}, where the search ends" in result["J_load"].note
+    assert result.case.value("J_load") == case.value("J_load") and "0 of 1 parameter" in str(result)
+
+
+@pytest.mark.slow
+def test_what_is_nothing_at_all_is_identified_as_that(tmp_path, few_draws):
+    text = DRIVE.replace('inertia = "J_load", damping = "0.02 N*m*s/rad"', 'inertia = "J_load", damping = "oil + more"')
+    text = text.replace("[parameters]", '[parameters]\noil = "0.02 N*m*s/rad"\nmore = "0.1 N*m*s/rad"')
+    case = epp.case_from_text(text).with_values(TRUTH)
+    path = record(tmp_path, "time [s],motor_angle [deg],current [mA]", noisy(seed=0), 1e3 * CURRENT)
+    more = epp.identify(case, step=path, fit=("more",))["more"]
+    assert more.identified and 0.0 <= more.low <= more.value <= more.high < 0.01
+
+
 @pytest.mark.parametrize(
     ("name", "field", "signal", "stretch"),
     [
