@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import secrets
 from collections.abc import Iterator
@@ -34,6 +35,17 @@ def atomic(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # where nothing can be written, nothing can be taken away either
             part.unlink(missing_ok=True)
+
+
+@contextmanager
+def at_once(path: Path) -> Iterator[io.BytesIO]:
+    """A stream in memory that becomes the file when the block ends well.
+
+    On a full disk libraries that write a file piece by piece end in further errors of their own.
+    """
+    stream = io.BytesIO()
+    yield stream
+    path.write_bytes(stream.getvalue())
 
 
 def write_text(text: str, path: Path) -> None:

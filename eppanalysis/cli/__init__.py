@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import gc
-import io
 import os
 import sys
 from typing import NoReturn
@@ -26,10 +25,11 @@ def main() -> None:
     # What libraries make while they are imported stays to the end: looking there for garbage took a fifth of a command.
     gc.set_threshold(50_000, 10, 10)
     atexit.register(gc.freeze)
-    for name in ("stdout", "stderr"):
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:  # closed by the caller, who wants neither text nor a traceback about it
-            setattr(sys, name, io.StringIO())
-        write_plainly(getattr(sys, name))
+            _lead_nowhere(name, mode)
+    for stream in (sys.stdout, sys.stderr):
+        write_plainly(stream)
     end_as_interrupted()
     try:
         from eppanalysis.cli.commands import app
@@ -42,6 +42,13 @@ def main() -> None:
         if ended.code == 130:  # of any interrupt, whoever has caught it
             _end_interrupted()
         raise
+
+
+def _lead_nowhere(name: str, mode: str) -> None:
+    """Open a standard stream that is closed, for the processes of the command, too: its number is the next free one."""
+    number = os.open(os.devnull, os.O_RDWR)
+    os.set_inheritable(number, True)
+    setattr(sys, name, os.fdopen(number, mode))
 
 
 def _end_interrupted() -> NoReturn:

@@ -27,7 +27,7 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import InputSignal, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, system_of
-from eppanalysis.writing import atomic
+from eppanalysis.writing import at_once, atomic
 
 #: Events of a run, of which none is counted here.
 _ANY_NUMBER = np.iinfo(np.int64).max
@@ -107,7 +107,11 @@ def to_fmu(
         "resources/loop.bin": token.encode() + tables,
         f"binaries/{folder}/{name}{suffix}": _library().read_bytes(),
     }
-    with atomic(Path(path)) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as unit_file:
+    with (
+        atomic(Path(path)) as part,
+        at_once(part) as stream,
+        zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as unit_file,
+    ):
         for place, content in files.items():
             unit_file.writestr(zipfile.ZipInfo(place, _DATE), content, zipfile.ZIP_DEFLATED)
     return Path(path)

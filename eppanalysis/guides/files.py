@@ -17,7 +17,7 @@ from eppanalysis.readable import one_line
 from eppanalysis.shown import png
 from eppanalysis.tables.files import PICTURES, check_target, csv_cell, write_figure
 from eppanalysis.tables.manual import keep_texts, size_rows
-from eppanalysis.writing import atomic
+from eppanalysis.writing import at_once, atomic
 
 if TYPE_CHECKING:
     import pandas
@@ -151,7 +151,7 @@ def _excel(guide: Guide, path: Path) -> None:
         frame[name] = pandas.to_numeric(rounded[name], errors="coerce") if numbers else rounded[name]
     sentences = pandas.DataFrame({"sentence": list(guide.sentences())})
     source = pandas.DataFrame({"provenance": [facts(guide)]})
-    with pandas.ExcelWriter(path, engine="openpyxl") as book:
+    with at_once(path) as stream, pandas.ExcelWriter(stream, engine="openpyxl") as book:
         for name, sheet in (("guideline", frame), ("sentences", sentences), ("provenance", source)):
             sheet.to_excel(book, sheet_name=name, index=False)
             cells = book.sheets[name]

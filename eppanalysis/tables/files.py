@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cmath
 import csv
-import io
 import math
 import os
 import re
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from eppanalysis.errors import EppError, require_packages
 from eppanalysis.methods.driven.result import FrequencyResponse
 from eppanalysis.readable import with_unit
-from eppanalysis.writing import atomic
+from eppanalysis.writing import at_once, atomic
 
 if TYPE_CHECKING:
     import xarray
@@ -202,12 +201,10 @@ def write_figure(picture: Figure | Axes, path: Path) -> None:
     with (
         mpl.rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "eppanalysis"}),
         atomic(path) as part,
+        at_once(part) as drawn,
     ):
         stamp = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower())
-        # In memory first: on a full disk what draws would end in errors of its own.
-        drawn = io.BytesIO()
         figure_of(picture).savefig(drawn, format=path.suffix[1:].lower(), dpi=200, metadata=stamp)
-        part.write_bytes(drawn.getvalue())
 
 
 def write_table(table: Table, path: Path) -> None:
@@ -240,9 +237,8 @@ def write_dataset(dataset: xarray.Dataset, path: Path) -> None:
         if engines[:1] == ["netcdf4"]:
             named.to_netcdf(part, engine="netcdf4")
         elif engines:
-            held = io.BytesIO()
-            named.to_netcdf(held, engine="h5netcdf")
-            part.write_bytes(held.getvalue())
+            with at_once(part) as held:
+                named.to_netcdf(held, engine="h5netcdf")
         else:
             part.write_bytes(named.to_netcdf(engine="scipy"))
 

@@ -19,7 +19,7 @@ from typing import Any
 from eppanalysis.errors import EppError
 from eppanalysis.readable import one_line
 from eppanalysis.tables.files import check_target
-from eppanalysis.writing import atomic
+from eppanalysis.writing import at_once, atomic
 
 #: Letters in a column of a workbook.
 _LETTERS = 24
@@ -225,7 +225,8 @@ def _word(table: ManualTable, path: Path) -> None:
     document.add_paragraph()
     for note in table.notes:
         document.add_paragraph(note, style="List Bullet")
-    document.save(str(path))
+    with at_once(path) as stream:
+        document.save(stream)
 
 
 def size_rows(sheet: Any, first: int = 1) -> None:
@@ -282,7 +283,8 @@ def _excel(table: ManualTable, path: Path) -> None:
     sheet.page_setup.orientation, sheet.page_setup.fitToHeight = "landscape", 0
     sheet.sheet_properties.pageSetUpPr.fitToPage = True
     keep_texts(sheet)
-    book.save(path)
+    with at_once(path) as stream:
+        book.save(stream)
 
 
 def _text(make: Callable[[ManualTable], str]) -> Callable[[ManualTable, Path], None]:

@@ -574,6 +574,17 @@ def test_a_closed_output_is_no_reason_for_a_traceback(command: str, end: str) ->
     assert done.returncode == 0 and done.stderr == "", done.stderr
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="numbers of streams")
+def test_what_a_command_starts_has_the_streams_that_its_caller_has_closed(tmp_path) -> None:
+    """A kernel dies without an output, and a file that took its number would hold what the kernel prints."""
+    line = f'"{sys.executable}" -m eppanalysis report relay_deadzone -o "{tmp_path}/a.ipynb" >&-'
+    # A kernel that knows of a test leaves the numbers of its streams alone.
+    own = {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
+    assert subprocess.run(line, shell=True, env=own, stderr=subprocess.DEVNULL, check=False).returncode == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["a.ipynb"]
+
+
 @pytest.mark.parametrize(
     ("command", "name", "begin", "words"),
     [

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import re
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
@@ -288,3 +291,30 @@ def test_command_writes_the_table_and_refuses_before_it_computes(monkeypatch, bo
     result = CliRunner().invoke(app, [*command, *asked, "--step", "0.1 deg"])
     assert "<table>" in files[1].read_text()
     assert result.exit_code == 0 and "| 2.5 | 0.9 | 0.980 |" in (tmp_path / "g.md").read_text()
+
+
+@contextmanager
+def full_disk() -> Iterator[None]:
+    """No file may have more than 512 bytes."""
+    import resource
+
+    most, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (512, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of this system")
+@pytest.mark.parametrize("ending", ["xlsx", "docx"])
+def test_a_full_disk_is_one_sentence_and_nothing_is_left(guide, tmp_path, ending, monkeypatch) -> None:
+    """What writes an archive would fail once more where it is put away, in a traceback that nobody can catch."""
+    lost: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", lost.append)
+    for write in (guide.write, epp.manual_table(guide).write):
+        with full_disk(), pytest.raises(EppError, match=f"g.{ending}: cannot be written"):
+            write(tmp_path / f"g.{ending}")
+        with full_disk():
+            gc.collect()
+    assert not lost and not list(tmp_path.iterdir())
