@@ -137,7 +137,7 @@ class Turns:
 
         Each state has a ratio of its own: a chain of integrators behind a limit grows in each by another power.
         """
-        level, _ = _levels(self.start)
+        level = _levels(self.start)[0] + _held(self.start)
         size = np.abs(self.state[-_PILE:][:, self.start.compared]).max(axis=0)
         if np.any((level > 0) & (size < _FAR * level)):
             return None
@@ -171,17 +171,35 @@ def _ratio(one: Array, other: Array) -> float:
     return float(one @ other) / max(float(one @ one), np.finfo(float).tiny)
 
 
+def _held(start: HybridSystem) -> Array:
+    """Where a setpoint puts the guards, in terms of the states under them, shape (k,)."""
+    compared = start.compared
+    rows = _guard_rows(start)
+    under, by = np.abs(rows[:, compared]), np.abs(rows[:, ~compared]) @ np.abs(start.x0[~compared])
+    return np.max(np.where(under > 0.0, by[:, None] / np.where(under > 0.0, under, 1.0), 0.0), axis=0, initial=0.0)
+
+
+@of_model
+def _guard_rows(start: HybridSystem) -> Array:
+    """What each guard reads of the states, (guards, n)."""
+    model = start.model
+    z = model.first[model.guard_element, 0]
+    n_z = model.first[model.guard_element + 1, 0] - z
+    rows = [w[:k] @ model.C[i : i + k] for w, i, k in zip(model.guard_z, z.tolist(), n_z.tolist(), strict=True)]
+    return np.array(rows).reshape(len(rows), start.x0.size)
+
+
 @of_model
 def _levels(start: HybridSystem) -> tuple[Array, Array]:
     """What keeps a loop from being alike at all sizes: levels of guards, in terms of the states under them, and what
     constants add to rates; both (k,), of the states that repeat.
     """
     model, n = start.model, start.x0.size
-    level, push = np.zeros(n), np.abs(model.K[:, -1])
+    level, push, rows = np.zeros(n), np.abs(model.K[:, -1]), _guard_rows(start)
     for e in range(len(model.mode_first) - 1):
         (z, w), (n_z, n_w) = model.first[e, :2], (model.first[e + 1] - model.first[e])[:2]
         for guard in np.flatnonzero(model.guard_element == e):
-            row = model.guard_z[guard, :n_z] @ model.C[z : z + n_z]
+            row = rows[guard]
             constant = abs(model.guard_0[guard]) + abs(model.guard_z[guard, :n_z] @ model.Kz[z : z + n_z, -1])
             level = np.maximum(level, np.where(row != 0, constant / np.abs(np.where(row == 0, 1.0, row)), 0.0))
         put_out = np.abs(model.mode_w0[model.mode_first[e] : model.mode_first[e + 1], :n_w]).max(axis=0, initial=0.0)
