@@ -27,16 +27,12 @@ _SAME = 1e-6
 _MOST_HALVES, _MOST_EVENTS = 4, 400
 
 
-def mirror(hybrid: HybridSystem) -> Array | None:
-    """The map of y = (state, memory values) to its mirror image at the loop's centre, shape (N, N).
+def centre_of_loop(hybrid: HybridSystem) -> Array | None:
+    """The state of the loop, shape (n,), where nothing moves while every element's input and output are zero.
 
-    The centre is where nothing moves while every element's input and output are zero. None where there is no such
-    place, and for loops with clocks or dead time. Whether the elements are odd is not asked: an orbit that was closed
-    by way of the image is tested against the engine.
+    Without a setpoint or a load it is zero. None where there is no such state.
     """
     model, n = hybrid.model, hybrid.n_plant
-    if np.any(model.smooth_kind == DELAY_LINE) or not np.all(hybrid.compared[:n]):
-        return None
     inputs = np.concatenate([hybrid.x0[n:], hybrid.H0])
     constant = np.vstack([
         np.hstack([model.A[:n, n:], model.K[:n]]),
@@ -50,7 +46,20 @@ def mirror(hybrid: HybridSystem) -> Array | None:
     right = -constant.sum(axis=1)
     centre = np.linalg.lstsq(rows, right, rcond=None)[0] if np.any(right) else np.zeros(n)
     size = np.abs(rows) @ np.abs(centre) + np.abs(constant).sum(axis=1)
-    if np.any(np.abs(rows @ centre - right) > _BALANCED * size):
+    return None if np.any(np.abs(rows @ centre - right) > _BALANCED * size) else centre
+
+
+def mirror(hybrid: HybridSystem) -> Array | None:
+    """The map of y = (state, memory values) to its mirror image at the loop's centre, shape (N, N).
+
+    None where the loop has no centre, and for loops with clocks or dead time. Whether the elements are odd is not
+    asked: an orbit that was closed by way of the image is tested against the engine.
+    """
+    model, n = hybrid.model, hybrid.n_plant
+    if np.any(model.smooth_kind == DELAY_LINE) or not np.all(hybrid.compared[:n]):
+        return None
+    centre = centre_of_loop(hybrid)
+    if centre is None:
         return None
     # A reflection at the centre: what is odd changes its sign, and the 1 in y carries twice the centre.
     image = np.eye(hybrid.x0.size + hybrid.H0.size)

@@ -7,9 +7,10 @@ the orbit (docs/theory/exact_orbits.md, The search for all of them).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from typing import TypeVar
 
 import numpy as np
@@ -251,15 +252,16 @@ class _Search(SearchReport):
         """Seeds, then runs along rays and from random starts, then the basin boundaries between outcomes."""
         with budget(_MOST_WORK) as self.work:
             # The order of docs/theory/exact_orbits.md, The search for all of them: predictions, rays, random starts,
-            # rays to what was found, other periods, mirror images. Boundaries are bisected where a ray shows them.
+            # starts beside rest, a ray from rest, rays to what was found, other periods, mirror images. Boundaries are
+            # bisected where a ray shows them.
             led_to = self._close_all()
             with budget((1.0 if self.pulses is None else _FOR_RUNS) * _MOST_WORK):
-                if not np.any(self.hybrid.x0[: self.hybrid.n_plant]):  # else the loop's own start is on a ray
+                if np.array_equal(self.hybrid.x0, self.centre):  # else the loop's own start is on a ray
                     self.outcome(self.hybrid.x0, self.hybrid.H0)
-                for ray in self.rays:
-                    self._scan(ray)
-                for start in self._random():
+                self._scan_all(self.rays)
+                for start in chain(self._random(), self.beside_rest()):
                     self.outcome(*start)
+                self._scan_all(self.rays_from_rest)
                 if RunOutcome.DIVERGENCE not in self.outcomes and may_be_overcome(self.system):
                     for ray in self.rays[-1:]:
                         self._scan(ray, _AFAR)
@@ -268,8 +270,7 @@ class _Search(SearchReport):
                 ):
                     self.n_towards += 1
                     self.outcome(x, H, rests_by)
-                for orbit in list(self.orbits):
-                    self._scan(self._ray_to(orbit))
+                self._scan_all(self._ray_to(orbit) for orbit in list(self.orbits))
             self._add_symmetric()
             for orbit in list(self.orbits):
                 self._add_on_locus(orbit)
@@ -414,6 +415,10 @@ class _Search(SearchReport):
             x = centre + 2.0 * rng.uniform(-1.0, 1.0, size.size) * size
             x[~self.hybrid.compared] = self.hybrid.x0[~self.hybrid.compared]
             yield x, H
+
+    def _scan_all(self, rays: Iterable[Ray]) -> None:
+        for ray in rays:
+            self._scan(ray)
 
     def _scan(self, ray: Ray, scales: Sequence[float] = SCALES) -> None:
         """Outcomes along a line of starts, and the unstable cycles on the basin boundaries between them."""

@@ -15,6 +15,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.delayed.smooth import closed_behind_delay, is_smooth_delayed
 from eppanalysis.methods.orbits.exact import centre_of, start_of, steady_hybrid
 from eppanalysis.methods.orbits.guess import recurrences
+from eppanalysis.methods.orbits.mirrored import centre_of_loop
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import close_orbit, orbit_of, same_orbit
 from eppanalysis.methods.search.continua import at_end, has_period_of, on_rim, same_continuum
@@ -56,7 +57,7 @@ _SAME_CYCLE = 1e-6
 #: Estimated error above which a prediction is no measure of how long runs take.
 _DOUBTFUL = 1.0
 #: How far beside a start that is a state of rest another one is asked, relative to the motions in question.
-_ASIDE = 1e-6
+ASIDE = 1e-6
 #: Share of all work that one prediction, one start or one mirror image may take.
 FOR_ONE = 0.1
 
@@ -151,15 +152,47 @@ class RunOutcomes:
             centre[: self.hybrid.n_plant] = centre_of(self.hybrid, cycle)
             rays.append((centre, x - centre, H))
         x0 = self.hybrid.x0
-        centre = np.zeros_like(x0)
-        centre[self.hybrid.n_plant :] = x0[self.hybrid.n_plant :]
+        centre = self.centre
         if np.any(x0 != centre):
             rays.append((centre, x0 - centre, self.hybrid.H0))
-        reach = np.zeros_like(x0)
-        reach[: self.hybrid.n_plant] = reach_of_elements(self.system)
-        if np.any(reach):
-            rays.append((centre, reach, self.hybrid.H0))
+        if np.any(self.reach):
+            rays.append((centre, self.reach, self.hybrid.H0))
         return rays
+
+    @cached_property
+    def centre(self) -> Array:
+        """The state where nothing moves without the elements, whatever the setpoint; zero where there is none."""
+        centre, n = self.hybrid.x0.copy(), self.hybrid.n_plant
+        middle = centre_of_loop(self.hybrid)
+        centre[:n] = 0.0 if middle is None else middle
+        return centre
+
+    @property
+    def _rest_elsewhere(self) -> tuple[Array, Array] | None:
+        """The state of rest that is known, with its memory values, where a setpoint or a load moves it from zero."""
+        constants = self.hybrid.x0[self.hybrid.n_plant :], self.system.constant_state, self.system.constant_input
+        return self.rest if np.any(self.reach) and any(map(np.any, constants)) else None
+
+    def beside_rest(self) -> Iterator[tuple[Array, Array]]:
+        """Starts to either side of such a state of rest: where it does not hold, its own motion leads on to a cycle, be
+        it far smaller than where the elements begin to matter.
+        """
+        if (known := self._rest_elsewhere) is not None:
+            rest, memory = known
+            yield from ((rest + aside * self.reach, memory) for aside in (ASIDE, -ASIDE))
+
+    @property
+    def rays_from_rest(self) -> list[Ray]:
+        """A line of starts from such a state of rest: all others may be far from there."""
+        known = self._rest_elsewhere
+        return [] if known is None else [(known[0], self.reach, known[1])]
+
+    @cached_property
+    def reach(self) -> Array:
+        """How far the states must go for the elements to matter; zero where nothing says it."""
+        reach = np.zeros_like(self.hybrid.x0)
+        reach[: self.hybrid.n_plant] = reach_of_elements(self.system)
+        return reach
 
     def add(self, orbit: Orbit) -> int:
         """Number of an orbit among those found; a new one is appended."""
@@ -205,7 +238,7 @@ class RunOutcomes:
         """
         if end is not RunOutcome.REST or self.rest is None or not np.array_equal(self.rest[0], x):
             return end
-        rest, moved = self.rest, self.hybrid.compared * _ASIDE * self._sizes()
+        rest, moved = self.rest, self.hybrid.compared * ASIDE * self._sizes()
         # The elements remember what they have at rest: of what they are given some can take a part only, as a play.
         start = self.hybrid.at(x, H, self.hybrid.modes0)
         there = self._run(start, self.horizon).end(start)

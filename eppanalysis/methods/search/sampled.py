@@ -30,7 +30,7 @@ from eppanalysis.methods.orbits.samples.locked import (
     samples_of,
     starts_on,
 )
-from eppanalysis.methods.search.outcomes import Look, RunOutcome
+from eppanalysis.methods.search.outcomes import ASIDE, Look, RunOutcome
 from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_elements
 from eppanalysis.methods.search.result import CycleSearch, exists, undecided
 from eppanalysis.methods.search.unmet import MANY, more_of, unmet
@@ -153,7 +153,7 @@ class SampledSearch:
     extents: list[Array] = field(default_factory=list)
     ends: Counter[RunOutcome] = field(default_factory=Counter)
     lengths: set[int] = field(default_factory=set)
-    rest: Array = field(default_factory=lambda: np.zeros(0))
+    rest: HybridSystem | None = None  # begun at the state of rest of the first run that settles
     begun: list[tuple[Array, OutcomeOrCycle]] = field(default_factory=list)
     boundaries: int = 0
     refused: int = 0
@@ -190,6 +190,10 @@ class SampledSearch:
                     return True
             if self.unmet < MANY:
                 break
+        for start in self._from_rest():
+            self.outcome(start)
+            if self.stopped:
+                return True
         return False
 
     @property
@@ -262,17 +266,26 @@ class SampledSearch:
     ) -> tuple[RunOutcome, int | None] | None:
         """What a run has come to; None where it is on its way."""
         if status is Status.SETTLED:
-            self.rest = self._rest_of(run) if not self.rest.size else self.rest
+            self.rest = self.rest or self._rest_of(run)
             return RunOutcome.REST, None
         if status is Status.DIVERGED:
             return RunOutcome.DIVERGENCE, None
         return self._keep(start, run, found) if status is Status.LIMIT_CYCLE else None
 
-    def _rest_of(self, run: Run) -> Array:
-        """States of plant and memory values at the end of a run, its clock turned back, (N,)."""
+    def _rest_of(self, run: Run) -> HybridSystem:
+        """The loop at the end of a run, its clock turned back."""
         last = run.order[-1]
-        begun = self.strobe.begun(run.x_end, run.memory_values[last], run.modes[last])
-        return np.concatenate([begun.x0, begun.H0])
+        return self.strobe.begun(run.x_end, run.memory_values[last], run.modes[last])
+
+    def _from_rest(self) -> Iterator[HybridSystem]:
+        """From the state of rest that is known, just beside it and farther: under a setpoint or a load all other starts
+        may be far from there, and cycles far smaller than where the elements begin to matter.
+        """
+        reach = reach_of_elements(self.starts.loop)
+        moved = self.starts.begun(reach, ()).x0 - self.starts.begun(0.0 * reach, ()).x0
+        if self.rest is not None and np.any(moved):
+            rest = self.rest
+            yield from (rest.at(rest.x0 + s * moved, rest.H0, rest.modes0) for s in (ASIDE, -ASIDE, *_SCALES))
 
     def _judged(self, start: HybridSystem, t: float, n_kept: int | None = None) -> tuple[Run, Status, Array]:
         """A run of so long, of which so many events are kept, and what it says of itself."""
@@ -425,8 +438,8 @@ class SampledSearch:
         for orbit in list(self.rounds):
             y = orbit.rows[0].copy()
             y[free] *= -1.0
-            if self.rest.size:
-                y[free] += 2.0 * self.rest[free]
+            if self.rest is not None:
+                y[free] += 2.0 * np.append(self.rest.x0, self.rest.H0)[free]
             self.outcome(self.strobe.begun(y[:n], y[n:], orbit.start.modes0))
             if self.stopped:
                 return True
@@ -493,7 +506,8 @@ class SampledSearch:
         """How completeness was sought."""
         ends = ", ".join(f"{n} {what}" for what, n in sorted(self.ends.items()))
         between = ", and from states between these," * (len(self.rounds) > 1)
-        text = f"{sum(self.ends.values())} runs from predicted and random states{between} ({ends}); "
+        rest = " and states about rest" * (self.rest is not None)
+        text = f"{sum(self.ends.values())} runs from predicted and random states{rest}{between} ({ends}); "
         if self.lengths:
             text += (
                 f"orbits that are locked to the samples were sought by Newton's method at {min(self.lengths)} to "
@@ -594,6 +608,7 @@ def _result(search: SampledSearch, at: OperatingPoint) -> CycleSearch:
     left += more_of("cycles that runs end on", search.unmet)
     if used_up := search.ends[RunOutcome.OUT_OF_EVENTS]:
         left.append(f"{count(used_up, 'run')} had used up all events before anything settled or repeated itself")
+    rest = search.rest
     return CycleSearch(
         cycles=tuple(replace(c, operating_point=at) for c in smallest_first(cycles)),
         status=Status.UNDECIDED if left or any(map(exists, unclosed)) else Status.CONVERGED,
@@ -601,7 +616,7 @@ def _result(search: SampledSearch, at: OperatingPoint) -> CycleSearch:
         diverges=search.ends[RunOutcome.DIVERGENCE] > 0,
         search=search.sentence(),
         not_covered=f"Cycles {search.starts.misses} may be missed",
-        rest_state=search.starts.state(search.rest) if search.rest.size else search.rest,
+        rest_state=np.zeros(0) if rest is None else search.starts.state(np.append(rest.x0, rest.H0)),
         unclosed=unclosed,
         left_open=tuple(left),
         n_continua=sum(o.one_of_many for o in search.rounds),
