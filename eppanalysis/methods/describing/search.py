@@ -28,7 +28,7 @@ from eppanalysis.models.systems.linear import poles, zeros
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.readable import count
-from eppanalysis.roots import stretches
+from eppanalysis.roots import between, stretches
 
 #: Phase of the dead time [rad] up to which frequencies are searched, and between two of them.
 _MOST_PHASE, _PHASE_STEP = 800.0, 0.2
@@ -42,8 +42,7 @@ _RESONANT = 0.03
 _SHARP, _UNDAMPED = 3.0, 1e9
 #: Logarithm of a loop gain between nodes that surely is not one; gain below which the logarithm goes on as its tangent.
 _FAR_FROM_ONE, _FAINT = 4.0, 1e-3
-#: Halvings of an interval, to the last digits; the same in sections of many, and how often.
-_HALVINGS = 60
+#: Sections of an interval at once, and how often, to the last digits.
 _SECTIONS, _ROUNDS = 64, 8
 #: Breakpoints around which biases are sought where the static balance has several answers.
 _MOST_CENTRES = 8
@@ -447,15 +446,9 @@ def _margin(amplitude: Array, bias: Array) -> Array:
 
 def _balanced(balance: Balance, a: Array, low: Array, high: Array, otherwise: Array) -> Array:
     """Points (n, 2) of the static balance between two biases, at another one where it does not change its sign."""
-    # Bisection: the slope of the mean is infinite where the input just reaches a jump, and Newton's method fails there.
-    f_low, f_high = _static(balance, a, low), _static(balance, a, high)
-    ok = (f_low < 0) != (f_high < 0)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        f = _static(balance, a, middle)
-        left = (f < 0) == (f_low < 0)
-        low, high = np.where(left, middle, low), np.where(left, high, middle)
-    return np.stack([a, np.where(ok, 0.5 * (low + high), otherwise)], -1)
+    # In a bracket: the slope of the mean is infinite where the input just reaches a jump, and Newton fails there.
+    found = between(lambda bias, i: _static(balance, a[i], bias), low, high)
+    return np.stack([a, np.where(np.isnan(found), otherwise, found)], -1)
 
 
 def _is_real(N: ComplexArray) -> bool:
