@@ -56,7 +56,7 @@ def stated_loop(asked: Asked, system: LureSystem, at: OperatingPoint) -> tuple[d
     if asked is Asked.ROOTS:
         return _loop_of_roots(system, at)
     if asked is Asked.ABSENCE and len(system.elements) > 1:
-        return rational_elbow(system), 0.0
+        return rational_elbow(system, at.vector(system)), 0.0
     stated, off = rational_loop(system)
     # Of play it is proved for every constant input (docs/theory/proofs.md, What is claimed of play).
     if asked is Asked.CYCLES or stated["element"]["kind"] != "play":

@@ -29,15 +29,24 @@ _REACH_LEFT = Fraction(999, 1000)
 _PLACES = np.concatenate([np.geomspace(1e-3, 0.3, 20), np.linspace(0.3, 3.0, 150), np.geomspace(3.0, 1e3, 60)])
 
 
-def rational_elbow(system: LureSystem) -> dict[str, Any]:
+def rational_elbow(system: LureSystem, inputs: Array) -> dict[str, Any]:
     """The elbow without pulley friction, on its side, as its certificates state it [SI].
+
+    Parameters
+    ----------
+    inputs : array, shape (nv,)
+        Where the external inputs are held.
 
     Raises
     ------
     NotCovered
-        If the loop is not of that structure.
+        If the loop is not of that structure, or a constant acts on it but through the cable, as the harness does.
     """
     cable, bands, pin, friction = _elements(system)
+    rates = system.B_input @ inputs + system.constant_state
+    _, *others = system.D_input @ inputs + system.constant_input
+    if np.any(rates) or np.any(others):
+        raise NotCovered("a constant acts on the elbow elsewhere than at its cable.")
     A, B, C = system.A, system.B, system.C
     v = {
         "inertia": 1.0 / B[1, 2],
@@ -79,7 +88,7 @@ def _elements(system: LureSystem) -> tuple[Any, Any, Any, Any]:
     slack = [*cable.breakpoints, cable.slopes[0], *cable.intercepts]
     plain = friction.static in (None, friction.coulomb) and friction.stribeck == 0.0  # type: ignore[attr-defined]
     straight = bands.offset_voltage == 0.0 and pin.model == "unilateral"  # type: ignore[attr-defined]
-    if any(slack) or not (plain and straight) or np.any(system.delays) or np.any(system.constant_state):
+    if any(slack) or not (plain and straight) or np.any(system.delays):
         raise _refused(system)
     return elements  # type: ignore[return-value]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -24,7 +25,7 @@ def row_1(backlash: str, profile_range: str = "2.5 lbf") -> epp.Case:
 
 @pytest.fixture(scope="module")
 def document() -> dict[str, Any]:
-    found = find(rational_elbow(row_1("0.065 deg").to_system()))
+    found = find(rational_elbow(row_1("0.065 deg").to_system(), np.zeros(1)))
     assert isinstance(found, dict)
     return found
 
@@ -74,7 +75,7 @@ class Orbit:
 
 @pytest.fixture(scope="module")
 def orbit(document: dict[str, Any]) -> Orbit:
-    loop = rational_elbow(row_1("2.5 deg").to_system())
+    loop = rational_elbow(row_1("2.5 deg").to_system(), np.zeros(1))
     return Orbit(loop, document["evidence"])
 
 
@@ -173,6 +174,20 @@ def test_bands_below_a_tension_of_zero_are_not_covered() -> None:
     """A profile as wide as 8 lbf about 2.5 lbf gives the full voltage at no tension of the cable."""
     refused = epp.certify(row_1("0.06 deg", "8 lbf"), "absence")
     assert not refused.proved and "bands that lie at tensions of zero and more" in str(refused)
+
+
+def test_a_drive_on_a_running_belt_is_not_covered() -> None:
+    """Twenty times the friction lets a gap of 0.98 deg be proved; where a belt runs under it, it stops no motion."""
+    still = row_1("0.98 deg").to_system()
+    elements = (*still.elements[:-1], epp.Friction(20.0 * still.elements[-1].coulomb))
+    still = replace(still, elements=elements, x0=np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+    belt = replace(still, constant_input=np.array([0.0, 0.0, 0.0, 0.0, 1000.0]))
+    assert epp.certify(still, "absence").proved and epp.simulate(still, t_end=5.0).limit_cycle is None
+    assert epp.simulate(belt, t_end=5.0).limit_cycle is not None
+    refused = epp.certify(belt, "absence")
+    assert not refused.proved and "a constant acts on the elbow elsewhere than at its cable" in str(refused)
+    pulled = replace(still, constant_state=np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    assert not epp.certify(pulled, "absence").proved
 
 
 @pytest.mark.parametrize("name", ["elbow", "upright", "robot_servo", "sat_plus_backlash"])
