@@ -19,6 +19,9 @@ STATEMENT = "no periodic motion but rest"
 LENGTH, DIGITS, SIZE, ORDER = 100_000, 1000, 4000, 60
 #: Most boxes of frequency and dead time, and the binary places of the balls over them.
 BOXES, BITS = 20_000, 100
+#: Most characters of the longest polynomials of all corners together; most bends and jumps of an element, and
+#: characters of their numbers.
+CORNERS, PLACES, TEXT = 8000, 800, 40_000
 HALF = {"slope": (Fraction,), "bends": [[(Fraction,), (Fraction,)]], "jumps": [[(Fraction,), (Fraction,)]]}
 ELEMENTS: dict = {
     "odd_pieces": HALF,
@@ -117,16 +120,21 @@ def ratios(half):
 
     It has a slope at zero, bends [at, change of slope] and jumps [at, height]; between two of them y/x has no extremum.
     """
-    m, bends, jumps = number(half["slope"]), *([[*map(number, row)] for row in half[n]] for n in ("bends", "jumps"))
-    require(all(at >= 0 for at, _ in bends + jumps), "an element that changes below zero")
-    start = sum(height for at, height in jumps if at == 0)
-    places = sorted({at for at, _ in bends + jumps if at > 0})
-    first = m + sum(change for at, change in bends if at == 0)
-    found = [m + sum(change for _, change in bends)] + ([first] if start == 0 else [])  # far out, and at zero
-    for x in places:
-        bent = m * x + sum(change * (x - at) for at, change in bends if at < x)
-        found += [(bent + sum(h for at, h in jumps if at < x)) / x, (bent + sum(h for at, h in jumps if at <= x)) / x]
-    return None if start < 0 else min(found), None if start > 0 else max(found)
+    from flint import fmpq  # its finder is read where this is not installed
+
+    slope, start, offset = fmpq(*number(half["slope"]).as_integer_ratio()), fmpq(0), fmpq(0)
+    changes, found = {fmpq(0): [fmpq(0), fmpq(0)]}, []
+    for k, name in enumerate(("bends", "jumps")):
+        for at, change in ([fmpq(*number(x).as_integer_ratio()) for x in row] for row in half[name]):
+            changes.setdefault(at, [fmpq(0), fmpq(0)])[k] += change
+    require(min(changes) >= 0, "an element that changes below zero")
+    for at, (bend, jump) in sorted(changes.items()):
+        found += [slope + offset / at] if at else []  # y = slope x + offset before, and then behind
+        slope, offset = slope + bend, offset + jump - bend * at
+        start = start if at else offset
+        found += [slope + offset / at] if at else [slope] if offset == 0 else []
+    least, most = (Fraction(int(y.p), int(y.q)) for y in (min([*found, slope]), max([*found, slope])))
+    return None if start < 0 else least, None if start > 0 else most
 
 
 def sector(element):
@@ -140,6 +148,9 @@ def sector(element):
     name = element["kind"].replace("_", " ")
     require(element["kind"] in ("odd_pieces", "pieces"), f"the element {name} is not covered")
     halves = [element] if element["kind"] == "odd_pieces" else [element["positive"], element["negative"]]
+    rows = [row for half in halves for row in half["bends"] + half["jumps"]]
+    size = sum(map(len, sum(rows, [])))
+    require(len(rows) <= PLACES and size <= TEXT, f"an element of more than {PLACES} bends, or {TEXT} characters")
     least, most = zip(*map(ratios, halves), strict=True)
     return None if None in least else min(least), None if None in most else max(most)
 
@@ -185,11 +196,19 @@ def dead_times(loop):
     return None if high == 0 or loop["time_step"] is not None else (low, high)
 
 
+def require_small(rows, count):
+    """Refuse polynomials of so many corners with which the criterion would take more than seconds."""
+    size = max(sum(len(str(c)) for c in row) for row in rows)
+    require(size <= SIZE, f"a polynomial of more than {SIZE} characters")
+    require(size * count <= CORNERS, f"polynomials of {count} corners with more than {CORNERS // count} characters")
+
+
 def linear_parts(loop):
     """Numerators and denominators at the corners, in ascending powers of s, and the least degree of the criterion.
 
     Of samples ``s = (z - 1)/(z + 1)``: at half of their frequency, which is infinite, the criterion must hold, too.
     """
+    require_small([*loop["num"], *loop["den"]], len(loop["num"]))
     nums, dens = ([trimmed([*map(number, row[::-1])]) for row in loop[name]] for name in ("num", "den"))
     dead_times(loop)
     if loop["time_step"] is not None:
@@ -202,7 +221,9 @@ def linear_parts(loop):
     if loop["time_step"] is None:
         return [*zip(nums, dens, strict=True)], 0
     degree = len(dens[0]) - 1
-    return [(turned(num, degree), turned(den, degree)) for num, den in zip(nums, dens, strict=True)], degree
+    corners = [(turned(num, degree), turned(den, degree)) for num, den in zip(nums, dens, strict=True)]
+    require_small([row for corner in corners for row in corner], len(corners))
+    return corners, degree
 
 
 def on_axis(p):
@@ -363,9 +384,8 @@ def verify(document):
     loop, said, evidence = opened(document, {**FORM, "loop": {**loop_form, "element": element_form}})
     count = len(loop["num"])
     require(count == len(loop["den"]) and count in (1, 2, 4, 8), "linear parts that are no point, line or box")
-    rows = [*loop["num"], *loop["den"], *evidence["polynomials"]]
-    require(max(map(len, rows[: 2 * count])) <= ORDER, "a linear part of too high an order")
-    require(max(sum(map(len, row)) for row in rows) <= SIZE, f"a polynomial of more than {SIZE} characters")
+    require(max(map(len, [*loop["num"], *loop["den"]])) <= ORDER, "a linear part of too high an order")
+    require_small(evidence["polynomials"], 1)
     corners, degree = linear_parts(loop)
     sampled, play = loop["time_step"] is not None, loop["element"]["kind"] == "play"
     edges, multiplier = sector(loop["element"]), number(evidence["multiplier"])

@@ -31,7 +31,7 @@ NAMES = [
 ]
 NAMES += ["torque", "cable_stiffness", "radius", "slack", "low", "high", "max"]
 #: Most characters of a file, and of a number in it.
-LENGTH, DIGITS = 100_000, 1000
+LENGTH, DIGITS = 100_000, 100
 FORM = {
     "loop": {name: (Fraction,) for name in NAMES},
     "claim": {"backlash": (Fraction,)},

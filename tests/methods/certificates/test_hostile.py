@@ -144,6 +144,78 @@ def test_polynomials_of_many_digits_are_refused_at_once() -> None:
     assert code == 1 and "a polynomial of more than" in said["why"]
 
 
+def absence(**loop: Any) -> dict[str, Any]:
+    """A file that claims the circle criterion for a sector from 0 to 1."""
+    element = {"kind": "odd_pieces", "slope": "0", "bends": [["1", "1"]], "jumps": []}
+    polynomials = [["1"]] * 3 ** (len(loop.get("num", "1")).bit_length() - 1)
+    return {
+        "statement": STATEMENTS[Asked.ABSENCE].text,
+        "loop": {**FIRST_LAG, "num": [["1"]], "den": [["1", "1"]], "element": element, **loop},
+        "claim": {"sector": ["0", "1"], "multiplier": "0"},
+        "evidence": {"multiplier": "0", "polynomials": polynomials},
+    }
+
+
+def many(count: int, base: int) -> list[str]:
+    """Fractions whose denominators have no factor in common, but for a few."""
+    return [f"1/{base + 6 * k + 1}" for k in range(count)]
+
+
+SAMPLED = {"time_step": "1", "delay": "60"}
+
+
+@pytest.mark.parametrize(
+    ("loop", "why"),
+    [
+        ({"num": [many(50, 10**16)] * 8, "den": [["1", *many(57, 10**16)]] * 8}, "polynomials of 8 corners with more"),
+        (
+            {"num": [["1"] * 40] * 8, "den": [["1"] * 50] * 8, **SAMPLED, "delay": "20"},
+            "polynomials of 8 corners with more",
+        ),
+        ({"num": [many(50, 10**30)], "den": [["1", *many(57, 10**30)]], **SAMPLED}, "a polynomial of more than"),
+        (
+            {
+                "element": {
+                    "kind": "odd_pieces",
+                    "slope": "0",
+                    "bends": [[str(k), "1"] for k in range(6000)],
+                    "jumps": [],
+                }
+            },
+            "an element of more than 800 bends",
+        ),
+        (
+            {
+                "element": {
+                    "kind": "odd_pieces",
+                    "slope": "0",
+                    "bends": [*map(list, zip(many(700, 10**29), many(700, 10**30), strict=True))],
+                    "jumps": [],
+                }
+            },
+            "an element of more than 800 bends, or 40000 characters",
+        ),
+    ],
+)
+def test_a_criterion_that_would_take_minutes_is_refused_in_seconds(loop: dict[str, Any], why: str) -> None:
+    document = absence(**loop)
+    code, said, _ = run(of_text(document["statement"]).program, json.dumps(sealed(document)))
+    assert code == 1 and why in said["why"]
+
+
+def test_an_elbow_of_many_digits_is_refused_at_once() -> None:
+    """Each within what other checkers read: its chain of remainders would take minutes."""
+    many_digits = f"{10**200 + 1}/{10**200}"
+    document = {
+        "statement": STATEMENTS["elbow"].text,
+        "loop": dict.fromkeys(STATEMENTS["elbow"].functions().NAMES, many_digits),
+        "claim": {"backlash": many_digits},
+        "evidence": {"mu": "1", "sigma": "1/2", "n": ["1", "1", "1"], "d": ["1", "1", "1", "1", "1"]},
+    }
+    code, said, _ = run(of_text(document["statement"]).program, json.dumps(sealed(document)))
+    assert code == 1 and "a number that is none" in said["why"]
+
+
 @pytest.mark.parametrize("exponent", [6, 12, 300])
 def test_a_slow_pole_ends_in_a_sentence(exponent: int) -> None:
     """In the units of the fast one a crossing comes after a time without end."""
