@@ -27,7 +27,7 @@ from eppanalysis.methods.certificates.check_absence import (
     sector,
     times,
 )
-from eppanalysis.methods.certificates.numbers import ROUNDING, middle_of
+from eppanalysis.methods.certificates.numbers import ROUNDING, middle_of, simplest_between
 from eppanalysis.methods.certificates.registry import sealed
 
 Polynomial = list[Fraction]
@@ -188,6 +188,9 @@ def _sector(loop: Mapping[str, Any], linear: Linear) -> tuple[Sector, str]:
     # (docs/theory/proofs.md, No periodic motion).
     lasts = [[p[0] if p else Fraction(0) for p in row] for row in zip(*linear.corners, strict=True)]
     seen = any(min(row) > 0 or max(row) < 0 for row in lasts) or loop["element"]["kind"] == "play"
+    # Of an element of many pieces the edges are quotients of thousands of digits: they may be a little farther out.
+    low = simplest_between(low - ROUNDING * abs(low), low)
+    high = None if high is None else simplest_between(high, high + ROUNDING * abs(high))
     return (low, high), "" if seen else "the element does not see an integrator of the loop."
 
 

@@ -155,6 +155,20 @@ def sector(element):
     return None if None in least else min(least), None if None in most else max(most)
 
 
+def claimed_sector(claim, element):
+    """The sector that is claimed, in which the element lies; of any memoryless element there is none to claim."""
+    require(len(claim) == 2, "a sector without two ends")
+    (low, high), (least, most) = [None if edge is None else number(edge) for edge in claim], sector(element)
+    if element["kind"] == "play":
+        require((low, high) == (least, most), f"it claims the sector {claim}, and that of play is 0 to 1")
+    elif low is None:
+        require(high is None, "a sector that is open below")
+    else:
+        holds = least is not None and low <= least and (high is None or (most is not None and most <= high > low))
+        require(holds, f"it claims the sector {claim}, in which the element does not lie")
+    return low, high
+
+
 def trimmed(p):
     """A polynomial without leading zeros."""
     while p and p[-1] == 0:
@@ -388,19 +402,14 @@ def verify(document):
     require_small(evidence["polynomials"], 1)
     corners, degree = linear_parts(loop)
     sampled, play = loop["time_step"] is not None, loop["element"]["kind"] == "play"
-    edges, multiplier = sector(loop["element"]), number(evidence["multiplier"])
-    late = dead_times(loop)
+    multiplier, late = number(evidence["multiplier"]), dead_times(loop)
     require(multiplier == 0 or not (sampled or play), "a multiplier, where there are samples or the element remembers")
-    if not play and said["sector"] == [None, None]:
-        edges = None, None  # of any memoryless element, and of any constants: Re(j omega G) has one sign
-    elif not play:
+    edges = claimed_sector(said["sector"], loop["element"])
+    if edges != (None, None) and not play:  # of any memoryless element constants do not matter
         lasts = [[p[0] if p else 0 for p in row] for row in zip(*corners, strict=True)]
         seen = any(min(row) > 0 or max(row) < 0 for row in lasts)
         require(seen, "an integrator that the element does not see")
-    low, high = edges
-    bounded = low is not None and (high is None or low < high)
-    require(bounded or edges == (None, None), "an element without a sector")
-    claim = {"sector": [edge if edge is None else str(edge) for edge in edges], "multiplier": evidence["multiplier"]}
+    claim = {**said, "multiplier": evidence["multiplier"]}
     require(said == claim, f"it claims {said}, its evidence shows {claim}")
     found = coefficients(corners, edges, multiplier, late)
     for polynomial, given in zip(found, evidence["polynomials"], strict=True):

@@ -165,6 +165,50 @@ def test_sectors_are_those_of_the_elements(element: epp.Nonlinearity) -> None:
     assert ratio.max() > 1e8 if most is None else ratio.max() == pytest.approx(float(most), rel=2e-3)
 
 
+def test_a_table_of_many_points_has_a_sector_of_short_numbers() -> None:
+    """The exact edges of its sector are quotients of thousands of digits."""
+    rng = np.random.default_rng(3)
+    x = np.sort(rng.uniform(-3.0, 3.0, 301))
+    x = x - x[150]
+    y = np.where(x == 0.0, 0.0, np.tanh(x) * rng.uniform(0.8, 1.2, x.size))
+    found = epp.certify(limited(0.005, [1.0, 3.0, 2.0], epp.LookupTable(x, y)), "absence")
+    assert found.proved
+    low, high = map(Fraction, found.document["claim"]["sector"])
+    assert max(len(str(edge)) for edge in (low, high)) < 40
+    least, most = sector(found.document["loop"]["element"])
+    assert least is not None and most is not None and low <= least <= most <= high
+    slopes = np.diff(y) / np.diff(x)
+    ratios = np.array([*y[x != 0.0] / x[x != 0.0], slopes[0], slopes[-1]])  # its last lines go on
+    assert float(low) == pytest.approx(ratios.min(), rel=1e-9) and float(high) == pytest.approx(ratios.max(), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("claimed", "why"),
+    [
+        (["0", "11/10"], ""),
+        (["-1/10", "2"], ""),
+        (["0", "9/10"], "does not lie"),
+        (["1/10", "1"], "does not lie"),
+        (["0"], "two ends"),
+        (["0", "1", "1"], "two ends"),
+        ([None, "1"], "open below"),
+        (["2", "1"], "does not lie"),
+    ],
+)
+def test_a_sector_may_be_wider_than_the_element_and_never_narrower(claimed: list[str | None], why: str) -> None:
+    document = json.loads(json.dumps(epp.certify(limited(1.0, [1.0, 3.0, 3.0, 1.0]), "absence").document))
+    assert document["claim"] == {"sector": ["0", "1"], "multiplier": "0"}
+    low, high = (Fraction(edge or 0) for edge in (*claimed, "1")[:2])
+    num, den = (list(map(Fraction, document["loop"][name][0][::-1])) for name in ("num", "den"))
+    document["claim"]["sector"] = claimed
+    document["evidence"]["polynomials"] = [[str(c) for c in criterion(num, den, low, high, Fraction(0))[::-1]]]
+    if why:
+        with pytest.raises(Refused, match=why):
+            check_absence.verify(sealed(document))
+    else:
+        assert check_absence.verify(sealed(document))["sector"] == claimed
+
+
 def test_an_element_that_misses_the_origin_is_not_covered() -> None:
     shifted = epp.PiecewiseLinear([0.5], [1.0, 2.0], [0.3, -0.2])
     found = epp.certify(limited(0.1, [1.0, 3.0, 3.0, 1.0], shifted), "absence")
