@@ -155,13 +155,11 @@ def sector(element):
     return None if None in least else min(least), None if None in most else max(most)
 
 
-def claimed_sector(claim, element):
-    """The sector that is claimed, in which the element lies; of any memoryless element there is none to claim."""
+def claimed_sector(claim, own):
+    """The sector that is claimed, in which that of the element lies; of any memoryless element there is none."""
     require(len(claim) == 2, "a sector without two ends")
-    (low, high), (least, most) = [None if edge is None else number(edge) for edge in claim], sector(element)
-    if element["kind"] == "play":
-        require((low, high) == (least, most), f"it claims the sector {claim}, and that of play is 0 to 1")
-    elif low is None:
+    (low, high), (least, most) = [None if edge is None else number(edge) for edge in claim], own
+    if low is None:
         require(high is None, "a sector that is open below")
     else:
         holds = least is not None and low <= least and (high is None or (most is not None and most <= high > low))
@@ -402,9 +400,10 @@ def verify(document):
     require_small(evidence["polynomials"], 1)
     corners, degree = linear_parts(loop)
     sampled, play = loop["time_step"] is not None, loop["element"]["kind"] == "play"
-    multiplier, late = number(evidence["multiplier"]), dead_times(loop)
+    own, multiplier, late = sector(loop["element"]), number(evidence["multiplier"]), dead_times(loop)
     require(multiplier == 0 or not (sampled or play), "a multiplier, where there are samples or the element remembers")
-    edges = claimed_sector(said["sector"], loop["element"])
+    edges = claimed_sector(said["sector"], own)
+    require(not play or edges == own, "a sector that is not that of play, from 0 to 1")
     if edges != (None, None) and not play:  # of any memoryless element constants do not matter
         lasts = [[p[0] if p else 0 for p in row] for row in zip(*corners, strict=True)]
         seen = any(min(row) > 0 or max(row) < 0 for row in lasts)
