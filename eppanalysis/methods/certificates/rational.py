@@ -6,6 +6,7 @@ that is from the state space is told.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from typing import Any
 
@@ -13,10 +14,9 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.certificates.numbers import NotCovered, coefficient_of, number_of
+from eppanalysis.methods.certificates.numbers import ROUNDING, NotCovered, coefficient_of, number_of
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.exact import Named
-from eppanalysis.models.systems.linear import poles, zeros
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import static_balance
 
@@ -69,49 +69,60 @@ def require_no_bias(system: LureSystem, inputs: Any) -> None:
 
 def transfer_function(system: LureSystem) -> tuple[Row, Row, float]:
     """G of ``x = -G y`` in descending powers, the denominator monic, and the greatest relative change by rounding."""
-    system = system.with_integrators_apart[0]
+    if system.time_step:  # an integrator of samples shows in no coefficient alone
+        system = system.with_integrators_apart[0]
     num, den = _polynomials(system.A, system.B, system.C, system.D)
-    return _without_rounding(system, [-x for x in num], den)
+    first = next((i for i, c in enumerate(num) if c), len(num) - 1)
+    num = [-x for x in num[first:]]
+    pairs = [(x, coefficient_of(x)) for x in (*num, *den)]
+    off = max((abs(float(after / before - 1)) for before, after in pairs if before), default=0.0)
+    return [coefficient_of(x) for x in num], [coefficient_of(x) for x in den], off
 
 
 def forced(system: LureSystem, inputs: Array) -> Fraction:
     """What constant terms and inputs, shape (nv,), add to ``den x + num y`` at rest, in continuous time."""
-    system = system.with_integrators_apart[0]
     at_rest = system.B_input @ inputs + system.constant_state, system.D_input @ inputs + system.constant_input
     num, _ = _polynomials(system.A, at_rest[0][:, None], system.C, at_rest[1][:1, None])
     return coefficient_of(num[-1])
 
 
 def _polynomials(A: Array, B: Array, C: Array, D: Array) -> tuple[Row, Row]:
-    """Exact numerator and denominator of ``C (s - A)^-1 B + D``, of one input and output, in descending powers."""
+    """Numerator and denominator of ``C (s - A)^-1 B + D``, of one input and output, in descending powers.
+
+    They are those of the numbers in the state space exactly, but that coefficients are zero which are no more than its
+    numbers make by being off by their rounding.
+    """
     rates, b, c = ([[Fraction(x) for x in row] for row in m.tolist()] for m in (A, B, C))
     n, direct = len(rates), Fraction(float(D[0, 0]))
+    closed = [[x - y[0] * z for x, z in zip(row, c[0], strict=True)] for row, y in zip(rates, b, strict=True)]
     den, num = [Fraction(1)], [direct]
-    # Faddeev and Leverrier: the adjugate of s - A power by power.
-    M = [[Fraction(int(i == j)) for j in range(n)] for i in range(n)]
-    for k in range(1, n + 1):
-        moment = sum(c[0][i] * M[i][j] * b[j][0] for i in range(n) for j in range(n) if c[0][i] and b[j][0])
-        AM = [[sum((x * M[i][j] for i, x in enumerate(row) if x), Fraction(0)) for j in range(n)] for row in rates]
-        den.append(-sum((AM[i][i] for i in range(n)), Fraction(0)) / k)
+    for (M, coefficient), (other, _) in zip(_adjugate(rates), _adjugate(closed), strict=True):
+        terms = [c[0][i] * M[i][j] * b[j][0] for i in range(n) for j in range(n)]
+        # The numerator is by how much the denominator changes with the loop closed: it depends on A as that does.
+        by_A = [(rates[i][j] * M[j][i], rates[i][j] * other[j][i]) for i in range(n) for j in range(n)]
+        den.append(_but_for_rounding(coefficient, [x for x, _ in by_A]))
+        moment = _but_for_rounding(sum(terms, Fraction(0)), [*terms, *(y - x for x, y in by_A)])
         num.append(moment + direct * den[-1])
-        M = [[AM[i][j] + (den[-1] if i == j else 0) for j in range(n)] for i in range(n)]
     return num, den
 
 
-def _without_rounding(system: LureSystem, num: Row, den: Row) -> tuple[Row, Row, float]:
-    """Coefficients that are zero but for rounding left out, the others as the numbers that they stand for."""
-    n = len(den) - 1
-    # Rounding leaves small numbers where coefficients are zero: how many zeros
-    # there are, and how many poles at the origin, is asked of the state space.
-    finite = zeros(system.A, system.B, system.C[:1], system.D[:1])
-    num = num[n - len(finite) :] if any(num) else [Fraction(0)]
-    at_zero = 0 if system.time_step else int(np.sum(poles(system.A) == 0))
-    num_at_zero = 0 if system.time_step else int(np.sum(finite == 0))
-    den = den[: n + 1 - at_zero] + [Fraction(0)] * at_zero
-    num = num[: len(num) - num_at_zero] + [Fraction(0)] * num_at_zero
-    pairs = [(x, coefficient_of(x)) for x in (*num, *den)]
-    off = max((abs(float(after / before - 1)) for before, after in pairs if before), default=0.0)
-    return [coefficient_of(x) for x in num], [coefficient_of(x) for x in den], off
+def _but_for_rounding(value: Fraction, changes: Iterable[Fraction]) -> Fraction:
+    """A number, zero where it is smaller than its changes by the numbers it is made of are by their rounding."""
+    return value if abs(value) > ROUNDING * sum(map(abs, changes)) else Fraction(0)
+
+
+def _adjugate(A: list[Row]) -> Iterator[tuple[list[Row], Fraction]]:
+    """Coefficients of powers of s in the adjugate of ``s - A`` and, one power lower, in its determinant.
+
+    Its determinant changes with the entries of A as the transpose of the adjugate says (Faddeev and Leverrier).
+    """
+    n = len(A)
+    M = [[Fraction(int(i == j)) for j in range(n)] for i in range(n)]
+    for k in range(1, n + 1):
+        AM = [[sum((x * M[i][j] for i, x in enumerate(row) if x), Fraction(0)) for j in range(n)] for row in A]
+        coefficient = -sum((AM[i][i] for i in range(n)), Fraction(0)) / k
+        yield M, coefficient
+        M = [[AM[i][j] + (coefficient if i == j else 0) for j in range(n)] for i in range(n)]
 
 
 def element_data(element: Nonlinearity) -> dict[str, Any]:

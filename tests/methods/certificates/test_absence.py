@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -628,6 +629,24 @@ def test_a_mode_without_damping_that_the_element_does_not_see_swings_for_ever(
         T = rng.normal(size=(4, 4))
         found = epp.certify(loop.in_coordinates(T, np.linalg.inv(T)), "absence")
         assert epp.certify(alone, "absence").proved and not found.proved, (seed, found.message)
+
+
+def test_a_mode_without_damping_beside_a_far_faster_lag_is_no_integrator() -> None:
+    """In the dead zone nothing damps it, however many times faster than it the other pole is."""
+    loop = epp.LureSystem.from_tf(([0.7, 1.0], np.polymul([1.0, 0.0, 1.0], [1e-10, 1.0])), epp.DeadZone())
+    poles, modes = np.linalg.eig(loop.A)
+    start = modes[:, np.argmax(poles.imag)].real
+    swings = replace(loop, x0=0.5 * start / np.abs(loop.C @ start))
+    x = epp.simulate(swings, t_end=60.0).signals["x"]
+    assert np.ptp(x[:3000]) == pytest.approx(np.ptp(x[3000:]), rel=1e-4) and 1.0 < np.ptp(x) < 2.0
+    assert not epp.certify(loop, "absence").proved
+
+
+@pytest.mark.parametrize("omega", [1e-7, 1e-8, 1e-12])
+def test_a_mode_without_damping_is_no_double_integrator_however_slow_it_is(omega: float) -> None:
+    for A, proved in (([[0.0, 1.0], [-(omega**2), 0.0]], False), ([[0.0, 1.0], [0.0, 0.0]], True)):
+        loop = epp.LureSystem.build(A, [[0.0], [1.0]], [[-1.0, -0.7]], [epp.DeadZone()])
+        assert epp.certify(loop, "absence").proved == proved
 
 
 #: How much of the mode is moved by the element, and is read by it.
