@@ -6,7 +6,7 @@ that is from the state space is told.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any
 
@@ -92,37 +92,48 @@ def _polynomials(A: Array, B: Array, C: Array, D: Array) -> tuple[Row, Row]:
     They are those of the numbers in the state space exactly, but that coefficients are zero which are no more than its
     numbers make by being off by their rounding.
     """
-    rates, b, c = ([[Fraction(x) for x in row] for row in m.tolist()] for m in (A, B, C))
-    n, direct = len(rates), Fraction(float(D[0, 0]))
-    closed = [[x - y[0] * z for x, z in zip(row, c[0], strict=True)] for row, y in zip(rates, b, strict=True)]
+    rates, b, c = (_exact(matrix) for matrix in (A, B, C))
+    direct, spread = Fraction(float(D[0, 0])), b * c
     den, num = [Fraction(1)], [direct]
-    for (M, coefficient), (other, _) in zip(_adjugate(rates), _adjugate(closed), strict=True):
-        terms = [c[0][i] * M[i][j] * b[j][0] for i in range(n) for j in range(n)]
+    for (M, coefficient), (other, _) in zip(_adjugate(rates), _adjugate(rates - spread), strict=True):
+        den.append(_but_for_rounding(coefficient, _size(rates, M)))
         # The numerator is by how much the denominator changes with the loop closed: it depends on A as that does.
-        by_A = [(rates[i][j] * M[j][i], rates[i][j] * other[j][i]) for i in range(n) for j in range(n)]
-        den.append(_but_for_rounding(coefficient, [x for x, _ in by_A]))
-        moment = _but_for_rounding(sum(terms, Fraction(0)), [*terms, *(y - x for x, y in by_A)])
-        num.append(moment + direct * den[-1])
+        size = _size(spread, M) + _size(rates, other - M)
+        num.append(_but_for_rounding((c * M * b)[0, 0], size) + direct * den[-1])
     return num, den
 
 
-def _but_for_rounding(value: Fraction, changes: Iterable[Fraction]) -> Fraction:
-    """A number, zero where it is smaller than its changes by the numbers it is made of are by their rounding."""
-    return value if abs(value) > ROUNDING * sum(map(abs, changes)) else Fraction(0)
+def _exact(matrix: Array) -> Any:
+    """The numbers of a matrix as they are in floats."""
+    from flint import fmpq, fmpq_mat
+
+    rows, columns = matrix.shape
+    return fmpq_mat(rows, columns, [fmpq(*x.as_integer_ratio()) for x in matrix.ravel().tolist()])
 
 
-def _adjugate(A: list[Row]) -> Iterator[tuple[list[Row], Fraction]]:
+def _size(matrix: Any, slopes: Any) -> Any:
+    """By how much a number changes at most that changes with each entry of a matrix, if all are off by their size."""
+    return sum((abs(x * y) for x, y in zip(matrix.entries(), slopes.transpose().entries(), strict=True)), 0)
+
+
+def _but_for_rounding(value: Any, size: Any) -> Fraction:
+    """A number, zero where it is within the rounding of a size."""
+    value, size = (Fraction(int(x.p), int(x.q)) for x in (value, size))
+    return value if abs(value) > ROUNDING * size else Fraction(0)
+
+
+def _adjugate(A: Any) -> Iterator[tuple[Any, Any]]:
     """Coefficients of powers of s in the adjugate of ``s - A`` and, one power lower, in its determinant.
 
     Its determinant changes with the entries of A as the transpose of the adjugate says (Faddeev and Leverrier).
     """
-    n = len(A)
-    M = [[Fraction(int(i == j)) for j in range(n)] for i in range(n)]
+    n = A.nrows()
+    eye = M = _exact(np.eye(n))
     for k in range(1, n + 1):
-        AM = [[sum((x * M[i][j] for i, x in enumerate(row) if x), Fraction(0)) for j in range(n)] for row in A]
-        coefficient = -sum((AM[i][i] for i in range(n)), Fraction(0)) / k
+        AM = A * M
+        coefficient = -sum((AM[i, i] for i in range(n)), 0) / k
         yield M, coefficient
-        M = [[AM[i][j] + (coefficient if i == j else 0) for j in range(n)] for i in range(n)]
+        M = AM + eye * coefficient
 
 
 def element_data(element: Nonlinearity) -> dict[str, Any]:
