@@ -202,7 +202,8 @@ def test_a_sector_may_be_wider_than_the_element_and_never_narrower(claimed: list
     low, high = (Fraction(edge or 0) for edge in (*claimed, "1")[:2])
     num, den = (list(map(Fraction, document["loop"][name][0][::-1])) for name in ("num", "den"))
     document["claim"]["sector"] = claimed
-    document["evidence"]["polynomials"] = [[str(c) for c in criterion(num, den, low, high, Fraction(0))[::-1]]]
+    (polynomial,) = coefficients([(num, den)], (low, high), Fraction(0), None)
+    document["evidence"]["polynomials"] = [[str(c) for c in polynomial[::-1]]]
     if why:
         with pytest.raises(Refused, match=why):
             check_absence.verify(sealed(document))

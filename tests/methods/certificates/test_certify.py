@@ -50,7 +50,7 @@ def test_checkers_know_the_statement_that_the_registry_hands_them(statement: Sta
 @pytest.mark.parametrize("program", CHECKERS, ids=lambda p: p.stem)
 def test_checkers_are_small_and_stand_alone(program: Path) -> None:
     text = program.read_text()
-    assert len(text.splitlines()) <= 400
+    assert len(text.splitlines()) <= 430
     imports = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import | ast.ImportFrom)]
     names = {a.name for node in imports if isinstance(node, ast.Import) for a in node.names}
     names |= {node.module for node in imports if isinstance(node, ast.ImportFrom)}
