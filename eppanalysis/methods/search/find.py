@@ -68,7 +68,7 @@ _AFAR = (SCALES[-1], 30.0, 200.0, 2e3, 2e4)
 _MOST_BOUNDARIES = 150
 #: Steps of the engine, and what is worth as many, after which a search ends; the share of them for all predictions
 #: together, for runs and basin boundaries where a relay has cycles that are found without, and for one of these.
-_MOST_WORK, _FOR_PREDICTIONS, _FOR_RUNS, _FOR_BOUNDARY = 2e7, 0.5, 0.9, 0.2
+_MOST_WORK, _FOR_PREDICTIONS, _FOR_RUNS, _FOR_BOUNDARY = 2.5e7, 0.5, 0.9, 0.2
 
 
 def find_limit_cycles(
