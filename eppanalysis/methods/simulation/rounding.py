@@ -26,9 +26,10 @@ BENEATH_ROUNDING = (
 )
 #: Samples of a period in which what the elements change is measured.
 SAMPLES = 512
-#: Movement of an element's input that is rounding, relative to its thresholds and to its value.
 #: Stands for a channel without end.
 _NO_END = 1e200
+#: Movement of an element's input that is rounding, relative to its thresholds and to its value; of a loop without any
+#: size of its own, relative to where the run has been.
 _ROUNDING = 1e-13
 #: Rounding of a state over a period, relative to its largest value, as in the verdict of a run; changes by the elements
 #: that are no more than some times this are lost in it.
@@ -101,7 +102,7 @@ _sizes_of = of_model(_Sizes.of)
 
 
 def left_by_rounding(
-    hybrid: HybridSystem, states: Array, memory: Array, moves: Array, period: float
+    hybrid: HybridSystem, states: Array, memory: Array, moves: Array, period: float, reached: Array | float = 0.0
 ) -> tuple[bool, bool]:
     """Whether what the elements see of a motion is rounding of their thresholds and of where it takes place.
 
@@ -115,6 +116,8 @@ def left_by_rounding(
         How far each state moves at most.
     period : float
         [s]
+    reached : array, shape (n,), optional
+        How far each state has been from zero in the run, where there was one.
     """
     of = _sizes_of(hybrid)
     own, changes = of.still
@@ -124,8 +127,11 @@ def left_by_rounding(
     states, memory = np.ascontiguousarray(states), np.ascontiguousarray(memory)
     numbers = of.gains, of.elements, changes, _ROUNDING
     rounding, share = rounding_of_motion(states, memory, moves, float(period), hybrid.compared, *numbers)
-    # Without any size of its own a loop is homogeneous whatever its motion.
-    return rounding, share < _FELT and bool(own.max(initial=0.0) > 0.0)
+    # Without any size of its own a loop is homogeneous whatever its motion: what has decayed so far decays further.
+    has_size = bool(own.max(initial=0.0) > 0.0)
+    if not has_size and not of.elements[1].any():
+        rounding = rounding or bool(np.all((moves <= _ROUNDING * reached)[hybrid.compared]))
+    return rounding, share < _FELT and has_size
 
 
 def watched(hybrid: HybridSystem) -> HybridSystem:

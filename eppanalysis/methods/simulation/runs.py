@@ -255,7 +255,8 @@ def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
         # States are kept at events alone: how far they go between them is told by the rates there.
         moves = np.ptp(states, axis=0) + np.abs(run.rate[last]).max(axis=0) * found[1]
         held = run.memory_values[last]
-        rounding, may_be_lost = left_by_rounding(hybrid, states, held, moves, found[1])
+        reached = np.maximum(np.abs(run.low), np.abs(run.high))
+        rounding, may_be_lost = left_by_rounding(hybrid, states, held, moves, found[1], reached)
         if rounding:
             return Status.SETTLED, np.zeros(4)
         if may_be_lost and _loses_elements(hybrid, run, found):

@@ -60,3 +60,13 @@ def test_behind_a_dead_time_no_orbit_closes_whose_element_is_beneath_rounding(na
     for size in 10.0 ** np.arange(3, 19, 3):
         run = epp.simulate(replace(loop, x0=np.array([0.3 * size, size])), t_end=60.0, t_eval=[0.0])
         assert run.limit_cycle is None, size
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e6])
+def test_what_decays_without_end_does_not_swing_when_it_is_rounding(unit: float) -> None:
+    """Two springs that meet at zero: by one ratio a turn down to the last digits, and at rest behind that."""
+    springs = epp.PiecewiseLinear([0.0], [2.27, 1.63], [0.0, 0.0])
+    loop = epp.LureSystem.from_tf(([0.953], [1.0, 0.225, 0.0]), springs)
+    for t_end in (400.0, 1000.0):
+        run = epp.simulate(replace(loop, x0=unit * loop.x0), t_end=t_end, t_eval=[0.0])
+        assert run.status is epp.Status.SETTLED and run.limit_cycle is None
