@@ -126,11 +126,13 @@ class Remedies(PlainData):
         if not self.tried:
             return "the case has no value to change"
         range_ = f"from {number(min(FACTORS))} to {number(max(FACTORS))} times its value"
-        far = f"{range_}{', as far as the work allowed' * self.ended}"
+        allowed = ", as far as the work allowed" * self.ended
         names = [name for name in self.tried if _BEFORE not in name]
         parts = [name for name in self.tried if _BEFORE in name]
+        if not names:
+            return f"no part put in ends it ({listed(parts)}{allowed})"
         nor = f", and no part put in ({listed(parts)})" if parts else ""
-        return f"no change of one value ends it ({listed([words(name) for name in names])}, {far}){nor}"
+        return f"no change of one value ends it ({listed([words(name) for name in names])}, {range_}{allowed}){nor}"
 
     def lines(self) -> Iterator[str]:
         """The sentence, then each remedy with the command that shows it."""

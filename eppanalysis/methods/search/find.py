@@ -68,7 +68,7 @@ _AFAR = (SCALES[-1], 30.0, 200.0, 2e3, 2e4)
 _MOST_BOUNDARIES = 150
 #: Steps of the engine, and what is worth as many, after which a search ends; the share of them for all predictions
 #: together, for runs and basin boundaries where a relay has cycles that are found without, and for one of these.
-_MOST_WORK, _FOR_PREDICTIONS, _FOR_RUNS, _FOR_BOUNDARY = 2.5e7, 0.5, 0.9, 0.2
+_MOST_WORK, _FOR_PREDICTIONS, _FOR_RUNS, _FOR_BOUNDARY = 2e7, 0.5, 0.9, 0.2
 
 
 def find_limit_cycles(
@@ -252,8 +252,8 @@ class _Search(SearchReport):
         """Seeds, then runs along rays and from random starts, then the basin boundaries between outcomes."""
         with budget(_MOST_WORK) as self.work:
             # The order of docs/theory/exact_orbits.md, The search for all of them: predictions, rays, random starts,
-            # starts beside rest, a ray from rest, rays to what was found, other periods, mirror images. Boundaries are
-            # bisected where a ray shows them.
+            # starts beside rest, rays to what was found, other periods, mirror images. Boundaries are bisected where a
+            # ray shows them.
             led_to = self._close_all()
             with budget((1.0 if self.pulses is None else _FOR_RUNS) * _MOST_WORK):
                 if np.array_equal(self.hybrid.x0, self.centre):  # else the loop's own start is on a ray
@@ -261,7 +261,6 @@ class _Search(SearchReport):
                 self._scan_all(self.rays)
                 for start in chain(self._random(), self.beside_rest()):
                     self.outcome(*start)
-                self._scan_all(self.rays_from_rest)
                 if RunOutcome.DIVERGENCE not in self.outcomes and may_be_overcome(self.system):
                     for ray in self.rays[-1:]:
                         self._scan(ray, _AFAR)

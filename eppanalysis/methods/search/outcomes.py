@@ -57,7 +57,7 @@ _SAME_CYCLE = 1e-6
 #: Estimated error above which a prediction is no measure of how long runs take.
 _DOUBTFUL = 1.0
 #: How far beside a start that is a state of rest another one is asked, relative to the motions in question.
-ASIDE = 1e-6
+_ASIDE = 1e-6
 #: Share of all work that one prediction, one start or one mirror image may take.
 FOR_ONE = 0.1
 
@@ -167,25 +167,17 @@ class RunOutcomes:
         centre[:n] = 0.0 if middle is None else middle
         return centre
 
-    @property
-    def _rest_elsewhere(self) -> tuple[Array, Array] | None:
-        """The state of rest that is known, with its memory values, where a setpoint or a load moves it from zero."""
-        constants = self.hybrid.x0[self.hybrid.n_plant :], self.system.constant_state, self.system.constant_input
-        return self.rest if np.any(self.reach) and any(map(np.any, constants)) else None
+    def beside_rest(self) -> list[tuple[Array, Array]]:
+        """Starts to either side of the state of rest that is known, where a setpoint or a load moves it from zero.
 
-    def beside_rest(self) -> Iterator[tuple[Array, Array]]:
-        """Starts to either side of such a state of rest: where it does not hold, its own motion leads on to a cycle, be
-        it far smaller than where the elements begin to matter.
+        All others may be far from there. Where it does not hold, its own motion leads on to a cycle, be it far smaller
+        than where the elements begin to matter.
         """
-        if (known := self._rest_elsewhere) is not None:
-            rest, memory = known
-            yield from ((rest + aside * self.reach, memory) for aside in (ASIDE, -ASIDE))
-
-    @property
-    def rays_from_rest(self) -> list[Ray]:
-        """A line of starts from such a state of rest: all others may be far from there."""
-        known = self._rest_elsewhere
-        return [] if known is None else [(known[0], self.reach, known[1])]
+        constants = self.hybrid.x0[self.hybrid.n_plant :], self.system.constant_state, self.system.constant_input
+        if self.rest is None or not np.any(self.reach) or not any(map(np.any, constants)):
+            return []
+        rest, memory = self.rest
+        return [(rest + aside * self.reach, memory) for aside in (_ASIDE, -_ASIDE)]
 
     @cached_property
     def reach(self) -> Array:
@@ -238,7 +230,7 @@ class RunOutcomes:
         """
         if end is not RunOutcome.REST or self.rest is None or not np.array_equal(self.rest[0], x):
             return end
-        rest, moved = self.rest, self.hybrid.compared * ASIDE * self._sizes()
+        rest, moved = self.rest, self.hybrid.compared * _ASIDE * self._sizes()
         # The elements remember what they have at rest: of what they are given some can take a part only, as a play.
         start = self.hybrid.at(x, H, self.hybrid.modes0)
         there = self._run(start, self.horizon).end(start)

@@ -93,7 +93,7 @@ class SearchReport(RunOutcomes):
         """How completeness was sought."""
         ends = ", ".join(f"{n} {what}" for what, n in sorted(self.outcomes.items()))
         balance = ", by harmonic balance where needed" * self.by_balance
-        beside = ", from a state of rest" * bool(self.rays_from_rest)
+        beside = ", from beside a state of rest" * bool(self.beside_rest())
         rests = f", and {self.n_towards} towards states of rest of single modes" if self.n_towards else ""
         return (
             f"{count(len(self.predicted), 'predicted cycle')} as seeds{balance}; {count(self.n_runs, 'run')} "

@@ -30,7 +30,7 @@ from eppanalysis.methods.orbits.samples.locked import (
     samples_of,
     starts_on,
 )
-from eppanalysis.methods.search.outcomes import ASIDE, Look, RunOutcome
+from eppanalysis.methods.search.outcomes import Look, RunOutcome
 from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_elements
 from eppanalysis.methods.search.result import CycleSearch, exists, undecided
 from eppanalysis.methods.search.unmet import MANY, more_of, unmet
@@ -278,14 +278,12 @@ class SampledSearch:
         return self.strobe.begun(run.x_end, run.memory_values[last], run.modes[last])
 
     def _from_rest(self) -> Iterator[HybridSystem]:
-        """From the state of rest that is known, just beside it and farther: under a setpoint or a load all other starts
-        may be far from there, and cycles far smaller than where the elements begin to matter.
-        """
+        """From the state of rest that is known: under a setpoint or a load all other starts may be far from there."""
         reach = reach_of_elements(self.starts.loop)
         moved = self.starts.begun(reach, ()).x0 - self.starts.begun(0.0 * reach, ()).x0
         if self.rest is not None and np.any(moved):
             rest = self.rest
-            yield from (rest.at(rest.x0 + s * moved, rest.H0, rest.modes0) for s in (ASIDE, -ASIDE, *_SCALES))
+            yield from (rest.at(rest.x0 + s * moved, rest.H0, rest.modes0) for s in _SCALES)
 
     def _judged(self, start: HybridSystem, t: float, n_kept: int | None = None) -> tuple[Run, Status, Array]:
         """A run of so long, of which so many events are kept, and what it says of itself."""
