@@ -111,6 +111,11 @@ class SimulatedCycle:
         return None if cycle is None else cls(cycle, (run.guard[events], states, size))
 
 
+def has_constants(system: LureSystem, hybrid: HybridSystem) -> bool:
+    """Whether a setpoint or a load acts on a loop, which may rest elsewhere than at zero then."""
+    return any(map(np.any, (hybrid.x0[hybrid.n_plant :], system.constant_state, system.constant_input)))
+
+
 @dataclass
 class RunOutcomes:
     """The runs of a search and how they end; what they end on is kept."""
@@ -173,8 +178,7 @@ class RunOutcomes:
         All others may be far from there. Where it does not hold, its own motion leads on to a cycle, be it far smaller
         than where the elements begin to matter.
         """
-        constants = self.hybrid.x0[self.hybrid.n_plant :], self.system.constant_state, self.system.constant_input
-        if self.rest is None or not np.any(self.reach) or not any(map(np.any, constants)):
+        if self.rest is None or not np.any(self.reach) or not has_constants(self.system, self.hybrid):
             return []
         rest, memory = self.rest
         return [(rest + aside * self.reach, memory) for aside in (_ASIDE, -_ASIDE)]

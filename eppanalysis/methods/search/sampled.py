@@ -30,7 +30,7 @@ from eppanalysis.methods.orbits.samples.locked import (
     samples_of,
     starts_on,
 )
-from eppanalysis.methods.search.outcomes import Look, RunOutcome
+from eppanalysis.methods.search.outcomes import Look, RunOutcome, has_constants
 from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_elements
 from eppanalysis.methods.search.result import CycleSearch, exists, undecided
 from eppanalysis.methods.search.unmet import MANY, more_of, unmet
@@ -277,13 +277,14 @@ class SampledSearch:
         last = run.order[-1]
         return self.strobe.begun(run.x_end, run.memory_values[last], run.modes[last])
 
-    def _from_rest(self) -> Iterator[HybridSystem]:
-        """From the state of rest that is known: under a setpoint or a load all other starts may be far from there."""
-        reach = reach_of_elements(self.starts.loop)
-        moved = self.starts.begun(reach, ()).x0 - self.starts.begun(0.0 * reach, ()).x0
-        if self.rest is not None and np.any(moved):
-            rest = self.rest
-            yield from (rest.at(rest.x0 + s * moved, rest.H0, rest.modes0) for s in _SCALES)
+    def _from_rest(self) -> list[HybridSystem]:
+        """From the state of rest that is known, where a setpoint or a load moves it; other starts lie about zero."""
+        reach, rest = reach_of_elements(self.starts.loop), self.rest
+        zero = self.starts.begun(0.0 * reach, ())
+        if rest is None or not has_constants(self.starts.loop, zero):
+            return []
+        moved = self.starts.begun(reach, ()).x0 - zero.x0
+        return [rest.at(rest.x0 + s * moved, rest.H0, rest.modes0) for s in _SCALES if np.any(moved)]
 
     def _judged(self, start: HybridSystem, t: float, n_kept: int | None = None) -> tuple[Run, Status, Array]:
         """A run of so long, of which so many events are kept, and what it says of itself."""
@@ -504,7 +505,7 @@ class SampledSearch:
         """How completeness was sought."""
         ends = ", ".join(f"{n} {what}" for what, n in sorted(self.ends.items()))
         between = ", and from states between these," * (len(self.rounds) > 1)
-        rest = " and states about rest" * (self.rest is not None)
+        rest = " and states about rest" * bool(self._from_rest())
         text = f"{sum(self.ends.values())} runs from predicted and random states{rest}{between} ({ends}); "
         if self.lengths:
             text += (
