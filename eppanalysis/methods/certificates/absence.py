@@ -140,7 +140,7 @@ def _otherwise(loop: Mapping[str, Any], sectors: int, reason: str) -> dict[str, 
         return reason
     low, high = sector(loop["element"])
     shown = f"{float(low):.6g} to {'infinity' if high is None else f'{float(high):.6g}'}"
-    sampled, late = loop["time_step"] is not None, check_absence.dead_times(loop)
+    sampled, late = loop["time_step"] is not None, dead_times(loop)
     fails = "the circle criterion fails" if sampled else "neither the circle criterion nor Popov's holds"
     why = f"{fails} for the sector from {shown}, so absence is undecided"
     if len(loop["num"]) > 1 or sampled or late:
@@ -155,7 +155,7 @@ def _by_sectors(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     """The certificate of a loop with play by a function that falls, or why there is none."""
     from eppanalysis.methods.certificates.play.find import find as find_function
 
-    rational = loop["time_step"] is None and not check_absence.dead_times(loop)
+    rational = loop["time_step"] is None and not dead_times(loop)
     none = "functions that fall are sought in continuous time without dead time."
     found = find_function(loop, sectors) if rational else none
     if isinstance(found, str):
@@ -232,7 +232,8 @@ def _holds(linear: Linear, edges: Sector, multiplier: Fraction) -> bool:
     left = coefficients(linear.corners, edges, multiplier, linear.late)
     if linear.late:  # odd powers count, too, each with a sine, which is no more than its angle
         room = added(room, [Fraction(0), *(3 * ROUNDING * c * linear.late[1] for c in terms[1::2])])
-    left[:: 3 if linear.late else 1] = [added(p, room, Fraction(-1)) for p in left[:: 3 if linear.late else 1]]
+    still = slice(None, None, 3 if linear.late else 1)
+    left[still] = [added(p, room, Fraction(-1)) for p in left[still]]
     return holds(left, linear.degree, linear.late)
 
 
@@ -253,8 +254,8 @@ def _exact_bounds(circles: list[Polynomial], tilts: list[Polynomial]) -> Bounds:
 
 def _bounds_behind(circles: list[Polynomial], tilts: list[Polynomial], late: tuple[Fraction, Fraction]) -> Bounds:
     """The same behind dead time, on a grid of frequencies and dead times: what is found there is checked."""
-    sizes = np.abs(np.concatenate([np.roots(_floats(row)) for row in circles]))
-    scales = [*np.sqrt(sizes[sizes > 0]), 1.0 / float(late[1])]
+    roots = np.abs(np.concatenate([np.roots(_floats(row)) for row in circles]))
+    scales = [*np.sqrt(roots[roots > 0]), 1.0 / float(late[1])]
     omega = np.geomspace(min(scales) / _WIDE, max(scales) * _WIDE, _GRID)
     pairs: list[tuple[float, float]] = []
     for tau in np.linspace(float(late[0]), float(late[1]), 5):

@@ -208,17 +208,17 @@ def sentence(document: Mapping[str, Any], name: str = UNNAMED, values: str = "")
 def _range(document: Mapping[str, Any]) -> str:
     """The linear parts and dead times between which one lies, where a file speaks of many."""
     ends, late = document["loop"].get("num", []), document["loop"].get("delay")
-    with_late = ""
+    said = []
+    if len(ends) > 1 and isinstance(ends[0], list):
+        if len(ends) > 2 or document["loop"]["den"][0] != document["loop"]["den"][1]:
+            said.append(f"any linear part between the {len(ends)} that it lists")
+        else:
+            low, high = (" ".join(rounded(Fraction(c), ROUND_HALF_EVEN, 6) for c in row) for row in ends)
+            said.append(f"any numerator from {low} to {high}")
     if isinstance(late, list):
-        with_late = ", with any dead time from {} to {} s,".format(
-            *(rounded(Fraction(t), ROUND_HALF_EVEN) for t in late)
-        )
-    if len(ends) < 2 or not isinstance(ends[0], list):
-        return with_late
-    if len(ends) > 2 or document["loop"]["den"][0] != document["loop"]["den"][1]:
-        return f", with any linear part between the {len(ends)} that it lists,{with_late.removeprefix(',')}"
-    low, high = (" ".join(rounded(Fraction(c), ROUND_HALF_EVEN, 6) for c in row) for row in ends)
-    return f", with any numerator from {low} to {high},{with_late.removeprefix(',')}"
+        low, high = (rounded(Fraction(t), ROUND_HALF_EVEN) for t in late)
+        said.append(f"any dead time from {low} to {high} s")
+    return "," * bool(said) + "".join(f" with {part}," for part in said)
 
 
 def _criterion(claim: Mapping[str, Any]) -> str:
