@@ -1,8 +1,8 @@
 """A case whose loop is followed in states of its own, where those that it is given in are mixed, or go on for ever.
 
 In turned states rounding keeps the orbits of an elbow from closing, and those of a long chain of lags from closing well
-(`methods/orbits/decoupled.py`): a branch has no start, or ends where none is. A loop in discrete time is followed round
-a sampled controller.
+(`methods/orbits/decoupled.py`): a branch has no start, or ends where none is. Far from zero the digits of a state are
+those of the setpoint and not of the motion. A loop in discrete time is followed round a sampled controller.
 """
 
 from __future__ import annotations
@@ -11,14 +11,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
+import numpy as np
+
 from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.methods.orbits.decoupled import unmixed
 from eppanalysis.methods.search.find import search_from
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.sampled import Enough
 from eppanalysis.methods.simulation.in_samples import InSamples
-from eppanalysis.methods.simulation.states import OtherStates, unobservable_apart
+from eppanalysis.methods.simulation.states import OtherStates, at_centre, unobservable_apart
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.clocked import Clocked
 from eppanalysis.models.systems.sampled.strobe import is_sampled
 from eppanalysis.models.systems.subject import CaseLike
@@ -28,7 +31,7 @@ from eppanalysis.results import LimitCycle
 
 @dataclass(frozen=True, eq=False)
 class OwnStates:
-    """A case that makes its loop in other states, the same at all values of its parameters."""
+    """A case that makes its loop in other states, the same at all values of its parameters but for their centre."""
 
     case: CaseLike
     states: OtherStates | InSamples
@@ -42,16 +45,39 @@ class OwnStates:
         if system.time_step:
             return cls(case, InSamples(Clocked.of(system)))
         states = unobservable_apart(system) or unmixed(system)
-        return None if states is None else cls(case, states)
+        may_be_displaced = system.input_names or np.any(system.constant_state) or np.any(system.constant_input)
+        if states is None and not (may_be_displaced and case.operating_point.stands):
+            return None
+        return cls(case, states or OtherStates.given(system))
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name in ("case", "states"):  # asked for while it is read from another process
             raise AttributeError(name)
         return getattr(self.case, name)
 
+    def at(self, case: CaseLike) -> OtherStates | InSamples:
+        """The states at the values of a case."""
+        system = case.to_system()
+        states = self.states.beside(system)
+        if isinstance(states, InSamples) or not case.operating_point.stands:
+            return states
+        centred = at_centre(states.system, case.operating_point.vector(system))
+        return states if centred is None else states.then(centred)
+
+    @property
+    def own(self) -> OtherStates | InSamples:
+        """The states at the case's own values."""
+        return self.at(self.case)
+
+    @property
+    def operating_point(self) -> OperatingPoint:
+        """Where the inputs of the loop in these states are held."""
+        own = self.own
+        return own.point(self.case.operating_point) if isinstance(own, OtherStates) else self.case.operating_point
+
     def to_system(self) -> LureSystem:
         """The loop in these states."""
-        return self.states.of(self.case.to_system())
+        return self.own.system
 
     def with_values(self, values: Mapping[str, Any]) -> OwnStates:
         """The case with other values, in the same states."""
@@ -60,12 +86,11 @@ class OwnStates:
     def from_user(self, cycle: LimitCycle | None) -> tuple[CaseLike, LimitCycle | None]:
         """The case in these states, and a cycle in the user's as one of it."""
         # It passes on what it does not know itself.
-        return cast(CaseLike, self), None if cycle is None else self.states.from_user(cycle)
+        return cast(CaseLike, self), None if cycle is None else self.own.from_user(cycle)
 
     def to_user(self, branch: Branch) -> Branch:
         """A branch of the case with its cycles in the user's states."""
-        cases = [self.case.with_values({branch.parameter: s.value}) for s in branch.special]
-        states = [self.states.beside(case.to_system()) for case in cases]
+        states = [self.at(self.case.with_values({branch.parameter: s.value})) for s in branch.special]
         special = tuple(replace(s, cycle=own.to_user(s.cycle)) for own, s in zip(states, branch.special, strict=True))
         return replace(branch, special=special, others=tuple(map(self.to_user, branch.others)))
 
@@ -86,7 +111,7 @@ def searched(
     """See ``search_from``: in the states of the case, which are searched in those of its user."""
     if not isinstance(case, OwnStates):
         return search_from(case, known, enough, progress)
-    states = case.states.beside(case.case.to_system())
+    states = case.own
     wanted = None if enough is None else lambda cycle: enough(states.from_user(cycle))
     found = search_from(case.case, [states.to_user(cycle) for cycle in known], wanted, progress)
     return replace(found, cycles=tuple(map(states.from_user, found.cycles)))

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg
 
 from eppanalysis.arrays import Array, ComplexArray
-from eppanalysis.methods.simulation.states import OtherStates, unobservable_apart, without_held_states
+from eppanalysis.methods.simulation.states import OtherStates, at_centre, unobservable_apart, without_held_states
 from eppanalysis.models.systems.linear import balanced, poles
 from eppanalysis.models.systems.lure import LureSystem
 
@@ -33,9 +33,9 @@ _CANCELS = 20.0
 _FADES = 0.1
 
 
-def in_decoupled_states(system: LureSystem) -> OtherStates | None:
-    """The loop without states that nothing drives, with those apart that nothing reads, and in those of its own
-    motions; None where it needs none.
+def in_decoupled_states(system: LureSystem, inputs: Array | None = None) -> OtherStates | None:
+    """The loop without states that nothing drives, with those apart that nothing reads, from its centre under these
+    inputs, and in those of its own motions; None where it needs none.
 
     Other motions are made the states once of each kind: made so again they would only undo one another by rounding, for
     ever. What nothing drives or reads is looked for anew behind each, for it may mix these with the others.
@@ -48,14 +48,17 @@ def in_decoupled_states(system: LureSystem) -> OtherStates | None:
     """
     turns: list[Callable[[LureSystem], OtherStates | None]]
     turns = [] if system.time_step else [motions_apart, evenly_driven, integrators_apart]
-    left: list[Callable[[LureSystem], OtherStates | None]] = [without_held_states, unobservable_apart, *turns]
+    first: list[Callable[[LureSystem], OtherStates | None]] = [without_held_states, unobservable_apart]
+    if inputs is not None:
+        first.append(lambda system: at_centre(system, inputs))
+    left = [*first, *turns]
     found: OtherStates | None = None
     while made := next(((change, own) for change in left if (own := change(system)) is not None), None):
         change, own = made
         found, system = own if found is None else found.then(own), own.system
         if change in turns:
             turns.remove(change)
-            left = [without_held_states, unobservable_apart, *turns]
+            left = [*first, *turns]
         else:
             left.remove(change)
     return found

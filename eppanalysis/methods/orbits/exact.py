@@ -103,8 +103,8 @@ def exact_orbit(
     """
     system, at = standing(system, operating_point, "exact_orbit")
     require_own(system, start)
-    if (apart := in_decoupled_states(system)) is not None:
-        return apart.to_user(_as_it_is(apart.system, apart.from_user(start), at))
+    if (apart := in_decoupled_states(system, at.vector(system))) is not None:
+        return apart.to_user(_as_it_is(apart.system, apart.from_user(start), apart.point(at)))
     return _as_it_is(system, start, at)
 
 

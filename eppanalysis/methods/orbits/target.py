@@ -48,7 +48,7 @@ class Target:
     def of(cls, system: LureSystem, hybrid: HybridSystem, cycle: LimitCycle) -> Target:
         """By the cycle's own estimate of its error."""
         image = mirror(hybrid)
-        skew = 0.0 if image is None else _skew(system, hybrid, cycle, image[: hybrid.n_plant, -1] / 2.0)
+        skew = 0.0 if image is None else _skew(system, hybrid, cycle)
         estimate = cycle.error_estimate
         tolerance = float(np.clip(_TIMES * estimate, _LEAST, _MOST)) if np.isfinite(estimate) else _MOST
         return cls(system, cycle, image if skew <= _ODD else None, image if skew > _SKEW else None, tolerance)
@@ -100,12 +100,12 @@ def _near(value: float, other: float, tolerance: float) -> bool:
     return bool(abs(np.log(value / other)) <= np.log1p(tolerance))
 
 
-def _skew(system: LureSystem, hybrid: HybridSystem, cycle: LimitCycle, centre: Array) -> float:
+def _skew(system: LureSystem, hybrid: HybridSystem, cycle: LimitCycle) -> float:
     """Largest even harmonic, with the mean about the loop's centre, relative to the size; not a number where that says
     nothing.
     """
     model, n = hybrid.model, hybrid.n_plant
-    at_rest = model.Yx[:, :n] @ centre + model.Yx[:, n:] @ hybrid.x0[n:] + model.YH @ hybrid.H0
+    at_rest = model.Yx[:, n:] @ hybrid.x0[n:] + model.YH @ hybrid.H0
     skews = []
     for middle, name in zip(at_rest, system.signals.names, strict=True):
         c = cycle.harmonics.get(name, np.zeros(0))

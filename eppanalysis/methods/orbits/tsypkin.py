@@ -48,7 +48,6 @@ class TsypkinLocus:
     """The symmetric motions of one relay."""
 
     hybrid: HybridSystem
-    centre: Array  # (n,): the state about which the loop is odd
     rates: Array  # sizes of the poles of the linear part, but for that of an integrator [1/s]
     #: poles, given, seen, vectors: (k,), (k,), (k,), (n, k): modes of the linear part, one of each pair, what the
     #: relay's output gives to each, and the relay's input of each; real where no pole swings.
@@ -60,8 +59,7 @@ class TsypkinLocus:
     #: modes, guards: (p,): of a whole turn, p is 2 without and 4 with a dead zone.
     modes: IntArray
     guards: IntArray
-    #: (p / 2, 2): guard at the end of each part of a half: its factor on the input's distance from the centre, and
-    #: constant.
+    #: (p / 2, 2): guard at the end of each part of a half: its factor on the input, and constant.
     ends: Array
 
     @classmethod
@@ -74,7 +72,7 @@ class TsypkinLocus:
         turn = _turn(hybrid)
         if turn is None:
             return None
-        n, (modes, guards, level) = hybrid.n_plant, turn
+        modes, guards, level = turn
         # In modes the motion between two switches is a row of exponentials, and half a turn an equation for each.
         A, units = balanced(model.A)
         rates = np.abs(known_poles(A))
@@ -88,13 +86,11 @@ class TsypkinLocus:
         given = (given + np.where(poles.imag > 0.0, np.roll(given, -1).conj(), 0.0))[one]
         poles = poles[one]
         vectors = units[:, None] * vectors[:, one]
-        centre = image[:n, -1] / 2.0
-        middle = float(model.C[0] @ centre + model.Kz[0] @ hybrid.H0)
         rows = guards[: guards.size // 2]
         factor = model.guard_z[rows, 0]
-        ends = np.stack([factor, factor * middle + model.guard_0[rows]], axis=1)
+        ends = np.stack([factor, model.guard_0[rows]], axis=1)
         rates = rates[rates > 0.0]
-        return cls(hybrid, centre, rates, poles, given, model.C[0] @ vectors, vectors, level, modes, guards, ends)
+        return cls(hybrid, rates, poles, given, model.C[0] @ vectors, vectors, level, modes, guards, ends)
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -187,7 +183,7 @@ class TsypkinLocus:
         parts += [(1.0 + self._driven(share * (h - w))[0]) * end] if len(self.ends) > 1 else []
         model = self.hybrid.model
         for mode, x in zip(self.modes, parts, strict=False):
-            z = self._seen(x) + float(model.C[0] @ self.centre + model.Kz[0] @ self.hybrid.H0)
+            z = self._seen(x)
             for g in range(*model.guard_first[mode : mode + 2]):
                 value = model.guard_z[g, 0] * z + model.guard_0[g]
                 if np.any(value > _BEYOND * (np.abs(z).max() + abs(model.guard_0[g]))):
@@ -197,7 +193,7 @@ class TsypkinLocus:
     def _guess(self, w: float, h: float) -> Guess | None:
         begin, end = ((self.vectors @ x).real for x in self._states(np.array(w), np.array(h)))
         parts = [begin] if len(self.ends) == 1 else [begin, end]
-        states = [self.centre + side * x for side in (1.0, -1.0) for x in parts]
+        states = [side * x for side in (1.0, -1.0) for x in parts]
         starts = np.array([np.concatenate([x, self.hybrid.H0]) for x in states])
         tau = np.tile([h] if len(self.ends) == 1 else [w, h - w], 2)
         return make_guess(self.hybrid, self.modes[:, None], self.guards, starts, tau)

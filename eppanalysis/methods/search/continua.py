@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eppanalysis.arrays import Array
+from eppanalysis.arrays import Array, IntArray
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import run_from
 
@@ -59,9 +59,17 @@ def _closes(known: Orbit, y: Array) -> bool:
 
 def same_continuum(one: Orbit, other: Orbit) -> bool:
     """Whether two orbits of continua pass through the same switches and are as stable: one then stands for both."""
-    guards = [o.arcs.event_sequence.guards for o in (one, other)]
-    if guards[0].size != guards[1].size or not (one.one_of_many and other.one_of_many):
+    if not (other.one_of_many and has_switches_of(one, other.arcs.event_sequence.guards)):
         return False
     unstable = [int(np.sum(np.abs(o.multipliers) > 1.0 + 1e-4)) for o in (one, other)]
-    turned = any(np.array_equal(np.roll(guards[0], k), guards[1]) for k in range(guards[0].size))
-    return unstable[0] == unstable[1] and turned
+    return unstable[0] == unstable[1]
+
+
+def has_switches_of(known: Orbit, guards: IntArray) -> bool:
+    """Whether a turn through these guards is one through the switches of a continuum."""
+    own = known.arcs.event_sequence.guards
+    return (
+        known.one_of_many
+        and own.size == guards.size
+        and any(np.array_equal(np.roll(own, k), guards) for k in range(own.size))
+    )

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from eppanalysis.arrays import Array, IntArray
+from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.methods.simulation.futures import Future, Rests
 from eppanalysis.methods.simulation.kept import Run
-from eppanalysis.models.systems.hybrid import HybridSystem, of_model
+from eppanalysis.methods.simulation.modes import ModeLaw, law_of
+from eppanalysis.models.systems.hybrid import HybridSystem
 
 #: Largest change of a state over a period, relative to its amplitude on a cycle, that counts as rest, and as slow
 #: drift.
@@ -94,114 +95,113 @@ class Turns:
 
     start: HybridSystem
     guard: IntArray  # (events,)
-    modes: IntArray  # (events, elements)
-    state: Array  # (events, n)
+    modes: IntArray  # (events, elements): behind each
+    lasts: Array  # (events,): how long these last [s]
+    y: Array  # (events, N): the state, the memory values, and a 1
     rate: Array  # (events, n)
     swing: Array  # (n,): how far each state went in the last run, between its events, too
 
     @classmethod
     def of(cls, start: HybridSystem, run: Run, before: Turns | None = None) -> Turns:
         """Those of a run, and those before it."""
-        events = run.guard[run.order], run.modes[run.order], run.state[run.order], run.rate[run.order]
-        last = cls(start, *events, run.high - run.low)
+        order = run.order
+        lasts = np.diff(run.time[order], append=float(run.stats[0]))
+        y = np.hstack([run.state[order], run.memory_values[order]])
+        last = cls(start, run.guard[order], run.modes[order], lasts, y, run.rate[order], run.high - run.low)
         if before is None:
             return last
 
         def joined(name: str) -> Any:
             return np.concatenate([getattr(before, name), getattr(last, name)])[-_MOST_EVENTS:]
 
-        return cls(start, joined("guard"), joined("modes"), joined("state"), joined("rate"), last.swing)
+        guard, modes, lasts, y, rate = map(joined, ("guard", "modes", "lasts", "y", "rate"))
+        return cls(start, guard, modes, lasts, y, rate, last.swing)
 
     @cached_property
     def ratio(self) -> float | None:
         """The ratio of each of the last turns to the one before, where they are alike but for their size.
 
         Larger ones where the motion is so large that no level of an element bends it, and smaller ones about a rest,
-        where the rates vanish, too: such turns go on for ever, as the loop does the same at all such sizes. None
-        elsewhere, and where elements are curved or act late.
+        at which all that they meet vanishes or is far away: such turns go on for ever, as the loop does the same at all
+        such sizes. None elsewhere, and where elements are curved or act late.
         """
         if self.start.model.smooth_kind.size:
             return None
-        same = (self.guard == self.guard[-1:]) & np.all(self.modes == self.modes[-1:], axis=1)
-        events, compared = np.flatnonzero(same), self.start.compared
-        X, R = self.state[:, compared], self.rate[:, compared]
+        events = np.flatnonzero((self.guard == self.guard[-1:]) & np.all(self.modes == self.modes[-1:], axis=1))
         for p in range(1, min(_MOST_TURNS, (events.size - 1) // 3) + 1):
             at = events[[-1 - 3 * p, -1 - 2 * p, -1 - p, -1]]
-            ratio = self._growth(X[at]) or self._decay(X[at], R[at])
+            ratio = self._growth(at) or self._decay(at)
             if ratio is not None:
                 return ratio
         return None
 
-    def _growth(self, turns: Array) -> float | None:
-        """The ratio of turns (4, k) that grow, where all levels are small beside them; of several that of the fastest.
+    def _laws(self, since: int) -> list[ModeLaw] | None:
+        """The laws of the modes that the motion was in since an event; None where one has none."""
+        modes = np.unique(self.modes[since:][self.lasts[since:] > 0.0], axis=0)
+        laws = [law_of(self.start, one) for one in modes]
+        return None if None in laws else [law for law in laws if law is not None]
+
+    def _growth(self, at: IntArray) -> float | None:
+        """The ratio of turns that grow, begun `at` four events, where all levels are small beside them; of several that
+        of the fastest.
 
         Each state has a ratio of its own: a chain of integrators behind a limit grows in each by another power.
         """
-        level = _levels(self.start)[0] + _held(self.start)
-        size = np.abs(self.state[-_PILE:][:, self.start.compared]).max(axis=0)
-        if np.any((level > 0) & (size < _FAR * level)):
+        compared, laws = self.start.compared, self._laws(at[-2])
+        if laws is None:
             return None
+        # Of each guard the terms that do not grow, in terms of each state under it.
+        moves = np.append(compared, np.ptp(self.y[at[-2] :, compared.size :], axis=0) > 0.0)
+        guards = np.abs(np.vstack([law.g @ law.levels for law in laws]))
+        by, level = guards[:, np.flatnonzero(compared)], guards[:, ~moves] @ np.abs(self.y[-1, ~moves])
+        size = np.abs(self.y[-_PILE:, : compared.size][:, compared]).max(axis=0)
+        if np.any((by > 0.0) & (by * size < _FAR * level[:, None])):
+            return None
+        turns = self.y[at][:, : compared.size][:, compared]
         with np.errstate(divide="ignore", invalid="ignore"):
-            _, before, now = (turns[1:] / turns[:-1])[:, np.abs(turns[-1]) > _STILL * self.swing[self.start.compared]]
+            _, before, now = (turns[1:] / turns[:-1])[:, np.abs(turns[-1]) > _STILL * self.swing[compared]]
         alike = np.abs(before - now) < _ALIKE * np.maximum(now - 1.0, _ALIKE)
         grows = now.size > 0 and now.max() > 1.0 + _ALIKE and np.all(alike & (now > 1.0 - _ALIKE))
         return float(now.max()) if grows else None
 
-    def _decay(self, turns: Array, rates: Array) -> float | None:
-        """The ratio of steps between turns (4, k) that shrink, where they are small beside all levels."""
-        level, push = _levels(self.start)
-        steps, compared = np.diff(turns, axis=0), self.start.compared
-        if np.any((level > 0) & (_FAR * np.abs(steps[-1]) > level)):
+    def _decay(self, at: IntArray) -> float | None:
+        """The ratio of the steps between turns that shrink, begun `at` four events, about a rest of all their modes."""
+        laws, compared = self._laws(at[-2]), self.start.compared
+        behind = law_of(self.start, self.modes[-1])
+        if laws is None or behind is None:
             return None
-        # In turned states what has no push, or stays where it is, has the rounding of the others.
-        size = np.abs(self.state).max(axis=0)
-        noise = _ROUNDING * ((np.abs(self.start.model.A) @ size)[compared] + push)
-        if np.any((push > noise) & (_FAR * np.abs(rates[-1]) > push)):
-            return None
-        both = np.hstack([steps, rates[1:]])
-        both = np.where(np.abs(both) <= np.append(_ROUNDING * size[compared], noise), 0.0, both)
+        steps = np.diff(self.y[at], axis=0)
+        # In turned states what stays where it is has the rounding of the others.
+        size = np.abs(self.y).max(axis=0)
+        noise = _ROUNDING * (np.abs(behind.F) @ size)[compared]
+        repeats = np.append(compared, np.ones(size.size - compared.size, bool))
+        both = np.hstack([steps[:, repeats], self.rate[at[1:]][:, compared]])
+        both = np.where(np.abs(both) <= np.append(_ROUNDING * size[repeats], noise), 0.0, both)
         both = both / np.maximum(np.abs(both).max(axis=0), np.finfo(float).tiny)
         before, now = _ratio(both[0], both[1]), _ratio(both[1], both[2])
         off = float(np.abs(both[2] - now * both[1]).max())
-        shrinks = abs(now) < 1.0 - _ALIKE and off < _ALIKE * (1.0 - abs(now)) and abs(before - now) < _ALIKE
-        return now if shrinks else None
+        if abs(now) >= 1.0 - _ALIKE or off >= _ALIKE * (1.0 - abs(now)) or abs(before - now) >= _ALIKE:
+            return None
+        limit = self.y[at[-1]] + np.where(repeats, steps[-1] * now / (1.0 - now), 0.0)
+        rows = np.vstack([np.vstack([law.F[compared], law.g]) @ law.levels for law in laws])
+        return now if _alike_about(limit, self.y[at[-2] :], rows, repeats) else None
+
+
+def _alike_about(rest: Array, turn: Array, rows: Array, repeats: BoolArray) -> bool:
+    """Whether a loop does the same at all sizes of motions about a rest that are no larger than a turn (events, N).
+
+    Each of what the turn meets, rates and guards (rows, N), is so large at the rest that the turn changes nothing of
+    it, or vanishes; all that vanish do so at one point to rounding, however near to zero a level may lie.
+    """
+    size = np.abs(turn).max(axis=0)
+    change, noise = np.ptp(turn @ rows.T, axis=0), _ROUNDING * (np.abs(rows) @ size)
+    near = (np.abs(rows @ rest) < _FAR * change) & (change > noise)
+    spread = np.where(repeats, np.ptp(turn, axis=0), 0.0)
+    part = rows[near] * spread / change[near, None]
+    away = np.linalg.lstsq(part, -(rows[near] @ rest) / change[near], rcond=None)[0]
+    vanish = np.abs(rows @ (rest + spread * away))[near] <= noise[near]
+    return bool(np.all(vanish) and np.all(np.abs(away) <= _ALIKE))
 
 
 def _ratio(one: Array, other: Array) -> float:
     return float(one @ other) / max(float(one @ one), np.finfo(float).tiny)
-
-
-def _held(start: HybridSystem) -> Array:
-    """Where a setpoint puts the guards, in terms of the states under them, shape (k,)."""
-    compared = start.compared
-    rows = _guard_rows(start)
-    under, by = np.abs(rows[:, compared]), np.abs(rows[:, ~compared]) @ np.abs(start.x0[~compared])
-    return np.max(np.where(under > 0.0, by[:, None] / np.where(under > 0.0, under, 1.0), 0.0), axis=0, initial=0.0)
-
-
-@of_model
-def _guard_rows(start: HybridSystem) -> Array:
-    """What each guard reads of the states, (guards, n)."""
-    model = start.model
-    z = model.first[model.guard_element, 0]
-    n_z = model.first[model.guard_element + 1, 0] - z
-    rows = [w[:k] @ model.C[i : i + k] for w, i, k in zip(model.guard_z, z.tolist(), n_z.tolist(), strict=True)]
-    return np.array(rows).reshape(len(rows), start.x0.size)
-
-
-@of_model
-def _levels(start: HybridSystem) -> tuple[Array, Array]:
-    """What keeps a loop from being alike at all sizes: levels of guards, in terms of the states under them, and what
-    constants add to rates; both (k,), of the states that repeat.
-    """
-    model, n = start.model, start.x0.size
-    level, push, rows = np.zeros(n), np.abs(model.K[:, -1]), _guard_rows(start)
-    for e in range(len(model.mode_first) - 1):
-        (z, w), (n_z, n_w) = model.first[e, :2], (model.first[e + 1] - model.first[e])[:2]
-        for guard in np.flatnonzero(model.guard_element == e):
-            row = rows[guard]
-            constant = abs(model.guard_0[guard]) + abs(model.guard_z[guard, :n_z] @ model.Kz[z : z + n_z, -1])
-            level = np.maximum(level, np.where(row != 0, constant / np.abs(np.where(row == 0, 1.0, row)), 0.0))
-        put_out = np.abs(model.mode_w0[model.mode_first[e] : model.mode_first[e + 1], :n_w]).max(axis=0, initial=0.0)
-        push = push + np.abs(model.B[:, w : w + n_w]) @ put_out
-    return level[start.compared], push[start.compared]

@@ -131,11 +131,14 @@ def _found(
     enough: Enough | None = None,
 ) -> CycleSearch:
     """See ``find_limit_cycles`` and ``search_from``."""
-    if (apart := in_decoupled_states(system)) is not None:
+    if (apart := in_decoupled_states(system, at.vector(system))) is not None:
         # In the given states: what falls off faster than 1/s may not in others, by rounding, and phases are lost then.
-        given = [apart.from_user(cycle) for cycle in (seeds_of(system, at) if predicted is None else predicted)]
+        seeds = seeds_of(system, at) if predicted is None else predicted
+        for cycle in seeds:
+            cycle.require_state(len(system.A))
+        given = [apart.from_user(cycle) for cycle in seeds]
         wanted = None if enough is None else lambda cycle: enough(apart.to_user(cycle))
-        return _told(_as_it_is(apart.system, at, by_balance, given, progress, wanted), apart)
+        return _told(_as_it_is(apart.system, apart.point(at), by_balance, given, progress, wanted), apart, at)
     return _as_it_is(system, at, by_balance, predicted, progress, enough)
 
 
@@ -208,10 +211,11 @@ def _in_samples(
     return search(system, Starts(system, hybrid, known, begun, lambda y: y[:n], misses))
 
 
-def _told(found: CycleSearch, apart: OtherStates) -> CycleSearch:
+def _told(found: CycleSearch, apart: OtherStates, at: OperatingPoint) -> CycleSearch:
     """What was found in a loop with other states."""
     cycles, unclosed = (tuple(map(apart.to_user, part)) for part in (found.cycles, found.unclosed))
-    return replace(found, cycles=cycles, unclosed=unclosed, rest_state=apart.state(found.rest_state))
+    rest = apart.state(found.rest_state)
+    return replace(found, cycles=cycles, unclosed=unclosed, rest_state=rest, operating_point=at)
 
 
 def search_from(

@@ -16,7 +16,7 @@ from eppanalysis.methods.search.outcomes import Look, RunOutcome, RunOutcomes
 from eppanalysis.methods.search.sampled import SampledSearch, Starts
 from eppanalysis.methods.simulation.budget import BudgetExceeded, budget
 from eppanalysis.methods.simulation.in_samples import InSamples
-from eppanalysis.methods.simulation.states import unobservable_apart
+from eppanalysis.methods.simulation.states import OtherStates, at_centre, unobservable_apart
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import InputSignal, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
@@ -112,18 +112,25 @@ class _Carried:
     @classmethod
     def of(cls, system: LureSystem, given: Mapping[str, InputSignal], t_end: float) -> _Carried:
         """The motion of a loop from its own start, carried to `t_end` [s]."""
-        form, apart = InSamples.under(system, given) if system.time_step else None, unobservable_apart(system)
-        loop = form.system if form else apart.system if apart else system
+        form = InSamples.under(system, given) if system.time_step else None
+        own = OtherStates.given(form.system) if form else unobservable_apart(system) or OtherStates.given(system)
+        changes = HybridSystem.from_lure(own.system, given).model.breakpoint_time
+        first = max(t_end, _BEHIND * float(changes.max(initial=0.0)))
+        at = OperatingPoint.of(own.system, given, first)
+        if at.stands and (centred := at_centre(own.system, at.vector(own.system))) is not None:
+            own, at = own.then(centred), centred.point(at)
+        loop = own.system
         hybrid = HybridSystem.from_lure(loop, given)
-        changes = hybrid.model.breakpoint_time.max(initial=0.0)
-        first = max(t_end, _BEHIND * float(changes))
-        at, strobe = OperatingPoint.of(loop, given, first), Strobe.of(hybrid)
+        strobe = Strobe.of(hybrid)
         judge: RunOutcomes | SampledSearch | None = None
         if at.stands and strobe is not None:
             judge = SampledSearch(loop, strobe, Starts(loop, hybrid, (), hybrid.begun, lambda y: y))
         elif at.stands:
             judge = RunOutcomes(loop, hybrid.held, (), at)
-        to_user = form.to_user if form else apart.to_user if apart else lambda cycle: cycle
+
+        def to_user(cycle: LimitCycle) -> LimitCycle:
+            return form.to_user(own.to_user(cycle)) if form else own.to_user(cycle)
+
         return cls(hybrid, judge, to_user, Look(first, RunOutcome.UNDECIDED))
 
     def shown(self, run_to: RunTo) -> Ending:

@@ -15,10 +15,9 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.delayed.smooth import closed_behind_delay, is_smooth_delayed
 from eppanalysis.methods.orbits.exact import centre_of, start_of, steady_hybrid
 from eppanalysis.methods.orbits.guess import recurrences
-from eppanalysis.methods.orbits.mirrored import centre_of_loop
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import close_orbit, orbit_of, same_orbit
-from eppanalysis.methods.search.continua import at_end, has_period_of, on_rim, same_continuum
+from eppanalysis.methods.search.continua import at_end, has_period_of, has_switches_of, on_rim, same_continuum
 from eppanalysis.methods.search.decay import Turns, comes_to_rest, died_out, dwindles
 from eppanalysis.methods.search.reach import reach_of_elements
 from eppanalysis.methods.search.rests import Met, note_modes
@@ -57,7 +56,7 @@ _SAME_CYCLE = 1e-6
 #: Estimated error above which a prediction is no measure of how long runs take.
 _DOUBTFUL = 1.0
 #: How far beside a start that is a state of rest another one is asked, relative to the motions in question.
-_ASIDE = 1e-6
+ASIDE = 1e-6
 #: Share of all work that one prediction, one start or one mirror image may take.
 FOR_ONE = 0.1
 
@@ -111,11 +110,6 @@ class SimulatedCycle:
         return None if cycle is None else cls(cycle, (run.guard[events], states, size))
 
 
-def has_constants(system: LureSystem, hybrid: HybridSystem) -> bool:
-    """Whether a setpoint or a load acts on a loop, which may rest elsewhere than at zero then."""
-    return any(map(np.any, (hybrid.x0[hybrid.n_plant :], system.constant_state, system.constant_input)))
-
-
 @dataclass
 class RunOutcomes:
     """The runs of a search and how they end; what they end on is kept."""
@@ -166,22 +160,10 @@ class RunOutcomes:
 
     @cached_property
     def centre(self) -> Array:
-        """The state where nothing moves without the elements, whatever the setpoint; zero where there is none."""
-        centre, n = self.hybrid.x0.copy(), self.hybrid.n_plant
-        middle = centre_of_loop(self.hybrid)
-        centre[:n] = 0.0 if middle is None else middle
+        """Zero, with the inputs held: where nothing moves without the elements, as the state is counted."""
+        centre = self.hybrid.x0.copy()
+        centre[: self.hybrid.n_plant] = 0.0
         return centre
-
-    def beside_rest(self) -> list[tuple[Array, Array]]:
-        """Starts to either side of the state of rest that is known, where a setpoint or a load moves it from zero.
-
-        All others may be far from there. Where it does not hold, its own motion leads on to a cycle, be it far smaller
-        than where the elements begin to matter.
-        """
-        if self.rest is None or not np.any(self.reach) or not has_constants(self.system, self.hybrid):
-            return []
-        rest, memory = self.rest
-        return [(rest + aside * self.reach, memory) for aside in (_ASIDE, -_ASIDE)]
 
     @cached_property
     def reach(self) -> Array:
@@ -234,7 +216,7 @@ class RunOutcomes:
         """
         if end is not RunOutcome.REST or self.rest is None or not np.array_equal(self.rest[0], x):
             return end
-        rest, moved = self.rest, self.hybrid.compared * _ASIDE * self._sizes()
+        rest, moved = self.rest, self.hybrid.compared * ASIDE * self._sizes()
         # The elements remember what they have at rest: of what they are given some can take a part only, as a play.
         start = self.hybrid.at(x, H, self.hybrid.modes0)
         there = self._run(start, self.horizon).end(start)
@@ -275,7 +257,7 @@ class RunOutcomes:
             if turn >= 3 and status is not Status.LIMIT_CYCLE and self._is_without_end(start, run):
                 return
             t, turns = 3.0 * t, None
-            if t > longest:
+            if t > longest and (run.is_quiet_at(t / 3.0) or run.count > _ENOUGH_EVENTS):
                 return
 
     def _by_then(
@@ -406,6 +388,12 @@ class RunOutcomes:
             status, facts = judge(start, run, longer * t)
             if status is not Status.LIMIT_CYCLE:
                 break
+            if (known := self._listed(run)) is not None:
+                return known
+            turn = run.guard[run.order[-int(facts[0]) :]]
+            for i, other in enumerate(self.orbits):
+                if has_switches_of(other, turn):
+                    return i
             if facts[3] < _REACHED:
                 # Beside a doubled period the run was not near enough before.
                 if (orbit := orbit_of(self.hybrid, run, float(facts[1]))) is not None:

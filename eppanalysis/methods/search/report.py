@@ -7,9 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
+from eppanalysis.arrays import Array
 from eppanalysis.methods.orbits.delayed.smooth import is_smooth_delayed
 from eppanalysis.methods.orbits.tsypkin import TsypkinLocus
-from eppanalysis.methods.search.outcomes import MOST_REACHED, RunOutcome, RunOutcomes
+from eppanalysis.methods.search.outcomes import ASIDE, MOST_REACHED, RunOutcome, RunOutcomes
 from eppanalysis.methods.search.result import exists, undecided
 from eppanalysis.methods.search.unmet import more_of, unmet
 from eppanalysis.methods.simulation.stability import is_stable
@@ -36,6 +37,19 @@ class SearchReport(RunOutcomes):
     n_towards: int = 0
     unclosed: list[LimitCycle] = field(default_factory=list)
     why_unclosed: dict[int, str] = field(default_factory=dict)
+
+    def beside_rest(self) -> list[tuple[Array, Array]]:
+        """Starts to either side of the state of rest that is known, where the rays begin farther from it.
+
+        Where it does not hold, its own motion leads on to a cycle, be it far smaller than where the elements begin to
+        matter.
+        """
+        if self.rest is None or not np.any(self.reach):
+            return []
+        rest, memory = self.rest
+        if np.all((np.abs(rest - self.centre) <= SCALES[0] * self._sizes())[self.hybrid.compared]):
+            return []
+        return [(rest + aside * self.reach, memory) for aside in (ASIDE, -ASIDE)]
 
     @property
     def complete(self) -> bool:

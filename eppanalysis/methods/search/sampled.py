@@ -30,7 +30,7 @@ from eppanalysis.methods.orbits.samples.locked import (
     samples_of,
     starts_on,
 )
-from eppanalysis.methods.search.outcomes import Look, RunOutcome, has_constants
+from eppanalysis.methods.search.outcomes import Look, RunOutcome
 from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_elements
 from eppanalysis.methods.search.result import CycleSearch, exists, undecided
 from eppanalysis.methods.search.unmet import MANY, more_of, unmet
@@ -281,7 +281,8 @@ class SampledSearch:
         """From the state of rest that is known, where a setpoint or a load moves it; other starts lie about zero."""
         reach, rest = reach_of_elements(self.starts.loop), self.rest
         zero = self.starts.begun(0.0 * reach, ())
-        if rest is None or not has_constants(self.starts.loop, zero):
+        loop = self.starts.loop
+        if rest is None or not any(map(np.any, (zero.x0[zero.n_plant :], loop.constant_state, loop.constant_input))):
             return []
         moved = self.starts.begun(reach, ()).x0 - zero.x0
         return [rest.at(rest.x0 + s * moved, rest.H0, rest.modes0) for s in _SCALES if np.any(moved)]

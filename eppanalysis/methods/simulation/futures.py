@@ -16,8 +16,7 @@ import numpy as np
 from scipy.linalg import expm, matrix_balance, schur, solve_continuous_lyapunov, solve_sylvester
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray, IntArray
-from eppanalysis.errors import ModelError
-from eppanalysis.methods.simulation.modes import guards_of, laws_of, on_levels
+from eppanalysis.methods.simulation.modes import law_of
 from eppanalysis.models.systems.hybrid import HybridSystem, of_model
 
 #: Rounding of a rate or a guard, relative to its terms, and of a rank, relative to the largest singular value.
@@ -102,21 +101,15 @@ class _Mode:
     @classmethod
     def of(cls, hybrid: HybridSystem) -> _Mode | None:
         """Of the modes at its start; None where they have no unique law of motion, or its parts are not told apart."""
-        guards, repeats = guards_of(hybrid, hybrid.modes0), np.flatnonzero(hybrid.compared)
-        ends = guards if guards.size else np.array([-1])  # a single arc that nothing ends
-        try:
-            laws = laws_of(hybrid, np.tile(hybrid.modes0, (ends.size, 1)), ends, ends)
-        except ModelError:
+        law, repeats = law_of(hybrid, hybrid.modes0), np.flatnonzero(hybrid.compared)
+        if law is None or not repeats.size:
             return None
-        F, g = laws.F[0], laws.g[: guards.size]
-        if not repeats.size or not np.all(np.isfinite(F)):
-            return None
+        F, g = law.F, law.g
         matters = np.any(np.vstack([F[repeats], g])[:, : len(F)] != 0.0, axis=0)
         parts = _parts(F[np.ix_(repeats, repeats)])
         if parts is None:
             return None
-        levels = on_levels(hybrid, hybrid.modes0[None])
-        return cls(levels, F, g, repeats, np.flatnonzero(matters & ~hybrid.compared), *parts)
+        return cls(law.levels, F, g, repeats, np.flatnonzero(matters & ~hybrid.compared), *parts)
 
     @cached_property
     def guards(self) -> Array:

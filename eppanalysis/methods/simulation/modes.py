@@ -10,7 +10,7 @@ from eppanalysis.arrays import Array, IntArray
 from eppanalysis.engine.orbits import READY, SINGULAR, build_arcs
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.simulation.workspaces import of_thread
-from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.hybrid import HybridSystem, of_model
 from eppanalysis.models.systems.starts import input_rows
 
 
@@ -57,6 +57,35 @@ def guards_of(hybrid: HybridSystem, modes: IntArray) -> IntArray:
     """Numbers of all guards of a combination of modes (elements,)."""
     first = hybrid.model.mode_first[:-1] + modes
     return np.concatenate([np.arange(*hybrid.model.guard_first[m : m + 2]) for m in first])
+
+
+class ModeLaw(NamedTuple):
+    """The law of motion of one combination of modes, by y of :class:`Laws`."""
+
+    F: Array  # (n, N): rates of all states
+    g: Array  # (guards, N): below zero until passed
+    levels: Array  # (N, N): puts what sticks on its level, beside which it is by rounding
+
+
+def law_of(hybrid: HybridSystem, modes: IntArray) -> ModeLaw | None:
+    """The law of a combination of modes (elements,); None where they have no unique one."""
+    known, key = _known_laws(hybrid), modes.tobytes()
+    if key not in known:
+        guards = guards_of(hybrid, modes)
+        ends = guards if guards.size else np.array([-1])  # a single arc that nothing ends
+        try:
+            laws = laws_of(hybrid, np.tile(modes, (ends.size, 1)), ends, ends)
+            F, g = laws.F[0], laws.g[: guards.size]
+            known[key] = ModeLaw(F, g, on_levels(hybrid, modes[None])) if np.all(np.isfinite(F)) else None
+        except ModelError:
+            known[key] = None
+    return known[key]
+
+
+@of_model
+def _known_laws(hybrid: HybridSystem) -> dict[bytes, ModeLaw | None]:
+    """The combinations of modes that motions of a model were met in, which fill it."""
+    return {}
 
 
 def on_levels(hybrid: HybridSystem, modes: IntArray) -> Array:

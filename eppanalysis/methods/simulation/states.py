@@ -16,6 +16,7 @@ from eppanalysis.models.systems.algebraic import reached
 from eppanalysis.models.systems.linear import ROUNDING, units_of_states
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import equilibrate, without_rounding
+from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.results import LimitCycle
 
 #: Share of the largest number of a loop, in units that suit it, below which one is none.
@@ -24,12 +25,15 @@ _UNOBSERVABLE = 1e-11
 
 @dataclass(frozen=True, eq=False)
 class OtherStates:
-    """A loop with states y of its own, where the user's are ``x = T y + held`` and ``y = inverse x``."""
+    """A loop with states y of its own, where the user's are ``x = T y + held``, and with inputs that are counted from
+    his.
+    """
 
     system: LureSystem
     T: Array
     inverse: Array
     held: Array
+    inputs: Array | float = 0.0
 
     def of(self, system: LureSystem) -> LureSystem:
         """A loop with the same states as the user's, such as his own at other values, in these."""
@@ -41,13 +45,19 @@ class OtherStates:
         return replace(apart, A=A, C=C)
 
     def beside(self, system: LureSystem) -> OtherStates:
-        """The states of the user's loop at other values: the same."""
-        return self
+        """The same states of the user's loop at other values."""
+        return replace(self, system=self.of(system))
+
+    @classmethod
+    def given(cls, system: LureSystem) -> OtherStates:
+        """A loop in the states in which it is given."""
+        n = len(system.A)
+        return cls(system, np.eye(n), np.eye(n), np.zeros(n))
 
     def then(self, further: OtherStates) -> OtherStates:
         """The same loop in states further on, those of a change of its own."""
         T, inverse = self.T @ further.T, further.inverse @ self.inverse
-        return OtherStates(further.system, T, inverse, self.held + self.T @ further.held)
+        return OtherStates(further.system, T, inverse, self.held + self.T @ further.held, self.inputs + further.inputs)
 
     def state(self, y: Array) -> Array:
         """A state of the user's, or rows of them; none stays none."""
@@ -56,11 +66,57 @@ class OtherStates:
     def to_user(self, cycle: LimitCycle) -> LimitCycle:
         """A cycle of the loop in the user's states; what it does not tell stays untold."""
         state, mean_state, event_states = map(self.state, (cycle.state, cycle.mean_state, cycle.event_states))
-        return replace(cycle, state=state, mean_state=mean_state, event_states=event_states)
+        at = cycle.operating_point and self._moved(cycle.operating_point, self.inputs)
+        return replace(cycle, state=state, mean_state=mean_state, event_states=event_states, operating_point=at)
 
     def from_user(self, cycle: LimitCycle) -> LimitCycle:
         """A cycle in the user's states as one of the loop."""
-        return OtherStates(self.system, self.inverse, self.T, np.zeros(len(self.inverse))).to_user(cycle)
+        own = OtherStates(self.system, self.inverse, self.T, -self.inverse @ self.held, -self.inputs)
+        return own.to_user(cycle)
+
+    def point(self, at: OperatingPoint) -> OperatingPoint:
+        """An operating point of the user's loop as one of the loop."""
+        return self._moved(at, -self.inputs)
+
+    def _moved(self, at: OperatingPoint, by: Array | float) -> OperatingPoint:
+        if not np.any(by):
+            return at
+        return at.with_inputs(dict(zip(self.system.input_names, (at.vector(self.system) + by).tolist(), strict=True)))
+
+
+def at_centre(system: LureSystem, inputs: Array) -> OtherStates | None:
+    """The loop with its state counted from its centre under these inputs, and these from where they are; None where
+    both are zero, or there is no centre.
+
+    The centre is where nothing moves while every element's input and output are zero. A setpoint or a load puts it far
+    from zero, where the digits of a state are those of the setpoint and not of the motion.
+    """
+    A = system.A - (np.eye(len(system.A)) if system.time_step else 0.0)
+    rows = np.vstack([A, system.C])
+    constant = np.concatenate([system.constant_state, system.constant_input])
+    given = np.vstack([system.B_input, system.D_input])
+    terms = np.abs(constant) + np.abs(given) @ np.abs(inputs)
+    right = -without_rounding(constant + given @ inputs, terms)
+    if not np.any(right):
+        return None
+    # More equations than unknowns: whether there is a centre shows in what least squares leave.
+    row, column = equilibrate(rows)
+    place = np.asarray(np.linalg.lstsq(row[:, None] * rows * column, row * right, rcond=None)[0], float)
+    place = without_rounding(place, np.full(len(place), np.abs(place).max(initial=0.0)))
+    centre = column * place
+    size = row * (np.abs(rows) @ np.abs(centre) + terms)
+    if np.any(without_rounding(row * (rows @ centre - right), np.full(len(row), size.max(initial=0.0)))):
+        return None
+    signals = system.signals
+    own = replace(
+        system,
+        constant_state=0.0 * system.constant_state,
+        constant_input=0.0 * system.constant_input,
+        x0=system.x0 - centre,
+        v0=system.v0 - inputs,
+        signals=replace(signals, constant=signals.constant + signals.C @ centre + signals.D_input @ inputs),
+    )
+    return replace(OtherStates.given(own), held=centre, inputs=inputs)
 
 
 @lru_cache(maxsize=16)  # a loop is run again and again

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.arrays import Array
 from eppanalysis.methods.orbits import exact
 from eppanalysis.methods.orbits.decoupled import in_decoupled_states
 from eppanalysis.methods.simulation.states import OtherStates
@@ -40,10 +41,10 @@ def test_the_states_of_a_cascade_are_asked_for_once(monkeypatch: pytest.MonkeyPa
     """In the states that come out rounding would ask for others, and in those for others again."""
     asked: list[epp.LureSystem] = []
 
-    def ask(loop: epp.LureSystem) -> OtherStates | None:
+    def ask(loop: epp.LureSystem, *inputs: Array) -> OtherStates | None:
         asked.append(loop)
         assert len(asked) < 10, "the states are changed to and fro"
-        return in_decoupled_states(loop)
+        return in_decoupled_states(loop, *inputs)
 
     monkeypatch.setattr(exact, "in_decoupled_states", ask)
     monkeypatch.setattr(exact, "orbits_of", lambda *given: iter(()))
