@@ -375,6 +375,18 @@ def _stand_in(what: Declared | Held, length: int, nth: int, number: float) -> An
     return "?"  # refused itself, as the shape of a matrix is that of others
 
 
+def left_out(kind: str, field: str) -> float | None:
+    """The number that a field of a part of a kind has where it is left out; None where there is none.
+
+    Examples
+    --------
+    >>> left_out("gain", "gain"), left_out("pi", "kp"), left_out("gain", "sample_time")
+    (1.0, None, None)
+    """
+    number = getattr(BLOCKS.get(kind) or ELEMENTS.get(kind), field, None)
+    return number if isinstance(number, float) else None
+
+
 def example(kind: str) -> tuple[dict[str, Any], Nonlinearity | LinearBlock] | None:
     """Fields that make a part of a kind, and the part; None where none is known."""
     made: type[Nonlinearity | LinearBlock] | None = BLOCKS.get(kind) or ELEMENTS.get(kind)

@@ -15,11 +15,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from eppanalysis.cases.blocks import example
+from eppanalysis.cases.blocks import example, left_out
 from eppanalysis.cases.diagrams import with_declaration
 from eppanalysis.cases.files import Connections, Missing, RawCase, read_raw
 from eppanalysis.cases.model import load
 from eppanalysis.cases.values.expressions import is_expression, parse, unknown_name
+from eppanalysis.cases.words import KIND
 from eppanalysis.errors import (
     AlgebraicLoop,
     CaseError,
@@ -277,6 +278,9 @@ class _Reading:
         if not isinstance(holder, dict) or path[-1] not in holder:
             return False
         taken = holder.pop(path[-1])
+        number = left_out(str(holder.get(KIND)), path[-1]) if path[0] in _OF_PARTS and len(path) == 3 else None
+        if number is not None and taken != number:
+            holder[path[-1]] = number  # a gain that is left out makes no other unit, one that is a plain number may
         self.gone |= {".".join(path), _part(".".join(path))}
         if path[0] in _NAMED and len(path) == 2:
             self.gone.add(path[1])

@@ -98,6 +98,19 @@ def test_the_next_file_is_checked_though_one_has_no_base(tmp_path: Path) -> None
     assert [line.partition(": ")[0] for line in said] == paths and all("base is 'none_of_" in line for line in said)
 
 
+@pytest.mark.parametrize(("name", "gain"), [("virtual_spring", "K"), ("steering_compensated", "Kp")])
+def test_no_unit_is_refused_beyond_a_gain_that_cannot_be_read(tmp_path: Path, name: str, gain: str) -> None:
+    """Taken out, the gain would be 1 and leave the unit of what comes in."""
+    file = tmp_path / "wrong.toml"
+    case = epp.case(name)
+    file.write_text(case.to_toml().replace(f'"{case.held(gain)}"', '"5 apples"'))
+    said = CliRunner().invoke(app, ["check", str(file)]).stderr.splitlines()
+    assert [line.removeprefix(f"{file}: ") for line in said] == [
+        f"parameters.{gain} is '5 apples'; expected a known unit in place of 'apples'.",
+        f"what uses {gain} could not be checked; check again when that is mended.",
+    ]
+
+
 def test_what_is_missing_beside_a_mistake_is_named_and_what_is_not_read_is_told(tmp_path: Path) -> None:
     file = tmp_path / "wrong.toml"
     file.write_text(

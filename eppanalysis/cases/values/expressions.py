@@ -349,7 +349,7 @@ def _wanted(text: str) -> str:
     try:
         parse_any(text)
     except UnknownUnit as error:
-        return f"{error.expected}; in an expression a quantity is a parameter with a name"
+        return error.expected
     except QuantityError:
         pass
     if not (found := _QUANTITY.search(text)):
