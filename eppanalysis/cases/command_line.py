@@ -211,7 +211,7 @@ class Asking:
         """A parameter that may stay where it is while another is bounded, the most telling first; empty for none."""
         from eppanalysis.cases import variation_of
 
-        names = dict.fromkeys([*(variation_of(self.case).guided or ()), *self.over, *self.case.parameters])
+        names = dict.fromkeys([*variation_of(self.case).beside(limit), *self.case.parameters])
         return next((n for n in names if n != limit and self._stays(n, limit)), "")
 
     def _stays(self, name: str, limit: str) -> bool:

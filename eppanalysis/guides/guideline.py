@@ -186,8 +186,8 @@ def pair_of(case: Case, over: str | None, limit: str | None) -> tuple[str, str]:
     """
     usual = variation_of(case).guided
     if usual is None and (over is None or limit is None):
-        names = variation_of(case).over()[:2]
-        such = f", such as {' and '.join(names)}" if len(names) == 2 else ""
+        names = list(variation_of(case).axes())
+        such = f", such as {' and '.join(names)}" if names else ""
         raise EppError(f"guide: {case.name} has no usual parameters of guidelines; expected over and limit{such}.")
     first, second = usual or ("", "")
     chosen = over or first, limit or second
