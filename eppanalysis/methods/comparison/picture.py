@@ -1,4 +1,4 @@
-"""Picture of a ladder: the run, its cycle beside the predicted and the balanced one, and the prediction."""
+"""Picture of a ladder: the run, its cycle beside those of DF and harmonic balance, and the prediction."""
 
 from __future__ import annotations
 
@@ -102,8 +102,8 @@ def _parts(ladder: Ladder) -> tuple[bool, bool]:
 
 
 def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
-    """Two periods of the run's cycle (a few oscillations of a long one); predicted and balanced in phase in
-    the middle.
+    """Two periods of the run's cycle (a few oscillations of a long one); those of DF and harmonic balance are in phase
+    with it in the middle.
     """
     cycle = ladder.run.limit_cycle
     assert cycle is not None
@@ -115,7 +115,8 @@ def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
         ax.plot(both, factor * _in_phase(ladder, guess, name, both), "--", color=VERMILLION, lw=1.3, label="predicted")
     balance = ladder.balance
     if balance is not None:
-        ax.plot(both, factor * _in_phase(ladder, balance, name, both), ":", color=DARK_ORANGE, lw=1.6, label="balanced")
+        balanced = factor * _in_phase(ladder, balance, name, both)
+        ax.plot(both, balanced, ":", color=DARK_ORANGE, lw=1.6, label=balance.method)
     for other in _others(ladder):
         colour, style = (DARK_SKY, "-") if other.stable else (GREY, "--")
         text = f"exact, {STABILITY[other.stable]}"

@@ -79,8 +79,7 @@ def closed_behind_delay(
             closed = _closed(loop, best)
     if closed is not None and not Target.of(system, hybrid, best).shape_difference(closed):
         return closed, ""
-    method = best.method.replace("harmonic balance,", "balanced at")
-    return None, f"{method}, not closed: {best.size}, within {percent(best.error_estimate)}"
+    return None, f"{best.method}, not closed: {best.size}, within {percent(best.error_estimate)}"
 
 
 @dataclass(frozen=True, eq=False)
