@@ -169,9 +169,8 @@ def check_target(
     if len(os.fsencode(path.name)) > _LONGEST_NAME:
         raise EppError(f"{path.name[:40]}...: is a name of {len(path.name)} letters; expected at most {_LONGEST_NAME}.")
     if path.suffix.lower() not in suffixes:
-        raise EppError(
-            f"{path}: cannot write a file that ends in {path.suffix!r}; expected one of {', '.join(suffixes)}."
-        )
+        found = f"cannot write a file that ends in {path.suffix!r}" if path.suffix else "its name has no ending"
+        raise EppError(f"{path}: {found}; expected one of {', '.join(suffixes)}.")
     if not os.path.isdir(path.parent):
         raise EppError(f"{path}: the folder {str(path.parent)!r} does not exist; expected an existing one.")
     if os.path.isdir(path):

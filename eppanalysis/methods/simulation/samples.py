@@ -106,17 +106,17 @@ def locked_or_not(strobe: Strobe, found: Array) -> str:
     if is_locked(found):
         return f"locked to the samples: {n} of {sample_time:g} s"
     return (
-        f"not locked to the samples of {sample_time:g} s: its turns took {_from_to(found[4], found[5])}, and its "
+        f"not locked to the samples of {sample_time:g} s: its periods are {_from_to(found[4], found[5])}, and its "
         f"states returned to within {100.0 * found[2]:.2g} % of their motion"
     )
 
 
 def _from_to(least: float, most: float) -> str:
-    """How long turns took, in four digits, or in seven where four do not tell them apart."""
+    """Lengths of periods, in four digits, or in seven where four do not tell them apart."""
     for digits in (4, 7):
         if (shown := [f"{turn:.{digits}g}" for turn in (least, most)])[0] != shown[1]:
             return f"{shown[0]} to {shown[1]} s"
-    return f"{least:.4g} s each"
+    return f"{least:.4g} s"
 
 
 def _slowest(strobe: Strobe) -> float:
