@@ -229,7 +229,7 @@ def _known(
     if ladder is not None:
         yield "Predicted", ladder.agreement.sentence(ladder.run.status)
     if cycles is not None:
-        yield "Exact", str(cycles)
+        yield "Searched", str(cycles)
     yield "Simulated", str(run)
     moving = " and ".join(f"{name} {why}" for name, why in case.operating_point.moving.items())
     held = f" Proofs are of inputs that are held; here {moving}." if moving else ""
