@@ -1,4 +1,4 @@
-"""How one asks on: commands that run as they are printed, of a case that a file holds or that ships; else in Python."""
+"""Next steps: commands that run as they are printed, of a case that a file holds or that ships; else in Python."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def _typed(value: Any) -> str:
 
 @dataclass(frozen=True)
 class Asking:
-    """What one asks next of a case.
+    """Next steps with a case.
 
     Attributes
     ----------

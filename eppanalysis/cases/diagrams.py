@@ -41,7 +41,7 @@ from eppanalysis.models.elements import Nonlinearity
 from eppanalysis.readable import written
 from eppanalysis.units import dimensions
 
-#: The field of a part that stands in the connection to an input.
+#: The field of a part that is put into the connection to an input.
 BEFORE = "before"
 #: Fields of a table that say what it is, not how large something is.
 _WORDS = (KIND, "name")
@@ -50,7 +50,7 @@ _ALONE = re.compile(rf"(?<![\w.]){NAME.pattern}(?![\w.])")
 
 
 class DiagramVariation(LoopVariation):
-    """Of a diagram: as of any loop, and what may stand before its controllers."""
+    """Of a diagram: as of any loop, and parts that may be put before its controllers."""
 
     def places(self) -> dict[str, str]:
         """Inputs of its controllers, and of the parts that margins are taken at, with what drives them."""
@@ -115,7 +115,7 @@ class DiagramKind(Kind):
         return tuple(data.get("signals") or signals)
 
     def path(self, name: str, data: Mapping[str, Any]) -> list[str | int]:
-        """Parameters stand in a table of their own, fields in those of their parts, parts in those of their sort."""
+        """Parameters are in a table of their own, fields in those of their parts, parts in those of their sort."""
         first, *rest = name.split(".")
         if not rest and name in (data.get("parameters") or {}):
             return ["parameters", name]
@@ -165,7 +165,7 @@ def _renamed(connection: str, port: str, name: str) -> str:
 
 
 def _with_inserted(file: Any, raw: RawCase) -> Any:
-    """The file with connections through the parts that say which input they stand before."""
+    """The file with connections through the parts that say which input they are before."""
     connect, sections = list(file.connect), {}
     for section in ("blocks", "elements"):
         sections[section] = {

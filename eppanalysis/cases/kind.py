@@ -27,7 +27,7 @@ class Parts:
     input: InputSignal | Mapping[str, InputSignal] | None
     system: LureSystem
     elbow: ElbowParameters | None = None  # of a case of the elbow
-    #: Numbers that expressions come to, by the dotted names of the fields in which these stand.
+    #: Numbers that expressions come to, by the dotted names of the fields that hold these.
     computed: dict[str, Named] = field(default_factory=dict)
     #: SI unit of each external input, and the unit that people use.
     input_units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
@@ -95,5 +95,5 @@ class Kind(ABC):
         return None
 
     def beside(self, elbow: ElbowParameters | None, data: Mapping[str, Any], given: Mapping[str, set[str]]) -> Any:
-        """What has to stand beside given fields of each section for the rest to stay where it is, by sections."""
+        """Fields needed beside given ones of each section for the rest to stay where it is, by sections."""
         return {}

@@ -35,7 +35,7 @@ class Slider:
 
 
 class Varied(Protocol):
-    """What is asked of a case here; the case itself stands above."""
+    """The part of a case that is used here; the case itself is in a higher layer."""
 
     @property
     def parameters(self) -> dict[str, Parameter]:

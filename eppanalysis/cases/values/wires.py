@@ -25,7 +25,7 @@ from eppanalysis.units import KINDS, QuantityError, dimensions, parse_any
 if TYPE_CHECKING:
     from eppanalysis.cases.files import RawCase
 
-#: Stands for a plain number, beside which the unit of a signal is known.
+#: A plain number, beside which the unit of a signal is known.
 _ONE: Port = ("", "")
 
 
