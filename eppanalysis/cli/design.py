@@ -149,7 +149,7 @@ def _show(case: Case, result: Design) -> None:
 
 
 def write_design(case: Case, result: Design, path: Path) -> None:
-    """The design as the file that the suffix asks for.
+    """The design as the kind of file that the suffix names.
 
     Raises
     ------
