@@ -100,7 +100,7 @@ def first_page(
         and the page says that no other is.
     called : sequence of str, optional
         The words by which the command line finds the case, for the commands of the page; by default the case's own
-        file or the name by which it ships. Of a case that has neither, what to ask next is given in Python.
+        file or the name by which it ships. Of a case that has neither, the next steps are given in Python.
 
     Returns
     -------
