@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
-#: Called with what is done, of how much (None where that is not known before the end), and what is being done (empty where
-#: that is plain).
+#: Called with how much is done, of how much (None where that is not known before the end), and a text (empty where that
+#: is plain).
 Progress = Callable[[int, int | None, str], None]
 
 #: A notebook is updated this often at most [s], and a line there is so many characters wide.
