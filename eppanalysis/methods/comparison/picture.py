@@ -34,9 +34,9 @@ from eppanalysis.results.picture import closes, draw_run, motion_of, one_period,
 
 #: Heights of a panel of the run, of the steady motion, and of the prediction [inch].
 _RUN, _CLOSE, _PREDICTION = 1.0, 1.4, 3.0
-#: More exact cycles than these beside that of the run cannot be told apart.
+#: More exact cycles than these beside that of the run cannot be distinguished.
 _MOST_OTHERS = 3
-#: Stable cycles side by side, told apart in grey, too.
+#: Stable cycles side by side, distinct in grey, too.
 _CYCLES: tuple[dict[str, Any], ...] = (
     {"color": BLUE, "linestyle": "-"},
     {"color": VERMILLION, "linestyle": "-."},
@@ -93,7 +93,7 @@ def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
 
 
 def _parts(ladder: Ladder) -> tuple[bool, bool]:
-    """Whether the steady motion and the prediction stand below the run: what has nothing to show does not."""
+    """Whether the steady motion and the prediction are below the run: what has nothing to show does not."""
     run, prediction = ladder.run, ladder.prediction
     curves = prediction is None or prediction.curves.get("kind") == "nyquist" or prediction.curves.get("branches")
     cycles = (ladder.search, prediction)
