@@ -53,7 +53,7 @@ def mirror(hybrid: HybridSystem) -> Array | None:
     """The map of y = (state, memory values) to its mirror image at the loop's centre, shape (N, N).
 
     None where the loop has no centre, and for loops with clocks or dead time. Whether the elements are odd is not
-    asked: an orbit that was closed by way of the image is tested against the engine.
+    run: an orbit that was closed by way of the image is tested against the engine.
     """
     model, n = hybrid.model, hybrid.n_plant
     if np.any(model.smooth_kind == DELAY_LINE) or not np.all(hybrid.compared[:n]):
