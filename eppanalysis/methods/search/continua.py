@@ -1,4 +1,4 @@
-"""Cycles that are one of a continuum, or stand at its border: what is between two of them is a cycle, too."""
+"""Cycles that are one of a continuum, or are at its border: what is between two of them is a cycle, too."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _closes(known: Orbit, y: Array) -> bool:
 
 
 def same_continuum(one: Orbit, other: Orbit) -> bool:
-    """Whether two orbits of continua pass through the same switches and are as stable: one then stands for both."""
+    """Whether two orbits of continua pass through the same switches and are as stable: one then represents both."""
     guards = [o.arcs.event_sequence.guards for o in (one, other)]
     if guards[0].size != guards[1].size or not (one.one_of_many and other.one_of_many):
         return False

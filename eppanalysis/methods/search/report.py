@@ -146,7 +146,7 @@ class SearchReport(RunOutcomes):
         return f" {left}: the starts of different outcomes are interwoven."
 
     def _continua(self) -> str:
-        """Sentence on cycles that stand for a continuum of cycles."""
+        """Sentence on cycles of a continuum of cycles."""
         many = sum(o.one_of_many for o in self.orbits)
         if not many:
             return ""
