@@ -65,7 +65,7 @@ def rows_of(strobe: Strobe, run: Run) -> Rows:
 def judge_samples(strobe: Strobe, run: Run, t_end: float) -> tuple[Status, Array]:
     """Status of a run, and for a cycle: its events, period, change over the last period, extrapolated change.
 
-    Where it is not locked, the shortest and the longest turn stand behind, and since when they are like that.
+    Where it is not locked, the shortest and the longest turn follow, and since when they are like that.
     """
     found = np.zeros(7)
     if run.n_kept == 0:
@@ -101,7 +101,7 @@ def extent_of(strobe: Strobe, run: Run, found: Array) -> Array:
 
 
 def locked_or_not(strobe: Strobe, found: Array) -> str:
-    """How a cycle stands to the samples, in words."""
+    """The relation of a cycle to the samples, in words."""
     n, sample_time = round(found[1] / strobe.period) * strobe.every if strobe.every else 0, _slowest(strobe)
     if is_locked(found):
         return f"locked to the samples: {n} of {sample_time:g} s"
@@ -135,7 +135,7 @@ def _turns(strobe: Strobe, run: Run, rows: Rows, t_end: float) -> tuple[NDArray[
         values, scale = rows.values[at], spans[at[-_TURNS - 1]]
         scale = np.where(scale > _REST * rows.size, scale, np.inf)
         if not np.isfinite(scale).any():
-            continue  # all of it stands still: what is left of a decay has no turns
+            continue  # all of it is constant: what is left of a decay has no turns
         back = np.max(np.abs(values - values[-1]) / scale, axis=1) <= _DIFFER
         places, values = at[back], values[back]
         length = np.diff(time[places])
