@@ -82,10 +82,10 @@ def sentences_of(text: str, first: EppError) -> list[str]:
     sentences = [str(error) for error in found]
     if str(first) not in sentences:
         sentences.append(str(first))
-    unseen = [f"what uses {listed(not_seen)}"] if not_seen else []
+    unseen = [f"uses of {listed(not_seen)}"] if not_seen else []
     unseen += [f"units and algebraic loops through {listed(not_through)}"] if not_through else []
     if unseen:
-        sentences.append(f"{text}: {' and '.join(unseen)} could not be checked; check again when that is mended.")
+        sentences.append(f"{text}: not checked before that is mended: {'; '.join(unseen)}.")
     return sentences
 
 
