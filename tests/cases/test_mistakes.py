@@ -338,7 +338,7 @@ def test_check_and_simulate_say_the_same_of_a_file_that_is_changed_in_one_place(
 
     Two changes at each place, other ones from place to place.
     """
-    told = ("expected", "check again", "is its unit right?")
+    told = ("expected", "not checked before", "is its unit right?")
     whole, path = tomllib.loads(epp.case(name).to_toml()), tmp_path / "changed.toml"
     for i, place in enumerate(_places(whole)):
         change = list(CHANGES)[(i + 3 * turn) % len(CHANGES)]
