@@ -139,7 +139,7 @@ def _show(case: Case, result: Design) -> None:
     prices = {n: p for n, p in result.optimum.prices.items() if abs(p) > 5e-3}
     if prices:
         told = ", ".join(f"{n} {p:+.2g} %" for n, p in sorted(prices.items(), key=lambda item: -abs(item[1])))
-        echo(f"One per cent more of each moves the {words(result.objective)} by: {told}.")
+        echo(f"One per cent more of each changes {words(result.objective)} by: {told}.")
     if result.values:
         told = ", ".join(f"{n} {case.text(n, v, DIGITS)}" for n, v in result.values.items())
         echo(f"Design, {100 * result.margin:g} % inside: {told}.")
