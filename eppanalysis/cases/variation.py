@@ -138,9 +138,10 @@ class LoopVariation(Variation):
         return [n for n in positive if n != "loop.time_step" and takes(self.case, n, 1.01 * self.case.value(n))]
 
     def beside(self, limit: str) -> list[str]:
-        """Sizes of elements beside what is free to choose, and the other way round."""
-        sizes = self._sizes
-        both = (self.over(), sizes) if limit in sizes else (sizes, self.over())
+        """Beside what is free to choose the sizes of elements, beside all else what is free to choose."""
+        over = self.over()
+        is_free = self._is_tunable(limit) or limit in over[:1]
+        both = (self._sizes, over) if is_free else (over, self._sizes)
         return [name for name in dict.fromkeys([*both[0], *both[1]]) if name != limit]
 
     @cached_property

@@ -25,6 +25,7 @@ def test_what_is_tunable_comes_first():
     [
         ("azimuth_servo", "Kp", "gap"),
         ("azimuth_servo", "gap", "Kp"),
+        ("azimuth_servo", "J_load", "Kp"),
         ("virtual_spring", "K", "quantum"),
         ("steering_compensated", "Kp", "dry"),
         ("x15_flare", "Kp", "rate"),
@@ -32,7 +33,7 @@ def test_what_is_tunable_comes_first():
         ("fig8a_original", "lock_pin.backlash", "bands.range"),
     ],
 )
-def test_a_gain_is_bounded_over_the_size_of_an_element_and_a_size_over_the_gain(name, limit, over):
+def test_a_gain_is_bounded_over_the_size_of_an_element_and_all_else_over_the_gain(name, limit, over):
     assert variation_of(epp.case(name)).beside(limit)[0] == over
     advised = Asking.of(epp.case(name)).bounds(limit)
     assert f"--over {over} " in advised and f"--limit {limit}" in advised
