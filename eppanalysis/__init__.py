@@ -46,12 +46,12 @@ def __getattr__(name: str) -> Any:
     return value
 
 
-#: Methods over parameters, which need a case and stand below the cases: a loop becomes one at the door.
+#: Methods over parameters, which need a case and are in a layer below it: a loop becomes one at the door.
 _OVER_PARAMETERS = ("continue_branch", "continue_folds", "design", "design_bounds", "ladder", "tolerance_bound")
 
 
 def _at_the_door(function: Any) -> Any:
-    """The public function, which refuses arguments of wrong types in a sentence; inside the package nobody asks."""
+    """The public function, which refuses arguments of wrong types in a sentence; calls within are not checked."""
     from eppanalysis.arguments import checked, in_range
     from eppanalysis.workers import one_thread
 

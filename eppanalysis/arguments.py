@@ -58,7 +58,7 @@ class _Expected(NamedTuple):
 
 
 class _Unknown(type):
-    """Names that exist for a type checker alone: what they stand for is known by its name."""
+    """Names that exist for a type checker alone: their types are known by name."""
 
     def __getattr__(cls, name: str) -> type:
         if name.startswith("_"):
@@ -67,14 +67,14 @@ class _Unknown(type):
 
 
 class _Numbers:
-    """Stands for numpy's ArrayLike and NDArray in annotations."""
+    """In place of numpy's ArrayLike and NDArray in annotations."""
 
     def __class_getitem__(cls, _: Any) -> type:
         return cls
 
 
 class _Names(Mapping[str, Any]):
-    """The names of a module, and stand-ins for those that it imports for a type checker alone."""
+    """The names of a module, and substitutes for those that it imports for a type checker alone."""
 
     def __init__(self, module: Mapping[str, Any]) -> None:
         self.module = module
@@ -354,7 +354,7 @@ def _of_parameter(function: Callable[..., Any], name: str) -> _Expected | None:
 
 
 def _of(annotation: Any) -> _Expected | None:
-    """What an annotation asks for; None where anything will do."""
+    """What an annotation requires; None where anything will do."""
     plain = _PLAIN.get(annotation) if isinstance(annotation, typing.Hashable) else None
     if plain is not None:
         return plain

@@ -98,7 +98,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 class UnknownName(NamedTuple):
-    """Fault: a name that stands for nothing."""
+    """Fault: a name that is not known."""
 
     name: str
 
@@ -236,7 +236,7 @@ class CaseError(EppError):
         return type(self), (self.source, self.field, self.value, self.expected, self.fault, self.also)
 
 
-#: Stands where an error has no single value to show.
+#: In place of a value, where an error has no single one to show.
 _NO_VALUE = object()
 
 

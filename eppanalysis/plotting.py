@@ -34,7 +34,7 @@ BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE, GREY = (
     "#CC79A7",
     "#7F7F7F",
 )
-#: The two light ones as lines and small marks, which are to stand out from paper by three to one, by day and by night.
+#: The two light ones as lines and small marks, whose contrast with paper is to be three to one, by day and by night.
 DARK_ORANGE, DARK_SKY = "#B87F00", "#3A93C9"
 #: Grey letters that are still read with ease.
 DARK = "#4D4D4D"
@@ -49,7 +49,7 @@ _MOST_MARKS = 300
 _MOST_NUMBERS = 6
 #: Height of a panel, and of one of many [inch].
 _PANEL_HEIGHT, _LOW_PANEL, _MANY_PANELS = 1.5, 1.15, 4
-#: Letters of a label that stand on an inch of a panel's height.
+#: Letters of a label on an inch of a panel's height.
 _LABEL_IN_AN_INCH = 12.5
 #: What varies by less than this share of itself is a constant, whose digits are rounding errors.
 _CONSTANT = 1e-6
@@ -60,14 +60,14 @@ _NARROW, _SHORT = 30.0, 5.0
 _AROUND = 0.05
 #: A curve runs away that exceeds so many times what it stays below over this share of its width.
 _RUNS_AWAY, _KEPT = 5.0, 0.9
-#: Size of the verdict's letters [points]; how many of them, and of the small ones, stand side by side on an inch.
+#: Size of the verdict's letters [points]; how many of them, and of the small ones, fit side by side on an inch.
 _BOLD, _BOLD_IN_AN_INCH = 10.0, 11.3
 _SMALL_IN_AN_INCH = 15.2
 #: Height of a line of letters, relative to their size.
 _LINE = 1.25
 #: Distance of titles from the edges of a figure [inch], and letters of words that are not broken.
 _MARGIN, _LONG_WORD = 0.06, 20
-#: Lines of small print above a picture; longer details stand below it, where they keep nobody from the evidence.
+#: Lines of small print above a picture; longer details are below it, where they keep nobody from the evidence.
 _MOST_ABOVE = 4
 #: What the sign and the gaps of an entry of a legend take, in sizes of its letters.
 _SIGN = 4.8
@@ -86,17 +86,17 @@ _UNNAMED = ("loop", "diagram")
 def put_verdict(figure: Figure, verdict: str, details: str = "", subject: str = "") -> None:
     """The verdict above a picture as a bold line, and small below it the case or the system, and what else is known.
 
-    Long details stand below the picture. The figure grows by the height of what is written, so that its panels keep
+    Long details are below the picture. The figure grows by the height of what is written, so that its panels keep
     theirs.
     """
     name = "" if subject in _UNNAMED else subject  # a loop that nobody named has no name to show
     width = figure.get_figwidth()
     bold = _within(width, verdict, _BOLD_IN_AN_INCH, _BOLD, "bold")
     small, below = _within(width, ": ".join(filter(None, (name, details))), _SMALL_IN_AN_INCH, SMALL), []
-    if len(small) > _MOST_ABOVE and not figure.legends:  # which stand at the foot, too
+    if len(small) > _MOST_ABOVE and not figure.legends:  # which are at the foot, too
         small, below = (_within(width, text, _SMALL_IN_AN_INCH, SMALL) for text in (name, details))
     heights = _LINE * _BOLD, _LINE * SMALL
-    room = math.ceil(len(small) * heights[1] / heights[0])  # empty lines of the title, in which the small ones stand
+    room = math.ceil(len(small) * heights[1] / heights[0])  # empty lines of the title, where the small ones go
     figure.set_figheight(figure.get_figheight() + (len(bold) + room) * heights[0] / 72.0)
     above: dict[str, Any] = {"x": 0.012, "ha": "left", "fontsize": _BOLD, "fontweight": "bold", "linespacing": _LINE}
     title = figure.suptitle("\n".join(bold) + "\n" * room, **above)
@@ -111,7 +111,7 @@ def put_verdict(figure: Figure, verdict: str, details: str = "", subject: str = 
 
 
 def _within(width: float, text: str, in_an_inch: float, size: float, weight: str = "normal") -> list[str]:
-    """A text in lines of a width [inch]: so many letters stand on an inch as a rule, fewer where they are broad."""
+    """A text in lines of a width [inch]: so many letters fit on an inch as a rule, fewer where they are broad."""
     room = _HINTED * 72.0 * (width - 2.0 * _MARGIN) / size
     lines = lines_of(text, in_an_inch * width)
     for letters in range(int(in_an_inch * width) - 1, _LONG_WORD, -1):
@@ -134,7 +134,7 @@ def _put_below(figure: Figure, text: Annotation) -> None:
 
 
 def lines_of(text: str, letters: float) -> list[str]:
-    """A text in as few lines of so many letters as may be, of like length; a number stays with what stands behind it.
+    """A text in as few lines of so many letters as may be, of like length; a number stays with the word behind it.
 
     A dollar would begin a formula.
     """
@@ -330,7 +330,7 @@ def few_numbers(ax: Axes) -> None:
 
 
 def label_up(ax: Axes, text: str, least: float = _LOW_PANEL) -> None:
-    """The label of the upright axis, in as many lines as the height of its panel, `least` [inch] or more, asks for."""
+    """The label of the upright axis, in as many lines as the height of its panel, `least` [inch] or more, needs."""
     height = ax.get_position().height * root_figure(ax).get_figheight()
     letters = _LABEL_IN_AN_INCH * max(height, least)
     ax.set_ylabel(text if len(text) < letters else "\n".join(lines_of(text, letters)))
@@ -339,13 +339,13 @@ def label_up(ax: Axes, text: str, least: float = _LOW_PANEL) -> None:
 def label_of(
     name: str, units: Mapping[str, str], shown: Mapping[str, tuple[str, float]] | None = None
 ) -> tuple[str, float]:
-    """A name with the unit that people read it in, that of `shown` where it stands there, and the factor from SI."""
+    """A name with the unit that people read it in, that of `shown` where it is there, and the factor from SI."""
     unit, factor = (shown or {}).get(name) or readable(units.get(name, ""))
     return with_unit(words(name), unit), factor
 
 
 def each_once(ax: Axes) -> dict[str, Any]:
-    """What a legend names, by its text: marks that share one stand there once."""
+    """What a legend names, by its text: marks that share one are there once."""
     handles, texts = ax.get_legend_handles_labels()
     return dict(zip(texts, handles, strict=True))
 
@@ -353,7 +353,7 @@ def each_once(ax: Axes) -> dict[str, Any]:
 def put_legend(ax: Axes, handles: Sequence[Artist] = (), **place: Any) -> None:
     """What marks mean, in as many columns as there is room for, above the axes, where they cover nothing.
 
-    In a figure that nothing lays out what stands above axes is cut off; there it stands where it covers least.
+    In a figure that nothing lays out what is above axes is cut off; there it is put where it covers least.
     """
     marks = {str(handle.get_label()): handle for handle in handles} or each_once(ax)
     if not marks:
@@ -411,12 +411,12 @@ def _length(text: str, weight: str = "normal") -> float:
 
 
 def figure_of(picture: Axes | Figure) -> Figure:
-    """A figure itself, or that in which axes stand."""
+    """A figure itself, or that of axes."""
     return root_figure(picture) if isinstance(picture, Axes) else picture
 
 
 def root_figure(ax: Axes) -> Figure:
-    """The figure that axes stand in at last."""
+    """The outermost figure of axes."""
     figure = ax.figure
     while isinstance(figure, SubFigure):
         figure = figure.figure

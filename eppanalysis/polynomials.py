@@ -2,7 +2,7 @@
 
 The numbers of a loop come from some hundred constructors that work on plain floats. Each number is an analytic function
 of a parameter, so that the coefficients of its Chebyshev polynomials fall off until they are rounding; what is left of
-them is the number itself, and can be differentiated as it stands. How large the rounding of a number is, the number
+them is the number itself, and can be differentiated as it is. How large the rounding of a number is, the number
 tells itself: at places so near to each other that the function between them is a parabola, it is the rest.
 """
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
-#: Told what is done, of how much (None where that is not known before the end), and in words what is being done (empty
-#: where that goes without saying).
+#: Called with how much is done, of how much (None where that is not known before the end), and a text (empty where that
+#: is plain).
 Progress = Callable[[int, int | None, str], None]
 
 #: A notebook is updated this often at most [s], and a line there is so many characters wide.
@@ -39,7 +39,7 @@ def progress_bar(
     Yields
     ------
     callable or None
-        To be told, from any thread; None where nobody looks.
+        Called from any thread; None where nobody looks.
     """
     from rich.console import Console
 

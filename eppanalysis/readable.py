@@ -90,7 +90,7 @@ def span(
 ) -> str:
     """From where to where SI values run, as people read them: in the unit and by the factor `shown`, where given.
 
-    `one` stands before a single value, `several` before the first of two.
+    `one` is before a single value, `several` before the first of two.
 
     Examples
     --------

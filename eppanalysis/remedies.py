@@ -257,7 +257,7 @@ class _Tried:
         if both:
             yield f"of {listed([names[i] for i in both])}: with gains in place of both no limit cycle is found"
             return
-        # No gain stands for a jump, nor for a curve that grows without end.
+        # No gain replaces a jump, nor for a curve that grows without end.
         switching = [
             names[i]
             for i, e in enumerate(loop.elements)
@@ -377,7 +377,7 @@ class _Tried:
         return None
 
     def ends_by_runs(self, changed: Case) -> bool:
-        """Whether runs from the case's own start and from the oscillation settle; the search is asked only then."""
+        """Whether runs from the case's own start and from the oscillation settle; the search runs only then."""
         try:
             with budget(_FOR_ONE):
                 # A case need not say how long its run is.

@@ -87,7 +87,7 @@ class Shown:
         return getattr(import_module(f"{room}.{module}"), function)(self, *options)
 
     def headline(self) -> str:
-        """The verdict alone, as it stands above the picture: what the sentence begins with."""
+        """The verdict alone, as it is above the picture: what the sentence begins with."""
         sentence = str(self)
         ends = (found.start() for found in _CLAUSE.finditer(sentence))
         # What is in brackets may hold a full stop that ends no clause.

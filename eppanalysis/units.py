@@ -93,9 +93,9 @@ _PLAIN = r"(?:\d+(?:_?\d+)*\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?"
 _NUMBER = rf"([+-]?{_PLAIN})(?:\s*([/:])\s*({_PLAIN}))?"
 _NAME = r"(?:[A-Za-zµμΩ][A-Za-z_]*|%)"
 _FACTOR = rf"{_NAME}(?:(?:\^|\*\*)-?\d)?"
-#: What stands below the line, as in "m^3/(s*V)".
+#: What is below the line, as in "m^3/(s*V)".
 _BELOW = rf"\(\s*{_FACTOR}(?:\s*(?:\*(?!\*)|\s)\s*{_FACTOR})*\s*\)"
-#: The 1 of "1/s" stands apart from the number before it: "11/s" is no "1 1/s".
+#: The 1 of "1/s" is apart from the number before it: "11/s" is no "1 1/s".
 _UNIT = rf"(?:(?<![\d.])1/{_BELOW}|(?:(?<![\d.])1/)?{_FACTOR})(?:\s*(?:\*(?!\*)|/|\s)\s*{_FACTOR}|\s*/\s*{_BELOW})*"
 _QUANTITY = re.compile(rf"\s*{_NUMBER}\s*({_UNIT})?\s*")
 #: Units as data sheets run them together, a force or a mass and a length: "mNm", "Nms", "gcm2".
@@ -105,7 +105,7 @@ SPELLINGS = str.maketrans({"°": "deg", "·": "*", "⋅": "*", "−": "-", "²":
 
 
 class QuantityError(ValueError):
-    """A value that is not the quantity wanted; `expected` says what is, `fault` what another part asks about."""
+    """A value that is not the quantity wanted; `expected` says what is, `fault` the kind of mistake."""
 
     def __init__(self, expected: str, fault: Fault | None = None) -> None:
         self.expected, self.fault = expected, fault
@@ -127,7 +127,7 @@ def _registry() -> pint.UnitRegistry:
     Raises
     ------
     EppError
-        If pint cannot be loaded: no unit but the common ones can then be told from a wrong one.
+        If pint cannot be loaded: only the common units are known then.
     """
     try:
         import pint

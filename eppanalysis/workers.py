@@ -149,7 +149,7 @@ def interrupts_wait() -> Iterator[None]:
 
 @contextmanager
 def _handlers_wait() -> Iterator[None]:
-    """What Python does at an interrupt, or where the system asks it to end, it does after the block.
+    """What Python does at an interrupt, or at a signal of the system to end, it does after the block.
 
     A signal that is blocked in the main thread alone reaches another thread, and is handled in the main one all the
     same.
@@ -237,7 +237,7 @@ _LINEAR_ALGEBRA = _LinearAlgebra()
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """In the block linear algebra takes one thread, whichever thread of ours asks for it; behind it as many as before.
+    """In the block linear algebra takes one thread, whichever thread of ours calls it; behind it as many as before.
 
     Where a sum is split over threads depends on their number, and so do its last bits.
     """

@@ -307,6 +307,8 @@ def test_predicted_cycle_lies_over_the_simulated_one_in_phase_and_size(relay_lad
     simulated, predicted, balanced = (np.asarray(line.get_ydata(), float) for line in ax.lines)
     assert np.ptp(predicted) == pytest.approx(relay_ladder.prediction[0].peak_to_peak["x"], rel=1e-3)
     assert np.ptp(simulated) == pytest.approx(relay_ladder.run.limit_cycle.peak_to_peak["x"], rel=1e-3)
+    assert [line.get_label() for line in ax.lines] == ["simulated", "predicted", relay_ladder.balance.method]
+    assert relay_ladder.balance.method.startswith("harmonic balance, order ")
     # One period of either is nearly the same sine: their correlation in the middle is close to one.
     n = simulated.size
     middle = slice(n // 3, 2 * n // 3)

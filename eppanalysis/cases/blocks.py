@@ -33,7 +33,7 @@ from eppanalysis.units import KINDS
 LARGEST_COUNT = 100_000
 #: Fields that hold the two sides of one thing, and what a parameter without a default has.
 _SIDES, _NONE = (("lower", "upper"), ("low", "high")), inspect.Parameter.empty
-#: What stands in for a missing number when the rest of a part is looked at: of both signs, nothing, large and small.
+#: Values in place of a missing number when the rest of a part is read: of both signs, nothing, large and small.
 _TRIALS = (1.0, -1.0, 0.0, 1e-3, 1e3)
 #: What an element remembers at the start.
 Memory = float | Slip | tuple[float, ...] | ModeMemory | None
@@ -124,7 +124,7 @@ def read_blocks(tables: list[dict[str, Any]], field: str, raw: RawCase) -> tuple
 
 
 def read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
-    """Check the table of one element or linear block that stands in a field.
+    """Check the table of one element or linear block in a field.
 
     Raises
     ------
@@ -314,7 +314,7 @@ def without(
     values : mapping of str to object
         Those that are there.
     lacking : mapping of str to callable
-        What stands in for each that is missing, made of a number.
+        A value for each that is missing, made of a number.
     field, kind : str
         Where the part is in the file, and what it is.
     """
@@ -327,7 +327,7 @@ def without(
             with np.errstate(all="ignore"):
                 made(**values, **{key: stand_in(number) for key, stand_in in lacking.items()})
         except ModelError as error:
-            # A refusal of what stands in, or beside it, says nothing of the values that are there.
+            # A refusal of such a value, or of one beside it, says nothing of the values that are there.
             if error.field in values and (error.beside is None or error.beside[0] not in lacking):
                 found.append(error)
         else:
@@ -348,7 +348,7 @@ def _or_sizes(kind: str, key: str) -> str:
 def needed(
     made: type[Nonlinearity | LinearBlock], length: int = 2, given: Container[str] = ()
 ) -> dict[str, Callable[[float], Any]]:
-    """What may stand in for the fields that a part needs and that are not given: made of a number, lists as long."""
+    """Values for the fields that a part needs and that are not given: made of a number, lists as long."""
     forms = declared_fields(made) if issubclass(made, LinearBlock) else field_types(made)
     # A class has a hash though its instances have none.
     lacking = [key for key in _without_default(made) if key not in given]  # type: ignore[arg-type]
@@ -362,7 +362,7 @@ def _without_default(made: type) -> tuple[str, ...]:
 
 
 def _stand_in(what: Declared | Held, length: int, nth: int, number: float) -> Any:
-    """What stands in for the nth missing field: other numbers than those before."""
+    """A value for the nth missing field: other numbers than those before."""
     match what if isinstance(what, Held) else what.form:
         case Held.NUMBER | Form.QUANTITY:
             return nth * number
@@ -373,6 +373,18 @@ def _stand_in(what: Declared | Held, length: int, nth: int, number: float) -> An
         case Form.NUMBERS | Form.ROOTS:
             return (number,) * (1 + _TRIALS.index(number))  # of several orders, which other fields hang on
     return "?"  # refused itself, as the shape of a matrix is that of others
+
+
+def left_out(kind: str, field: str) -> float | None:
+    """The number that a field of a part of a kind has where it is left out; None where there is none.
+
+    Examples
+    --------
+    >>> left_out("gain", "gain"), left_out("pi", "kp"), left_out("gain", "sample_time")
+    (1.0, None, None)
+    """
+    number = getattr(BLOCKS.get(kind) or ELEMENTS.get(kind), field, None)
+    return number if isinstance(number, float) else None
 
 
 def example(kind: str) -> tuple[dict[str, Any], Nonlinearity | LinearBlock] | None:

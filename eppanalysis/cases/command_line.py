@@ -1,4 +1,4 @@
-"""How one asks on: commands that run as they are printed, of a case that a file holds or that ships; else in Python."""
+"""Next steps: commands that run as they are printed, of a case that a file holds or that ships; else in Python."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def _typed(value: Any) -> str:
 
 @dataclass(frozen=True)
 class Asking:
-    """What one asks next of a case.
+    """Next steps with a case.
 
     Attributes
     ----------
@@ -211,7 +211,7 @@ class Asking:
         """A parameter that may stay where it is while another is bounded, the most telling first; empty for none."""
         from eppanalysis.cases import variation_of
 
-        names = dict.fromkeys([*(variation_of(self.case).guided or ()), *self.over, *self.case.parameters])
+        names = dict.fromkeys([*variation_of(self.case).beside(limit), *self.case.parameters])
         return next((n for n in names if n != limit and self._stays(n, limit)), "")
 
     def _stays(self, name: str, limit: str) -> bool:

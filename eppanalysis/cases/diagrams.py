@@ -25,7 +25,7 @@ from eppanalysis.cases.schema import DiagramFile
 from eppanalysis.cases.values.automata import AUTOMATON, WORDS
 from eppanalysis.cases.values.bodies import plays_between_bodies
 from eppanalysis.cases.values.dimensions import check_each, check_fields
-from eppanalysis.cases.values.expressions import is_expression
+from eppanalysis.cases.values.expressions import is_expression, same_unit
 from eppanalysis.cases.values.parameters import Named, read, resolve
 from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity, plain_value
 from eppanalysis.cases.values.toml import toml_line
@@ -38,8 +38,10 @@ from eppanalysis.models.diagrams import BLOCKS, Block, Diagram
 from eppanalysis.models.diagrams.blocks.control import INTEGRAL, PI, PID
 from eppanalysis.models.diagrams.wiring import NAME
 from eppanalysis.models.elements import Nonlinearity
+from eppanalysis.readable import written
+from eppanalysis.units import dimensions
 
-#: The field of a part that stands in the connection to an input.
+#: The field of a part that is put into the connection to an input.
 BEFORE = "before"
 #: Fields of a table that say what it is, not how large something is.
 _WORDS = (KIND, "name")
@@ -48,7 +50,7 @@ _ALONE = re.compile(rf"(?<![\w.]){NAME.pattern}(?![\w.])")
 
 
 class DiagramVariation(LoopVariation):
-    """Of a diagram: as of any loop, and what may stand before its controllers."""
+    """Of a diagram: as of any loop, and parts that may be put before its controllers."""
 
     def places(self) -> dict[str, str]:
         """Inputs of its controllers, and of the parts that margins are taken at, with what drives them."""
@@ -90,12 +92,13 @@ class DiagramKind(Kind):
         known = units_along_wires(diagram, diagram.units, reader.with_units, raw)
         for place, table in reader.tables.items():
             check_fields(table, place, raw)  # what is in lists, which no wire has seen
-        system = replace(system, signals=system.signals.in_units(known))
-        parameters = {**{name: named.parameter for name, named in reader.named.items()}, **reader.given}
+        system = replace(system, signals=system.signals.in_units(known.signals))
+        computed = {place: _in_unit(named, [known.fields.get(place, "")]) for place, named in reader.computed.items()}
+        parameters = {**_with_radians(reader.named, computed, file, raw), **reader.given}
         units = {name: (level.unit, level.friendly) for name, level in levels.items()}
         inputs = input_signals_of(file.run, system.input_names, {name: unit for name, (unit, _) in units.items()}, raw)
         said = (*unsaid(reader.tables.values()), *plays_between_bodies(diagram))
-        return Parts(parameters, inputs, system, computed=reader.computed, input_units=units, remarks=said)
+        return Parts(parameters, inputs, system, computed=computed, input_units=units, remarks=said)
 
     def fields(self, parameters: Iterable[str]) -> list[str]:
         """The given ones."""
@@ -112,12 +115,40 @@ class DiagramKind(Kind):
         return tuple(data.get("signals") or signals)
 
     def path(self, name: str, data: Mapping[str, Any]) -> list[str | int]:
-        """Parameters stand in a table of their own, fields in those of their parts, parts in those of their sort."""
+        """Parameters are in a table of their own, fields in those of their parts, parts in those of their sort."""
         first, *rest = name.split(".")
         if not rest and name in (data.get("parameters") or {}):
             return ["parameters", name]
         place = next((p for p in ("blocks", "elements") if first in (data.get(p) or {})), None)
         return [first, *rest] if place is None else [place, first, *rest]
+
+
+def _with_radians(
+    named: Mapping[str, Named], computed: Mapping[str, Named], file: Any, raw: RawCase
+) -> dict[str, Parameter]:
+    """The named parameters; one that is computed has the radians of the fields that take it as it is."""
+    taken: dict[str, list[str]] = {}
+    for place, of_field in computed.items():
+        section = "blocks" if place.partition(".")[0] in file.blocks else "elements"
+        name = str(plain_value(raw.typed(f"{section}.{place}")))
+        if is_expression(plain_value(file.parameters.get(name))):
+            taken.setdefault(name, []).append(of_field.parameter.unit)
+    return {name: _in_unit(own, taken.get(name, ())).parameter for name, own in named.items()}
+
+
+def _in_unit(named: Named, units: Iterable[str]) -> Named:
+    """A computed number in the unit with radians that it has where it is used, if its own is that but for them.
+
+    A unit that was typed for what it is computed from stays.
+    """
+    own = named.parameter
+    if not own.unit or "radian" in dimensions(own.unit) or own.friendly != written(own.unit):
+        return named
+    others = {unit for unit in units if "radian" in dimensions(unit) and same_unit(unit, own.unit)}
+    if len(others) != 1:
+        return named
+    unit = others.pop()
+    return named._replace(parameter=replace(own, unit=unit, friendly=written(unit)))
 
 
 def wires(connect: Iterable[str]) -> dict[str, str]:
@@ -134,7 +165,7 @@ def _renamed(connection: str, port: str, name: str) -> str:
 
 
 def _with_inserted(file: Any, raw: RawCase) -> Any:
-    """The file with connections through the parts that say which input they stand before."""
+    """The file with connections through the parts that say which input they are before."""
     connect, sections = list(file.connect), {}
     for section in ("blocks", "elements"):
         sections[section] = {

@@ -89,7 +89,7 @@ def _parts(*, partly: bool) -> dict[str, Any]:
             continue
         names = [*field_types(element), *[FILE] * bool(element.columns), *OF_ALL[1:]]
         given = {p.name for p in inspect.signature(element).parameters.values() if p.default is p.empty}
-        # Columns may stand in a file, and what is estimated be left out.
+        # Columns may be in a file, and what is estimated be left out.
         by_sizes = [*element.estimate.sizes, element.estimate.field] if element.estimate else []
         elements[kind] = _OfKind(dict.fromkeys([*names, *by_sizes], True), given - {*element.columns, *by_sizes})
     return {

@@ -27,7 +27,7 @@ PLAIN_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 LABEL = r"^[^\W\d][\w$]*(\[[0-9]+\][\w$]*)*([ /-][\w$]+(\[[0-9]+\][\w$]*)*)*$"
 LABEL_IS = "a name of letters, digits, underscores and $, of indices such as [0], with single spaces, - or / between"
 
-#: Fields of a section that stand in for one another: giving one of a group drops the inherited other group.
+#: Fields of a section that replace one another: giving one of a group drops the inherited other group.
 ALTERNATIVES: tuple[tuple[str, frozenset[str], frozenset[str]], ...] = (
     ("bands", frozenset(Bands.WIDTHS), frozenset(Bands.THRESHOLDS)),
     ("forearm", frozenset({"inertia"}), frozenset({"prehensor_mass"})),
@@ -35,7 +35,7 @@ ALTERNATIVES: tuple[tuple[str, frozenset[str], frozenset[str]], ...] = (
     ("loop", frozenset({"num", "den"}), frozenset({"A", "B", "C", "D"})),
 )
 
-#: Names that stand for several shipped cases: the experiments of the paper, in the order of the model's truth table.
+#: Names of several shipped cases: the experiments of the paper, in the order of the model's truth table.
 GROUPS: dict[str, tuple[str, ...]] = {
     "truth-table": (
         "fig8a_original",
@@ -195,7 +195,7 @@ def read_raw(path: Path, source: str) -> RawCase:
 
 
 def parse_raw(text: str, name: str, folder: Path) -> RawCase:
-    """The case that a text holds, as if it stood in a file of that name in `folder`.
+    """The case that a text holds, as if it were in a file of that name in `folder`.
 
     Raises
     ------
@@ -368,7 +368,7 @@ def put(data: dict[str, Any], path: list[str | int], value: Any, source: str, na
     Raises
     ------
     CaseError
-        If there is no table that it could stand in.
+        If there is no table that it could be in.
     """
     here: Any = data
     for part in path[:-1]:

@@ -144,7 +144,7 @@ def _cuts(cuts: Cuts) -> dict[str, Any]:
 
 
 def _says_something(given: Array) -> bool:
-    """Whether an array is not what stands for one that is left out: zeros without a sign."""
+    """Whether an array is none that may be left out: zeros without a sign."""
     return bool(np.any(given) or np.any(np.signbit(given)))
 
 

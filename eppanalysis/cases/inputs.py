@@ -57,7 +57,7 @@ def make_input_signal(given: Input, unit: str, raw: RawCase, name: str, field: s
     unit : str
         SI unit of the system's input.
     raw : RawCase
-        The case that it stands in.
+        The case that it is in.
     name : str
         What the system calls the input.
     field : str
@@ -92,7 +92,7 @@ def _input_signal(given: Input, unit: str, raw: RawCase, name: str, field: str) 
 
 
 def _recorded(given: RecordedInput, unit: str, raw: RawCase, name: str, field: str) -> Recorded:
-    """From a file, or from the samples that stand in the case itself."""
+    """From a file, or from the samples in the case itself."""
     if given.file is not None and given.times is None and given.values is None:
         return read_recording(raw.folder / given.file, unit, name, given.file, raw)
     if given.file is not None or given.times is None or given.values is None:

@@ -9,13 +9,14 @@ from typing import Any, ClassVar
 
 from eppanalysis.cases.files import RawCase
 from eppanalysis.cases.schema import CaseFile
+from eppanalysis.cases.values.expressions import same_unit
 from eppanalysis.cases.values.parameters import Named
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.variation import LoopVariation, Variation
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
 from eppanalysis.models.systems.inputs import InputSignal
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.units import QuantityError, dimensions, parse_any
+from eppanalysis.units import QuantityError, parse_any
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Parts:
     input: InputSignal | Mapping[str, InputSignal] | None
     system: LureSystem
     elbow: ElbowParameters | None = None  # of a case of the elbow
-    #: Numbers that expressions come to, by the dotted names of the fields in which these stand.
+    #: Numbers that expressions come to, by the dotted names of the fields that hold these.
     computed: dict[str, Named] = field(default_factory=dict)
     #: SI unit of each external input, and the unit that people use.
     input_units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
@@ -65,7 +66,7 @@ class Kind(ABC):
         """Names of all parameters that a case with the given ones may have, beside those of its run."""
 
     def si(self, value: object, unit: str) -> float:
-        """SI value of a quantity in a field that has this SI unit, or of a plain number.
+        """SI value of a quantity in a field that has this SI unit, radians left out or not, or of a plain number.
 
         Raises
         ------
@@ -73,9 +74,7 @@ class Kind(ABC):
             If it has another dimension.
         """
         number, given = parse_any(value)
-        # An ohm is a V/A; turns per second are no 1/s.
-        same = unit and "Hz" not in (given, unit) and dimensions(given or unit) == dimensions(unit)
-        if given not in ("", unit) and not same:
+        if given and not (unit and same_unit(given, unit)):
             raise QuantityError(f"a quantity in {unit or 'plain numbers'}")
         return number
 
@@ -96,5 +95,5 @@ class Kind(ABC):
         return None
 
     def beside(self, elbow: ElbowParameters | None, data: Mapping[str, Any], given: Mapping[str, set[str]]) -> Any:
-        """What has to stand beside given fields of each section for the rest to stay where it is, by sections."""
+        """Fields needed beside given ones of each section for the rest to stay where it is, by sections."""
         return {}

@@ -46,7 +46,7 @@ class LoopKind(Kind):
     file = LoopFile
 
     def parts(self, file: Any, raw: RawCase) -> Parts:
-        """The elements' scalar fields and what stands before the loop as a whole, the input, and the loop."""
+        """The elements' scalar fields and what is before the loop as a whole, the input, and the loop."""
         loop = file.loop
         place = "loop.elements" if loop.blocks is None else "loop.blocks"
         blocks = read_blocks((loop.elements if loop.blocks is None else loop.blocks) or [], place, raw)
@@ -73,7 +73,7 @@ class LoopKind(Kind):
         return 1.0 if name == "loop.gain" else None
 
     def path(self, name: str, data: Mapping[str, Any]) -> list[str | int]:
-        """Elements stand in a list, and are called by their names."""
+        """Elements are in a list, and are called by their names."""
         first, *rest = name.split(".")
         places = _places(data)
         return ["loop", *places[first], *rest] if first in places else [first, *rest]
@@ -254,7 +254,7 @@ def _principal(loop: LoopSection, names: list[str], raw: RawCase) -> int:
 def _cuts(loop: LoopSection, elements: list[Nonlinearity], gain: float, raw: RawCase) -> Cuts | None:
     """The places of a state space at which it can be cut besides the ports of its elements.
 
-    The gain of the loop stands behind the elements' outputs: a place whose signal is made of them alone lies before it.
+    The gain of the loop acts behind the elements' outputs: a place whose signal is made of them alone lies before it.
     """
     if loop.cuts is None:
         return None

@@ -1,8 +1,8 @@
 """All mistakes of a case file at once: what is wrong is taken out, and what is left is looked at again.
 
 A name that is taken out is missed elsewhere, and what a connection drove is left open: what follows from that is no
-mistake of the file. In place of a part that cannot be made stands one with its ports, so that all that is connected is
-seen, but for units and algebraic loops through it. Its name is told, and those whose use was not seen.
+mistake of the file. A part that cannot be made is replaced by one with its ports, so that all connections are seen,
+but for units and algebraic loops through it. It is named, as are names whose use was not seen.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from eppanalysis.cases.blocks import example
+from eppanalysis.cases.blocks import example, left_out
 from eppanalysis.cases.diagrams import with_declaration
 from eppanalysis.cases.files import Connections, Missing, RawCase, read_raw
 from eppanalysis.cases.model import load
 from eppanalysis.cases.values.expressions import is_expression, parse, unknown_name
+from eppanalysis.cases.words import KIND
 from eppanalysis.errors import (
     AlgebraicLoop,
     CaseError,
@@ -36,7 +37,7 @@ from eppanalysis.units import QuantityError
 
 #: A file with more mistakes than these is something else.
 _MOST = 200
-#: Sections of things with names, and what stands in for what a file cannot be without.
+#: Sections of things with names, and values for what a file cannot be without.
 _NAMED = ("parameters", "blocks", "elements", "inputs", "signals")
 _OF_PARTS = ("blocks", "elements")
 _STAND_INS: Mapping[str, Any] = {"title": "-"}
@@ -81,10 +82,10 @@ def sentences_of(text: str, first: EppError) -> list[str]:
     sentences = [str(error) for error in found]
     if str(first) not in sentences:
         sentences.append(str(first))
-    unseen = [f"what uses {listed(not_seen)}"] if not_seen else []
+    unseen = [f"uses of {listed(not_seen)}"] if not_seen else []
     unseen += [f"units and algebraic loops through {listed(not_through)}"] if not_through else []
     if unseen:
-        sentences.append(f"{text}: {' and '.join(unseen)} could not be checked; check again when that is mended.")
+        sentences.append(f"{text}: not checked before that is mended: {'; '.join(unseen)}.")
     return sentences
 
 
@@ -99,7 +100,7 @@ class _Reading:
     #: gone, absent: names, and fields, that have been taken out; fields that are missing.
     gone: set[str] = field(default_factory=set)
     absent: set[str] = field(default_factory=set)
-    #: missed, stood_in: names among them that were used elsewhere; parts in whose place another one stands.
+    #: missed, stood_in: names among them that were used elsewhere; parts that another one replaces.
     missed: dict[str, None] = field(default_factory=dict)
     stood_in: dict[str, None] = field(default_factory=dict)
     cut: dict[str, list[int]] = field(default_factory=dict)  # places of the entries of lists that have been
@@ -117,7 +118,7 @@ class _Reading:
         return self._take_out(next((one for one in together if not isinstance(one.value, Missing)), error))
 
     def _also_unknown(self, error: CaseError) -> list[CaseError]:
-        """Further names in an expression that stand for nothing."""
+        """Further names in an expression that are not known."""
         known, text = self.left.data.get("parameters", {}), error.value
         in_numbers = error.field.startswith(("parameters", "inputs", *_OF_PARTS)) and is_expression(text)
         if not (isinstance(error.fault, UnknownName) and in_numbers):
@@ -179,7 +180,7 @@ class _Reading:
         self.left = replace(self.left, data=data)
         match error.fault:
             case OpenInput(port):
-                # A source that stands for nothing, so that the rest of the diagram can be read.
+                # A source without a name, so that the rest of the diagram can be read.
                 data["connect"].append(f"{NOTHING} -> {port}")
                 return True
             case AlgebraicLoop(parts):
@@ -258,7 +259,7 @@ class _Reading:
         return True
 
     def _remove(self, data: dict[str, Any], path: list[str]) -> bool:
-        """Take out the field at a path, or the list of numbers that it stands in."""
+        """Take out the field at a path, or the list of numbers that it is in."""
         if path[0] in ("connect", "margins_at") and len(path) == 2:
             written = self._as_written(CaseError("", ".".join(path), "", "")).field
             self.cut.setdefault(path[0], []).append(int(written.partition(".")[2]))
@@ -277,6 +278,9 @@ class _Reading:
         if not isinstance(holder, dict) or path[-1] not in holder:
             return False
         taken = holder.pop(path[-1])
+        number = left_out(str(holder.get(KIND)), path[-1]) if path[0] in _OF_PARTS and len(path) == 3 else None
+        if number is not None and taken != number:
+            holder[path[-1]] = number  # a gain that is left out makes no other unit, one that is a plain number may
         self.gone |= {".".join(path), _part(".".join(path))}
         if path[0] in _NAMED and len(path) == 2:
             self.gone.add(path[1])

@@ -48,7 +48,7 @@ KINDS: dict[str, Kind] = {kind.name: kind for kind in (ElbowKind(), LoopKind(), 
 #: Units in which people read lengths.
 #: Digits of a number in a message.
 _TYPED = 6
-#: Fields of an input signal that no quantity stands in.
+#: Fields of an input signal that hold no quantity.
 _NOT_A_NUMBER = ("kind", "file", "times", "values")
 
 
@@ -417,7 +417,7 @@ class Case(ShownCase):
         for name in values:
             section, _, last = str(name).partition(".")
             given.setdefault(section, set()).add(last)
-        # A field takes the place of those that stand in for it, and may need others beside it.
+        # A field replaces its alternatives, and may need others beside it.
         for section, names in given.items():
             if isinstance(data.get(section), dict):
                 data[section] = drop_alternatives(section, data[section], names)

@@ -42,7 +42,7 @@ class _Model(BaseModel):
 
 
 class CaseFile(_Model):
-    """A case file: the top level, where a base may stand beside the fields."""
+    """A case file: the top level, where a base may be beside the fields."""
 
 
 class StepInput(_Model):
@@ -54,7 +54,7 @@ class StepInput(_Model):
 
 
 class StepsInput(_Model):
-    """Several jumps one after the other: when, and where it stands behind each."""
+    """Several jumps one after the other: when, and its value after each."""
 
     kind: Literal["steps"]
     times: Annotated[list[Duration], Field(min_length=1, max_length=1000)]
@@ -312,7 +312,7 @@ def validate(
 ) -> Any:
     """The validated model of a case file; `files` are the models by what files call their kind.
 
-    `before` are the tables of a file and its model: sections of it that stand in this one as they are were validated.
+    `before` are the tables of a file and its model: sections of it that are in this one unchanged were validated.
 
     Raises
     ------
@@ -377,7 +377,7 @@ def _case_error(error: dict[str, Any], raw: RawCase, model: type[BaseModel]) -> 
 def _input_of_no_kind(field: str, shown: Any) -> tuple[str, Any, str]:
     """Field, value and what was expected, where an input signal has no kind that there is.
 
-    A table of tables is one of external inputs by their names, which stands one letter further.
+    A table of tables is one of external inputs by their names, which is one level further.
     """
     kinds = "'step', 'steps', 'ramp', 'sine' or 'recorded'"
     if field == "run.input" and isinstance(shown, dict) and shown and all(isinstance(v, dict) for v in shown.values()):

@@ -11,6 +11,8 @@ from typing import Any, ClassVar, Protocol
 
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.errors import CaseError
+from eppanalysis.models.elements.base import IN, OUT, OUT_PER_TIME
+from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.readable import number, with_unit, words
 
 
@@ -33,7 +35,7 @@ class Slider:
 
 
 class Varied(Protocol):
-    """What is asked of a case here; the case itself stands above."""
+    """The part of a case that is used here; the case itself is in a higher layer."""
 
     @property
     def parameters(self) -> dict[str, Parameter]:
@@ -58,6 +60,12 @@ class Varied(Protocol):
     def held(self, name: str) -> Any:
         """What the file holds in a field."""
 
+    def parameter_of(self, field: str) -> str:
+        """The parameter that makes a field of a part larger; empty where there is none."""
+
+    def to_system(self) -> LureSystem:
+        """The loop."""
+
 
 @dataclass(frozen=True)
 class Variation(ABC):
@@ -81,6 +89,10 @@ class Variation(ABC):
     @abstractmethod
     def over(self) -> list[str]:
         """Parameters that a picture may run over, most telling first."""
+
+    def beside(self, limit: str) -> list[str]:
+        """Parameters over which another one is bounded, most telling first."""
+        return [name for name in (*(self.guided or ()), *self.over()) if name != limit]
 
     @abstractmethod
     def branch(self, name: str) -> tuple[float, float, float]:
@@ -113,8 +125,7 @@ class LoopVariation(Variation):
         names = [name for name in self._positive if _other_side(name) not in given]
 
         def place(name: str) -> tuple[bool, bool, bool]:
-            tunable = name in given and given[name].mark == "tunable"
-            return not tunable, name != "loop.gain", name == "loop.delay"
+            return not self._is_tunable(name), name != "loop.gain", name == "loop.delay"
 
         return sorted(names, key=place)
 
@@ -126,15 +137,41 @@ class LoopVariation(Variation):
         positive = [n for n in names if not isinstance(value := self.case.value(n), bool) and value > 0]
         return [n for n in positive if n != "loop.time_step" and takes(self.case, n, 1.01 * self.case.value(n))]
 
+    def beside(self, limit: str) -> list[str]:
+        """Beside what is free to choose the sizes of elements, beside all else what is free to choose."""
+        over = self.over()
+        is_free = self._is_tunable(limit) or limit in over[:1]
+        both = (self._sizes, over) if is_free else (over, self._sizes)
+        return [name for name in dict.fromkeys([*both[0], *both[1]]) if name != limit]
+
+    @cached_property
+    def _sizes(self) -> list[str]:
+        """Parameters that make an element larger: widths, levels, rates; those with a name first."""
+        system = self.case.to_system()
+        fields = [
+            (f"{name}.{field}", role)
+            for name, element in zip(system.element_names, system.elements, strict=True)
+            for field, role in element.units.items()
+            if _other_side(f"{name}.{field}") not in self.case.parameters
+        ]
+        ranked = (field for wanted in (IN, OUT, OUT_PER_TIME) for field, role in fields if role == wanted)
+        found = dict.fromkeys(self.case.parameter_of(field) for field in ranked)
+        return sorted((name for name in found if name in self._positive), key=lambda name: "." in name)
+
     def branch(self, name: str) -> tuple[float, float, float]:
         """From where the parameter is, or from four times of it, down to a quarter."""
         value = self.case.value(name)
         return value, 4.0 * value, 0.25 * value
 
     def axes(self, points: int = 9) -> dict[str, str]:
-        """The first two parameters, around what they are."""
-        names = self.over()[:2]
-        return {name: self._around(name, points) for name in names} if len(names) == 2 else {}
+        """Two that are tunable, else the first parameter and the size of an element, around what they are."""
+        names = self.over()
+        tunable = [name for name in names if self._is_tunable(name)]
+        pair = tunable[:2] if len(tunable) > 1 else [*names[:1], *self.beside(names[0])[:1]] if names else []
+        return {name: self._around(name, points) for name in pair} if len(pair) == 2 else {}
+
+    def _is_tunable(self, name: str) -> bool:
+        return name in self.case.parameters and self.case.parameters[name].mark == "tunable"
 
     def _around(self, name: str, points: int) -> str:
         """As far to both sides: the middle one of an odd number of points is the case's own value."""

@@ -131,7 +131,7 @@ def other_words(kind: str) -> dict[str, str]:
 
 
 def our_word(part: Any, name: str) -> str:
-    """Our word for a field of a part that stands in a file, in our words, as this table.
+    """Our word for a field of a part that a file has, in our words, as this table.
 
     Examples
     --------
@@ -143,7 +143,7 @@ def our_word(part: Any, name: str) -> str:
 
 
 def other_kinds(kind: str, words: Mapping[str, tuple[str, ...]]) -> list[str]:
-    """A kind and all other words that may stand for it."""
+    """A kind and all other words that mean it."""
     return [kind, *(word for word, meant in words.items() if kind in meant)]
 
 
@@ -192,7 +192,7 @@ def in_our_words(data: dict[str, Any], known: Mapping[str, Any], source: str) ->
 
 
 def _parts(data: Mapping[str, Any]) -> Iterator[tuple[tuple[str | int, ...], Mapping[str, Any]]]:
-    """Tables of all parts, and where they stand."""
+    """Tables of all parts, and their places."""
     loop = data.get("loop")
     for section in ("blocks", "elements"):
         named = data.get(section)
@@ -232,7 +232,7 @@ def _of_part(
 
 
 def _meant(word: str, kinds: Mapping[str, tuple[str, ...]], table: Mapping[str, Any]) -> str:
-    """The kind that a word stands for."""
+    """The kind that a word means."""
 
     def known(kind: str) -> int:
         return sum(name in fields_of(kind) or name in other_words(kind) for name in table)

@@ -92,7 +92,7 @@ def bounds(
     check_output(output)
     found = load_case(case, settings)
     if over is None:
-        over, points = next((name for name in variation_of(found).over() if name != limit), None), 1
+        over, points = next(iter(variation_of(found).beside(limit)), None), 1
         if over is None:
             raise EppError(
                 f"--over: is not given, and {found.name} has no positive parameter but {limit}; expected one."

@@ -315,7 +315,7 @@ def _as_taken(name: str, value: str, case: Case | None) -> str:
 
 
 def check_output(path: Path | None, suffixes: Sequence[str] | None = None, stands_for: Sequence[str] = ()) -> None:
-    """Refuse a file that cannot be written, or whose name holds braces that stand for nothing.
+    """Refuse a file that cannot be written, or whose name holds unknown placeholders in braces.
 
     Parameters
     ----------
@@ -324,7 +324,7 @@ def check_output(path: Path | None, suffixes: Sequence[str] | None = None, stand
     suffixes : sequence of str, optional
         Pictures and tables by default.
     stands_for : sequence of str
-        What may stand in braces in the name.
+        Placeholders that the name may have in braces.
 
     Raises
     ------

@@ -27,7 +27,7 @@ from eppanalysis.cli.common import (
     progress,
 )
 from eppanalysis.errors import EppError
-from eppanalysis.readable import DIGITS, count, leading_name, words
+from eppanalysis.readable import DIGITS, leading_name, words
 
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
@@ -91,11 +91,6 @@ def design(
 
     for path in output:
         check_output(path, (".toml", ".csv", *PICTURES))
-        if path.suffix.lower() in PICTURES and len(tune) != 2 and front is None:
-            raise EppError(
-                f"{path}: a design of {count(len(tune), 'parameter')} has no row of values to draw; expected two, or a "
-                "front."
-            )
     if (maximise is None) == (minimise is None):
         given = "neither --maximise nor --minimise is" if maximise is None else "both --maximise and --minimise are"
         raise EppError(f"design: {given} given; expected one of the two.")
@@ -126,8 +121,14 @@ def design(
             progress=advance,
         )
     answer("design", found, settings, as_json, result, lambda: _show(found, result))
+    unwritten = []
     for path in output:
-        write_design(found, result, path)
+        try:
+            write_design(found, result, path)
+        except EppError as error:  # the other files are written
+            unwritten.append(str(error))
+    if unwritten:
+        raise EppError(" ".join(unwritten))
 
 
 def _show(case: Case, result: Design) -> None:
@@ -138,7 +139,7 @@ def _show(case: Case, result: Design) -> None:
     prices = {n: p for n, p in result.optimum.prices.items() if abs(p) > 5e-3}
     if prices:
         told = ", ".join(f"{n} {p:+.2g} %" for n, p in sorted(prices.items(), key=lambda item: -abs(item[1])))
-        echo(f"One per cent more of each moves the {words(result.objective)} by: {told}.")
+        echo(f"One per cent more of each changes {words(result.objective)} by: {told}.")
     if result.values:
         told = ", ".join(f"{n} {case.text(n, v, DIGITS)}" for n, v in result.values.items())
         echo(f"Design, {100 * result.margin:g} % inside: {told}.")
@@ -148,7 +149,7 @@ def _show(case: Case, result: Design) -> None:
 
 
 def write_design(case: Case, result: Design, path: Path) -> None:
-    """The design as the file that the suffix asks for.
+    """The design as the kind of file that the suffix names.
 
     Raises
     ------

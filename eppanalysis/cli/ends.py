@@ -1,4 +1,4 @@
-"""How a command ends before its time: interrupted from the keyboard, or asked by the system."""
+"""How a command ends before its time: interrupted from the keyboard, or by a signal of the system."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def explore(
             if wanted:
                 webbrowser.open(until_the_end.enter_context(_leading_to(address)).as_uri())
 
-        with suppress(KeyboardInterrupt):  # how it is meant to end: nothing to be told
+        with suppress(KeyboardInterrupt):  # how it is meant to end: nothing to report
             serve(found, port, ready)
             return
         raise typer.Exit(130)

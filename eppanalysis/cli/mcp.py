@@ -176,7 +176,7 @@ def _listed(value: Any) -> list[Any]:
 
 
 def places(folder: Path, text: str) -> list[Path]:
-    """Files of a folder that a path stands for (``run_{case}.png`` for many), and those that are called after it.
+    """Files of a folder that a path means (``run_{case}.png`` for many), and those that are called after it.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def places(folder: Path, text: str) -> list[Path]:
 
 
 def _when_written(folder: Path, texts: Sequence[str]) -> dict[Path, int]:
-    """When what paths stand for was last changed, of a folder anything in it."""
+    """When the files of paths were last changed, of a folder anything in it."""
     there = [path for text in texts for path in places(folder, text) if path.exists()]
     return {path: max(place.lstat().st_mtime_ns for place in (path, *path.rglob("*"))) for path in there}
 

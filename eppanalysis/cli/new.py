@@ -59,8 +59,8 @@ def new(
         draft = Draft(kind)
     write_text(draft.with_numbers(values), file)
     echo(f"{file}: {draft.about}")
-    if left := [question.name for question in draft.questions if question.name not in values]:
-        echo(f"Plausible, not yours: {', '.join(left)}, and what the comments name.")
+    left = "".join(f"{question.name}, " for question in draft.questions if question.name not in values)
+    echo(f"Plausible, not yours: {left}{'and ' if left else ''}what the comments name.")
     echo("Next:")
     for step in ("check", "predict", "simulate"):
         echo(f"  {command(step, str(file))}")

@@ -61,7 +61,7 @@ def response(
 
 
 def _asked(found: Case, input: str | None, signal: str | None, amplitude: str | None, frequency: str | None) -> Any:
-    """The analysis that the two options stand for: over a frequency, over an amplitude, or at one sine."""
+    """The analysis that the two options choose: over a frequency, over an amplitude, or at one sine."""
     from eppanalysis.methods.driven.forced import forced_response
     from eppanalysis.methods.driven.frequency import amplitude_response, frequency_response
 
@@ -78,7 +78,7 @@ def _asked(found: Case, input: str | None, signal: str | None, amplitude: str | 
 
 
 def _unit_of(found: Case, input: str | None) -> str:
-    """SI unit of the input that is driven; of a diagram's it stands with the signal of its name."""
+    """SI unit of the input that is driven; of a diagram's it is that of the signal of its name."""
     system = found.to_system()
     name = system.input_names[0] if input is None and len(system.input_names) == 1 else input
     units = system.signals.units_by_name()

@@ -6,7 +6,7 @@ import codecs
 import unicodedata
 from typing import Any
 
-#: Letters and signs of units and formulas by what stands for them where they cannot be written.
+#: Letters and signs of units and formulas by what replaces them where they cannot be written.
 _PLAIN = {
     "·": "*", "⋅": "*", "×": "x", "°": "deg", "µ": "u", "μ": "u", "Ω": "ohm", "ω": "omega", "ζ": "zeta", "θ": "theta",
     "π": "pi", "±": "+-", "−": "-", "–": "-", "—": "-", "─": "-", "━": "-", "≤": "<=", "≥": ">=", "≈": "~",
@@ -15,7 +15,7 @@ _PLAIN = {
 
 
 def _in_plain_signs(error: UnicodeError) -> tuple[str, int]:
-    """What stands for signs that an encoding lacks: itself written otherwise, its letter without accents, else "?"."""
+    """What replaces signs that an encoding lacks: itself written otherwise, its letter without accents, else "?"."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     return "".join(map(_plain, error.object[error.start : error.end])), error.end

@@ -262,7 +262,7 @@ def _axes(texts: Sequence[str], design: Design, n: int | None, seed: int) -> Axe
 
 
 def _one_or_more(names: Sequence[str]) -> Any:
-    """Names as a sweep takes them: "all" stands alone."""
+    """Names as a sweep takes them: "all" must be alone."""
     return names[0] if len(names) == 1 else tuple(names) or None
 
 

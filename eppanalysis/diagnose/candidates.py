@@ -59,7 +59,7 @@ def resized(element: Nonlinearity, size: float) -> Nonlinearity:
 
 
 def _parts(system: LureSystem, active: int, size: float) -> LureSystem:
-    """The loop with what stands for elements with states of their own, one element left as it is but for its size."""
+    """The loop with gains in place of elements with states of their own, one element left as it is but for its size."""
     base = system.given or system
     elements = tuple(resized(e, size) if i == active else (e.small_signal or e) for i, e in enumerate(base.elements))
     loop = replace(base, elements=elements, memory=(None,) * len(elements))
@@ -141,7 +141,7 @@ class Family(Sought):
 
     @cached_property
     def alone(self) -> bool:
-        """Whether a gain stands for every other element."""
+        """Whether a gain replaces every other element."""
         return sum(not is_linear(e) for e in self.loop().elements) == 1
 
     @cached_property

@@ -27,7 +27,7 @@ _SETTLING = 0.1
 #: Range of a disturbance's frequency, and of the size of what may have any (a decade), and standard deviation of the
 #: loop's gain, all as logarithms.
 _ANY_FREQUENCY, _ANY_SIZE, _GAIN = float(np.log(10.0)), float(np.log(10.0)), 0.5
-#: Chance below which two candidates are told apart by the record.
+#: Chance below which the record tells two candidates apart.
 _APART = 1e-3
 #: Phases at which a cycle is laid against the record, sizes that are tried for a loop that is not in proportion, and
 #: how near the last of them must be.
@@ -244,7 +244,7 @@ def _pole(found: Oscillation, linear: Linear, q: float) -> tuple[complex, Comple
 
 
 def _rows(found: Oscillation, linear: Linear) -> list[int]:
-    """Where the recorded signals stand among those of the loop."""
+    """The places of the recorded signals among those of the loop."""
     return [linear.loop.signals.names.index(name) for name in found.names]
 
 

@@ -114,7 +114,7 @@ class Linear:
 
     @classmethod
     def of(cls, system: LureSystem, at: OperatingPoint) -> Linear:
-        """The gains that stand for the elements: those of margins, none where that is infinite."""
+        """The gains in place of the elements: those of margins, none where that is infinite."""
         loop = small_signal(system)
         loop = replace(loop, memory=(None,) * len(loop.elements))
         gains = {i: np.asarray(e.linear_gain(), float) for i, e in enumerate(loop.elements) if not is_linear(e)}
@@ -204,5 +204,5 @@ def _with_sine(loop: LureSystem, i: int, omega: float) -> tuple[LureSystem, int]
 
 
 def is_linear(element: Nonlinearity) -> bool:
-    """Whether an element is linear as it is, so that no gain stands for it."""
+    """Whether an element is linear as it is, so that no gain replaces it."""
     return isinstance(element, SampledController)

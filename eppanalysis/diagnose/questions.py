@@ -1,4 +1,4 @@
-"""What to ask next of what a diagnosis names, each question with the command that answers it as it is printed."""
+"""Next questions about what a diagnosis names, each with the command that answers it as it is printed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _POINTS = 400
 def question(
     case: LureSystem | CaseLike, e: Explanation, found: Oscillation, units: Mapping[str, str], size: float
 ) -> str:
-    """What to ask next of a candidate that is named; empty where nothing is.
+    """Next questions about a candidate that is named; empty where nothing is.
 
     Parameters
     ----------

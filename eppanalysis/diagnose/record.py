@@ -24,8 +24,8 @@ _PARTS = (1, 2, 3)
 _STILL = 1e-10
 #: Share of the variance that the harmonics must explain, of the signal that they explain best.
 _EXPLAINED = 0.5
-#: Lines of the spectrum within which a sine is not told from another; chance below which a line is no noise, and share
-#: of the oscillation from which on it is told: a model's waveform may be off by as much.
+#: Lines of the spectrum within which two sines are not distinguished; chance below which a line is no noise, and share
+#: of the oscillation from which on it is named: a model's waveform may be off by as much.
 _NEAREST, _CHANCE, _SEEN = 2.0, 1e-6, 0.05
 #: Part of a sample's distance within which samples are even; points of a grid for each that is not.
 _EVEN, _FINE = 1e-3, 8
@@ -71,7 +71,7 @@ class Oscillation:
     #: mean, drift: what is taken off each signal: at `middle`, and per second.
     mean: dict[str, float] = field(default_factory=dict)
     drift: dict[str, float] = field(default_factory=dict)
-    others: tuple[Line, ...] = ()  # the largest sine in each signal that stands out of what the harmonics leave
+    others: tuple[Line, ...] = ()  # the largest sine in each signal above what the harmonics leave
 
     @property
     def period(self) -> float:

@@ -135,7 +135,7 @@ class Diagnosis(Listing[Explanation]):
         Where a linear instability fits best, or nothing does: that an element explains the oscillation far better,
         if the record is of the other signal, in words; empty where none does.
     questions : tuple of str
-        What to ask next of those that are named, each with the command that answers it.
+        Next questions about those that are named, each with the command that answers it.
     """
 
     explanations: tuple[Explanation, ...]
@@ -237,7 +237,7 @@ class Diagnosis(Listing[Explanation]):
         return f"{begin}: a smaller one makes less of it, and only without any it ends."
 
     def remedies(self) -> list[str]:
-        """What to ask next of each candidate that is named, with the command that answers it at the end of the line."""
+        """Next questions about each candidate that is named, each with its command at the end of the line."""
         return list(self.questions) if self.named else []
 
     def to_frame(self) -> pandas.DataFrame:

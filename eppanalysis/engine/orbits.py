@@ -47,9 +47,9 @@ __all__ = [
 
 #: Whether arcs could be built.
 READY, SINGULAR, NOT_A_GUARD, UNSUPPORTED = 0, 1, 2, 3
-#: What the derivative of a run is told with where an event that a jump brings about only just reaches its threshold.
+#: With what the derivative of a run is marked where an event that a jump brings about only just reaches its threshold.
 TOUCHES = 4
-#: Where a corrector stands: arrived, lost, or in want of numbers at another value, or of a step by least squares.
+#: The state of a corrector: arrived, lost, or in want of numbers at another value, or of a step by least squares.
 ARRIVED, LOST, WANTS_NUMBERS, WANTS_STEP = 0, 1, 2, 3
 #: A solution this many times larger than its right-hand side is rounding.
 STRAY = 1e9
@@ -58,7 +58,7 @@ STRAY = 1e9
 class Channels(NamedTuple):
     """The smooth channels of a model, under the names that they have there.
 
-    None stands for them where none acts on any arc.
+    None where none acts on any arc.
     """
 
     smooth_kind: np.ndarray  # (s,) int

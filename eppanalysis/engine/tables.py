@@ -31,7 +31,7 @@ def padded(n: int) -> int:
 def aligned(*shapes: tuple[int, ...]) -> list[Array]:
     """Arrays of zeros that begin where eight numbers do: to fetch eight across such a border takes twice as long.
 
-    All are parts of one, as most of the time would go into asking where each begins.
+    All are parts of one, as most of the time would go into finding where each begins.
     """
     sizes = [math.prod(shape) for shape in shapes]
     wide = np.zeros(VECTOR_SIZE + sum(size + -size % VECTOR_SIZE for size in sizes))

@@ -54,7 +54,7 @@ class Workspace(NamedTuple):
     aux: np.ndarray
     p: np.ndarray  # ((order + 1)+,) series of a guard
     still: np.ndarray  # (y+,) constant parts of the signals
-    x: np.ndarray  # (n+,) state, modes and memory values (the last one is 1): the start, and where the run stands
+    x: np.ndarray  # (n+,) state, modes and memory values (the last one is 1): the start, and the state of the run
     modes: np.ndarray  # (E,) int
     H: np.ndarray  # (H,)
     rate: np.ndarray  # (n+,) rate of the state just before the last event, or at the end
@@ -102,7 +102,7 @@ _OF_STATE = (
 _OF_GUARDS = ("constant", "lift", "g0", "g1", "tol", "stray", "top")
 
 
-#: Where a run stands: all that it takes from one step to the next, so that it can pause between any two of them.
+#: The state of a run: all that it takes from one step to the next, so that it can pause between any two of them.
 PROGRESS = np.dtype(
     [
         # What is requested: end, longest step of the grid, events in all, whether closing on a cycle is watched for

@@ -31,7 +31,7 @@ _NEAR = 0.06
 _CODES = {1: "settles", 2: "oscillates", 3: "diverges", 0: "not decided", len(OUTCOME_COLOURS): "changes in between"}
 _BETWEEN, _BETWEEN_COLOUR = len(OUTCOME_COLOURS), "#f0f0f0"
 _MAP_COLOURS = (*OUTCOME_COLOURS, _BETWEEN_COLOUR)
-#: What stands behind the design in the map's legend.
+#: What follows the design in the map's legend.
 DRAGGED = " (drag or tap)"
 _NOTHING: dict[str, list[Any]] = {"x": [], "y": []}
 #: Columns of the Nyquist plot.
@@ -89,7 +89,7 @@ def _legend(made: Any) -> None:
 
 
 def _name_what_is_there(item: Any, attr: str, old: Any, data: Any) -> None:
-    """A name in the legend whose mark has no place would stand alone."""
+    """A name in the legend whose mark has no place would be alone."""
     glyph = item.renderers[0].glyph
     places = data[glyph.xs if isinstance(glyph, MultiLine) else glyph.x]
     item.visible = any(bool(np.isfinite(place).any()) for place in places)
@@ -239,7 +239,7 @@ class BranchPicture:
         _legend(made)
 
     def show_run(self, place: float, size: float) -> None:
-        """Where the case stands on the axis, and what its run does; nan if that is not decided."""
+        """The place of the case on the axis, and what its run does; nan if that is not decided."""
         self.here.location = place
         _put(self.run, _NOTHING if math.isnan(size) else {"x": [place], "y": [size]})
 
@@ -307,7 +307,7 @@ class MapPicture:
         made.legend[0].ncols = 2  # on a phone three are wider than the screen
 
     def show_place(self, x: float, y: float) -> None:
-        """Where the case stands, in the picture and in its legend."""
+        """The place of the case, in the picture and in its legend."""
         _put(self.star, {"x": [x], "y": [y]})
         self.figure.legend[0].items[-1].label = {"value": f"the design: {x:.4g}, {y:.4g}{DRAGGED}"}
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 #: How long after the last move the slow pictures begin [ms].
 _CALM = 500
-#: How long after a run what stands beside it follows [ms].
+#: How long after a run the pictures beside it follow [ms].
 _MOMENT = 50
 _MOST_STEPS_BACK = 200
 #: A slider's number as all are written, however small.
@@ -85,7 +85,7 @@ class Page:
         self._open(_arguments(doc))
 
     def close(self) -> None:
-        """The tab is gone: nothing that it asked for is wanted any more."""
+        """The tab is gone: nothing that it requested is needed any more."""
         for future in self.running.values():
             future.cancel()
 
@@ -372,7 +372,7 @@ class Page:
             self.doc.unhold()
 
     def _place(self, name: str) -> float:
-        """Where the case stands on an axis, in the axis' unit."""
+        """The place of the case on an axis, in the axis' unit."""
         slider = self.sliders.get(name)
         if slider is None:
             return 0.0
@@ -380,7 +380,7 @@ class Page:
         return slider.value if value is None else value / slider.per_unit
 
     def _begin_slow(self) -> None:
-        """Ask for the slow pictures that the values have made old."""
+        """Request the slow pictures that the values have made old."""
         given = slow.Given.of(self.case, self.signal)
         if self.axes is not None:
             x, y = self.axes
@@ -403,7 +403,7 @@ class Page:
         args: tuple[Any, ...],
         then: Callable[[slow.Facts], None],
     ) -> None:
-        """Ask for a picture that does not depend on the fields `at`, unless it is there already."""
+        """Request a picture that does not depend on the fields `at`, unless it is there already."""
         try:
             fixed = moved_case(self.base, {**self.values, **at})
         except EppError:
@@ -420,7 +420,7 @@ class Page:
     def _ask(
         self, kind: str, job: Callable[..., slow.Facts], args: tuple[Any, ...], then: Callable[[slow.Facts], None]
     ) -> None:
-        """Have it done elsewhere; what was asked for before is no longer wanted."""
+        """Have it done elsewhere; earlier requests are dropped."""
         before = self.running.pop(kind, None)
         if before is not None:
             before.cancel()

@@ -149,7 +149,7 @@ class _Guarded(BokehTornado):
         # In a time that does not tell how much of the token is right.
         known = hmac.compare_digest(given.encode("utf-8", "replace"), self._token.encode())
         here = request.host.lower() in self._hosts
-        if here and request.path == "/favicon.ico":  # asked for by the browser itself: there is none, and no harm in it
+        if here and request.path == "/favicon.ico":  # browsers request it: there is none, which does no harm
             return self.get_handler_delegate(request, ErrorHandler, {"status_code": 404})
         if not known or not here:
             return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})

@@ -186,8 +186,8 @@ def pair_of(case: Case, over: str | None, limit: str | None) -> tuple[str, str]:
     """
     usual = variation_of(case).guided
     if usual is None and (over is None or limit is None):
-        names = variation_of(case).over()[:2]
-        such = f", such as {' and '.join(names)}" if len(names) == 2 else ""
+        names = list(variation_of(case).axes())
+        such = f", such as {' and '.join(names)}" if names else ""
         raise EppError(f"guide: {case.name} has no usual parameters of guidelines; expected over and limit{such}.")
     first, second = usual or ("", "")
     chosen = over or first, limit or second
@@ -291,20 +291,20 @@ class _Work:
         return self.allowed is None and (self.tolerances is not None or carried)
 
     def question(self, case: Case) -> BoundProblem:
-        """What is asked of a variant."""
+        """The settings of a variant."""
         return BoundProblem(in_own_states(case), self.limit, *range_within(case, self.limit, self.within))
 
     def rows(
         self, case: Case, varied: tuple[str, ...], sweep: BalancedSweep, advance: Progress
     ) -> tuple[list[tuple[GuideRow, _Beyond]], str]:
-        """Rows of one variant, each with what is asked beyond its bound, and what they do not cover."""
+        """Rows of one variant, each with what is computed beyond its bound, and what they do not cover."""
         known = self._known(case)
         if known is not None:
             question, cell = known
             row = self._row(case, varied, cell.value, cell, BalancedSweep(question), partial(advance, 1, None))
             advance(1, 1, "")
             return [row], ""
-        # A margin on the gain asks for the bound of a loop whose gain is larger by it.
+        # A margin on the gain needs the bound of a loop whose gain is larger by it.
         worse = [gain / self.margins.get(self.over, 1.0) for gain in self.ranges]
         bounds = design_bounds(
             case,
@@ -427,7 +427,7 @@ def _beyond(
 
     Both of cycles that are larger than allowed, where a size is.
 
-    Neither is asked where the bound is that of a search, and what it does not cover is said with it.
+    Neither is computed where the bound is that of a search, and what it does not cover is said with it.
 
     Parameters
     ----------

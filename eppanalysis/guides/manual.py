@@ -27,7 +27,7 @@ _OSCILLATION = "self-sustained oscillation"
 #: Digits of a computed limit beside the one that is printed.
 _COMPUTED = 3
 R = TypeVar("R", Guide, DesignBounds)
-#: The shade of a limit, by how it is known; the words stand beside it.
+#: The shade of a limit, by how it is known; the words are beside it.
 _SHADES = {
     Known.PROVED: Shade.SURE,
     Known.TESTED: Shade.SURE,

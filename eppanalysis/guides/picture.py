@@ -33,7 +33,7 @@ from eppanalysis.plotting import (
 )
 from eppanalysis.readable import reasons, with_unit
 
-#: Regions of a design from its safe side on, told apart by their hatching as well as by colour.
+#: Regions of a design from its safe side on, which differ in hatching as well as in colour.
 _REGIONS = (
     (Region.FREE, GREEN, ""),
     (Region.STRUCK, ORANGE, "//"),

@@ -44,7 +44,7 @@ class Side(StrEnum):
 
 
 class Region(StrEnum):
-    """What a design does, by where it stands to its limit; in words that stand in a manual.
+    """What a design does, by its side of the limit; in words of a manual.
 
     `sized` are the words where a size of oscillations is allowed.
     """
@@ -75,7 +75,7 @@ class GuideRow(PlainData):
     cell : BoundCell
         The bound, its tests and its elasticities.
     allowed : float
-        The bound with the margins asked for taken off, in the SI unit of the limited parameter.
+        The bound less the requested margins, in the SI unit of the limited parameter.
     pulley, force : float
         Of the backlash of an elbow: ``R allowed``, play of the cable at the pulley [m], and ``K R allowed``, change of
         the cable's force as the forearm passes through the gap [N]; nan for other limits.
@@ -83,7 +83,7 @@ class GuideRow(PlainData):
         Bounds under tolerances, at the gain with its margin; the margin on the limit is not taken off.
     from_rest : float
         The value from which on the case's own run ends on a cycle (larger than allowed); nan where it does not, or was
-        not asked.
+        not tested.
     own : float
         The case's own value of the limited parameter; nan where it has none.
     trigger : float
@@ -93,7 +93,7 @@ class GuideRow(PlainData):
         Why there is no bound under tolerances though they are given; empty where nothing is missing.
     rests_to : float
         The value up to which the case's own run came to rest (or to a cycle that is allowed), wherever between it and
-        the bound it was tried; nan where it did not, or was not asked.
+        the bound it was tried; nan where it did not, or was not tested.
     struck : str
         The input whose step `trigger` is; empty where there is none.
     """

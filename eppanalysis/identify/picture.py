@@ -71,7 +71,7 @@ def _height_of(estimates: tuple[Estimate, ...]) -> float:
 
 
 def _shown_in(unit: str, estimates: tuple[Estimate, ...]) -> tuple[str, float]:
-    """The unit of a column as it stands in those of the parameters, and its factor: V/lbf goes with lbf."""
+    """The unit of a column as it is in those of the parameters, and its factor: V/lbf goes with lbf."""
     pounds = any("lbf" in estimate.friendly for estimate in estimates)
     return ("lbf", 1.0 / parse_quantity("1 lbf", "N")) if unit == "N" and pounds else readable(unit)
 

@@ -204,7 +204,7 @@ class Response:
             values = np.empty(times.size)
             values[: times.size - after.size] = start[0, place]
             values[times.size - after.size :] = run.samples[:, place]
-            # A run that stops early stands still from there on, and fits no more.
+            # A run that stops early is constant from there on, and no longer fits.
             values[times.size - after.size + done :] = run.samples[max(done - 1, 0), place]
             if not np.all(np.abs(values) < _LARGEST):
                 raise EppError(f"{system.name}: {channel.role} grows beyond all range with these parameters.")

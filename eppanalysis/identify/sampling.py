@@ -27,7 +27,7 @@ FORBIDDEN = 1e300
 #: Distance of the first places from the centre, in standard deviations, and of how many each chain begins at one: wide,
 #: for a population shrinks fast, and grows slowly.
 _SPREAD, _OF = 4.0, 3
-#: Places that a walk asks for their cost, at most.
+#: Most places at which a walk evaluates the cost.
 WALKED = 1 + CHAINS * (_OF + BEFORE + TURNS)
 #: Every other stride is shorter: few full ones stay on a step of the stair.
 _SHORT = 0.3
@@ -162,7 +162,7 @@ def anneal(response: Response, starts: Array, bounds: tuple[Array, Array], seed:
         At least as many as the population has places.
     bounds : (array, array), shapes (p,)
     progress : Progress
-        Told of every growth of the record.
+        Called at every growth of the record.
     """
     rng, response, whole = np.random.default_rng(seed), copy.copy(response), response
     time, plain, u = response.time, response.channels, starts

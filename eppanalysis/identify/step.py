@@ -47,7 +47,7 @@ _WINDOWS = (0.08, 0.2, 0.4, 0.7, 1.0)
 IDENTIFIED = 0.6
 #: Residuals larger than this in units of the noise mean that the model does not describe the record.
 _WORST_FIT = 3.0
-#: Standard deviations beyond which residuals are said to ask for another value of what is not fitted.
+#: Standard deviations beyond which residuals indicate another value of what is not fitted.
 _ASKED = 5.0
 #: So far beyond an end of the search a case is tried, on the fitted scale.
 _BEYOND = 0.01
@@ -237,7 +237,7 @@ class _Solution:
     held: dict[str, str]  # what the data cannot identify, and what it is confused with
     together: dict[str, str]  # what they identify only together with a held one
     cloud: Cloud
-    #: (p,): half widths, on the fitted scale, that the ends of other searches ask for where this one leaves no noise.
+    #: (p,): half widths, on the fitted scale, from the ends of other searches, where this one leaves no noise.
     apart: Array | None = None
 
     @property
@@ -297,7 +297,7 @@ def _settle(
     ends = (np.minimum(cloud.mean - spread, q), np.maximum(cloud.mean + spread, q))
     held: dict[str, str] = {}
     together: dict[str, str] = {}
-    # Along a ridge the best place is anywhere: how wide an interval is beside its value is asked where others are held.
+    # Along a ridge the best place is anywhere: the relative width of an interval is taken where others are held.
     while new := [n for n in _vague(response, q, cloud.matrix, names) if n not in held and n not in together]:
         name, partner = new[0], _partner(response, cloud.matrix, new[0])
         if held and not _vague(response, q, _given(response, cloud.matrix, held), [name]):
@@ -325,7 +325,7 @@ def _hold(response: Response, q: Array, matrix: Array, name: str) -> Array:
     follow = matrix[:, place] / matrix[place, place]
     start = q[place]
     low, high = bounds_of(response.unknowns)
-    # In short steps, or the fit leaves the ridge along which the others stand in for this parameter.
+    # In short steps, or the fit leaves the ridge along which the others replace this parameter.
     for share in np.linspace(0.0, 1.0, max(2, math.ceil(abs(target - start) / 0.3) + 1))[1:]:
         at = start + share * (target - start)
         response.replace(place, replace(unknown, start=unknown.value(float(at)), prior=1e-4))
@@ -424,7 +424,7 @@ def _end_reached(solution: _Solution, place: int) -> str:
 
 
 def _doubt(solution: _Solution) -> str:
-    """The parameter that is not fitted and that the residuals ask for, in a sentence; empty where they ask for none."""
+    """The parameter not fitted that residuals show to be wrong, in a sentence; empty where they show none."""
     apart = (*_APART, *(u.name for u in solution.response.unknowns))
     asked = suspects(local(solution.response, solution.q)[0], solution.q, apart)
     name = max(asked, key=lambda n: asked[n][1], default="")
@@ -502,7 +502,7 @@ def _result(recording: Recording, solution: _Solution, names: Sequence[str], see
     if max(shares.values()) < LEAST_SHARE:
         left_over = ", ".join(f"{100 * max(share, 0.0):.2g} % of the {role}" for role, share in shares.items())
         raise EppError(f"{recording.source}: the best fit explains {left_over}; expected the response of such a case.")
-    # Counted before the residuals are asked, which takes further runs.
+    # Counted before the test of the residuals, which takes further runs.
     notes = [*recording.sentences(), f"{response.runs} simulated candidates from {STARTS} starts."]
     doubt = _doubt(solution)
     notes += _unrecorded(solution)

@@ -168,5 +168,5 @@ def _features(u: Array) -> Array:
 
 @cache
 def _pairs(p: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """All pairs of `p` coordinates; chains ask for them tens of thousands of times."""
+    """All pairs of `p` coordinates; chains use them tens of thousands of times."""
     return np.triu_indices(p)

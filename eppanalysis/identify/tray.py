@@ -1,7 +1,7 @@
 """Weight-tray test: applied force against sensor voltage, loaded and unloaded, to pulley friction, gain, saturation.
 
 The pulley makes the voltage lag behind the force. While it slides, the logarithms of applied and sensed force differ by
-``2a`` with ``tanh(a)`` the kinetic friction per load; after a turn the sensed force stands still until the applied one
+``2a`` with ``tanh(a)`` the kinetic friction per load; after a turn the sensed force is constant until the applied one
 has come back by ``4E`` in logarithm, ``E = (a + b)/2`` and ``tanh(b)`` the static friction. The lines identify gain and
 kinetic friction, the standstill identifies the static one, which weights of finite size only bracket.
 """
@@ -97,7 +97,7 @@ def _best(loop: _Loop, start: Array) -> tuple[Array, float]:
 
 
 def _prepare(recording: Recording) -> _Data:
-    """Rows in order; where weights stand for many readings, the mean of the readings at each weight."""
+    """Rows in order; where weights have many readings, the mean of the readings at each weight."""
     force, voltage, time = recording[Role.FORCE], recording[Role.VOLTAGE], recording[Role.TIME]
     if float(force.min()) < -0.02 * float(np.ptp(force)):
         raise EppError(
@@ -228,7 +228,7 @@ class _Loop:
     def search(self, start: Array) -> tuple[Array, float]:
         """Best fit over all standstills."""
         best, where, least = start, 0.0, math.inf
-        # With the standstill rows change from standing to sliding, and the sum of
+        # With the standstill rows change from sticking to sliding, and the sum of
         # squares jumps: it is scanned, and only the others are fitted by derivatives.
         for share in (0.0, *np.geomspace(0.002, 0.35, 36)):
             p, cost = self.fit(np.where(np.arange(start.size) == 3, share, start), share)

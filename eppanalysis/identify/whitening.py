@@ -1,8 +1,7 @@
 """The cost of a candidate in units of the noise that residuals show, and what would explain these better.
 
-A fit that leaves more than noise may still be the best one. Which of the parameters that were not fitted its residuals
-ask for is the score test (Rao, 1948): their derivative by that parameter, less what the fitted ones can do themselves,
-is compared with them.
+A fit that leaves more than noise may still be the best one. The score test (Rao, 1948) says which of the parameters not
+fitted its residuals indicate: their derivative by that parameter, less what the fitted ones can do, is compared.
 """
 
 from __future__ import annotations
@@ -116,7 +115,7 @@ def _jacobians(response: Response, q: Array, steps: Array) -> dict[str, Array]:
 
 
 def suspects(whitener: Whitener, q: Array, known: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """What residuals ask for of each parameter that is not fitted: relative change, and standard deviations from none.
+    """The change of each parameter not fitted that residuals indicate: relative, and in standard deviations.
 
     Parameters
     ----------

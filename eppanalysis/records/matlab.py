@@ -31,7 +31,7 @@ _WRITER = "numbers, as to_eppanalysis.m (in eppanalysis/records) writes a timeta
 
 
 class Opaque:
-    """Stands for an object that only MATLAB can read."""
+    """In place of an object that only MATLAB can read."""
 
 
 def mat(path: Path, source: str) -> Groups:

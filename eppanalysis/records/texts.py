@@ -56,7 +56,7 @@ class Text:
             stream.seek(self.begin)
             for raw in self._pieces(stream):
                 text = self._text(raw)
-                # Where semicolons or tabs separate the cells a comma can only stand for the decimal point.
+                # Where semicolons or tabs separate the cells a comma can only be the decimal point.
                 rows = self._fast(raw if self.separator == "," else raw.replace(b",", b"."), columns)
                 if rows is None:
                     rows = self._slow(text, line, columns)

@@ -28,7 +28,7 @@ def check(path: Path) -> None:
     ------
     EppError
         If the suffix is not one of a report, the folder does not exist, a library or its templates are missing, or a
-        PDF is asked for and there is no browser that prints it.
+        PDF is requested and there is no browser that prints it.
     """
     from eppanalysis.report.page import exporter, find_browser
     from eppanalysis.tables.files import check_target

@@ -16,7 +16,7 @@ from eppanalysis.models.systems.sampled.clocked import has_samples
 from eppanalysis.readable import words
 from eppanalysis.results import Status, Trajectory
 
-#: Letters of a name that is a symbol, before which stands no article.
+#: Letters of a name that is a symbol, before which there is no article.
 _SYMBOL = 2
 #: An end this near to the case's own value, relative to it, is taken to be at it.
 _AT = 1e-9
@@ -24,7 +24,7 @@ _AT = 1e-9
 
 @dataclass(frozen=True)
 class Found:
-    """What was computed for a report, and how one asks on."""
+    """What was computed for a report, and the next steps."""
 
     asking: Asking
     run: Trajectory

@@ -25,7 +25,7 @@ from eppanalysis.report.sections import LADDER, OVERVIEW, SECTIONS, SETUP
 if TYPE_CHECKING:
     from nbformat import NotebookNode
 
-#: A section that takes longer than this hangs [s]: that of an elbow under gravity asks for most of a minute of a
+#: A section that takes longer than this hangs [s]: that of an elbow under gravity takes most of a minute of a
 #: processor, and a busy machine may have a tenth of one to give.
 LONGEST_CELL = 3600
 #: A kernel that has not answered after this will not [s].
@@ -136,7 +136,7 @@ def _sentence(error: Exception, notebook: NotebookNode, headings: Sequence[str],
 
 
 def _headings(notebook: NotebookNode) -> list[str]:
-    """For each cell the heading that it stands under; where there are several cases, in front of it which."""
+    """For each cell the heading above it; where there are several cases, in front of it which."""
     found, case, section = [], "", ""
     for cell in notebook.cells:
         if cell.cell_type == "markdown" and cell.source.startswith("#"):

@@ -33,12 +33,12 @@ _PAGE = re.compile(rb"/Type\s*/Page\b(?!s)")
 
 
 def write(notebook: NotebookNode, path: Path) -> None:
-    """Write an executed notebook as what the suffix of `path` asks for; the file is complete or it is not there.
+    """Write an executed notebook as the kind of file that the suffix of `path` names, completely or not at all.
 
     Raises
     ------
     EppError
-        If the file cannot be written, or a PDF is asked for and no browser prints it.
+        If the file cannot be written, or a PDF is requested and no browser prints it.
     """
     with atomic(path) as part:
         if path.suffix.lower() == ".ipynb":

@@ -100,7 +100,7 @@ def first_page(
         and the page says that no other is.
     called : sequence of str, optional
         The words by which the command line finds the case, for the commands of the page; by default the case's own
-        file or the name by which it ships. Of a case that has neither, what to ask next is given in Python.
+        file or the name by which it ships. Of a case that has neither, the next steps are given in Python.
 
     Returns
     -------
@@ -229,7 +229,7 @@ def _known(
     if ladder is not None:
         yield "Predicted", ladder.agreement.sentence(ladder.run.status)
     if cycles is not None:
-        yield "Exact", str(cycles)
+        yield "Searched", str(cycles)
     yield "Simulated", str(run)
     moving = " and ".join(f"{name} {why}" for name, why in case.operating_point.moving.items())
     held = f" Proofs are of inputs that are held; here {moving}." if moving else ""

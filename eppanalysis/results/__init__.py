@@ -129,7 +129,7 @@ class LimitCycle(Result):
     )
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is copied to other processes has been told."""
+        """For other processes: with what is computed when it is looked at."""
         return {**vars(self), "error_estimate": self.error_estimate, "harmonic_content": self.harmonic_content}
 
     @property
@@ -193,7 +193,7 @@ class LimitCycle(Result):
         return f"{named} peak to peak at {number(self.frequency)} Hz"
 
     def _moving(self, signal: str) -> list[str]:
-        """A signal, and where that all but stands still the one of its unit that moves most: a motor within its gap."""
+        """A signal, and where that hardly moves the one of its unit that moves most: a motor within its gap."""
         unit = self.units.get(signal, "")
         alike = [name for name in self.peak_to_peak if unit and self.units.get(name) == unit]
         most = max(alike, key=lambda name: self.peak_to_peak[name], default=signal)
@@ -283,7 +283,7 @@ class Trajectory(Result):
     )
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is copied to other processes has been told."""
+        """For other processes: with what is computed when it is looked at."""
         return {**vars(self), "note": self.note}
 
     @property

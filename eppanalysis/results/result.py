@@ -119,7 +119,7 @@ class Result(Shown, PlainData):
     provenance : Provenance
         What made it; nothing is computed with it.
     operating_point : OperatingPoint or None
-        Where the external inputs are held, or why they stand nowhere; None where a result is of no single one.
+        Where the external inputs are held, or why they are not constant; None where a result is of no single one.
     """
 
     provenance: Provenance = field(default_factory=Provenance, kw_only=True, compare=False, repr=False)

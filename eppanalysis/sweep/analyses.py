@@ -86,7 +86,7 @@ class Proved(Code):
 
 
 ANALYSES = tuple(Analysis)
-#: Words that stand for every analysis that needs no further package, or for every signal.
+#: Words for every analysis that needs no further package, or for every signal.
 ALL = "all"
 #: Prefix of an analysis's variables; the run in time has the plain names.
 PREFIX = {Analysis.SIMULATE: "", Analysis.PREDICT: "predicted_", Analysis.CYCLES: "exact_"}
@@ -206,7 +206,7 @@ def make_task(
     Raises
     ------
     EppError
-        If there is no such analysis or signal, what is allowed is not valid or asked of analyses without cycles, or
+        If there is no such analysis or signal, what is allowed is not valid or given to analyses without cycles, or
         what an analysis needs is not installed.
     """
     allowed = None if allow is None else _allowed(case, allow)

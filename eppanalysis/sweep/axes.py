@@ -1,6 +1,6 @@
 """What a sweep runs over: grids, zipped axes, samples of ranges and of tolerances, all in SI units.
 
-Whatever the user asks for becomes a :class:`Design`: named dimensions, each of which moves one or several parameters.
+Whatever the user requests becomes a :class:`Design`: named dimensions, each of which moves one or several parameters.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Whether a store is as it was written: digests of its files, sheets that know their own digest, a lock.
 
-Zarr's own checksum (crc32c) finds flipped bytes in a file that is there. A file that is missing, empty or stands in the
+Zarr's own checksum (crc32c) finds flipped bytes in a file that is there. A file that is missing, empty or in the
 place of another one only a list of digests finds, and such a list must not be damaged unseen itself.
 """
 

@@ -19,7 +19,7 @@ from eppanalysis.readable import readable, with_unit, words
 from eppanalysis.sweep.analyses import Allowance, Outcome
 from eppanalysis.sweep.labels import is_sized, meanings, outcomes_in, put_verdict_of, readable_axis
 
-#: Letters of all labels side by side, and those of one below which labels stand upright.
+#: Letters of all labels side by side, and those of one below which labels are upright.
 _LETTERS, _FEWEST = 12.5 * WIDTH, 8
 Line = tuple[str, Literal["-", "--", "-.", ":"]]
 #: The outcomes as thin lines: as in the map, but dark enough to be seen.

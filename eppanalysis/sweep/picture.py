@@ -353,7 +353,7 @@ def _unknown(plane: xarray.Dataset, by: str | None) -> np.ndarray:
 
 
 def _slice_colours(n: int) -> list[Any]:
-    """Dark to light, so that neighbours and print in grey keep apart, and the lightest still stands out from paper."""
+    """Dark to light, so that neighbours and print in grey keep apart, and the lightest is still seen on paper."""
     return [colormaps["cividis"](0.6 * i / max(n - 1, 1)) for i in range(n)]
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 Store = MemoryStore | ZarrStore
-#: Told how many more cells are done, from any thread.
+#: Called with how many more cells are done, from any thread.
 Advance = Callable[[int], None]
 
 #: Blocks under way for each thread of a cluster, and how often one is tried again whose workers were lost.
@@ -110,7 +110,7 @@ def _on_threads(work: Work, blocks: Sequence[Bounds], store: Store, workers: int
 def _jobs(queue: str, workers: int | None) -> Iterator[Client]:
     """A client of workers that a queueing system runs as its jobs.
 
-    What a job is given stands where dask-jobqueue reads it, in ``~/.config/dask/jobqueue.yaml``.
+    The settings of a job are where dask-jobqueue reads them, in ``~/.config/dask/jobqueue.yaml``.
     """
     require_packages(f"sweep: scheduler {queue!r}", "queue", "dask", "distributed", "dask_jobqueue")
     from dask import config
@@ -246,7 +246,7 @@ def _processes(workers: int | None) -> Iterator[_Processes]:
 
 @lru_cache(maxsize=1)
 def _work_of(said: bytes) -> Work:
-    """What a process makes of a task that it is told, once for all its blocks."""
+    """What a process makes of its task, once for all its blocks."""
     return Work.of(pickle.loads(said))
 
 

@@ -2,7 +2,7 @@
 
 The blocks of a sweep are dealt out in turn, so that shares are alike wherever cells are slow. The first of eight shares
 of `map.zarr` is `map.1-of-8.zarr` beside it. A share that is interrupted goes on where it was, as any store does, and
-joining takes over what is finished, as often as it is asked to: what array jobs need, and machines that can be taken
+joining takes over what is finished, as often as it is called: what array jobs need, and machines that can be taken
 away.
 """
 

@@ -3,7 +3,7 @@
 A block counts as done only when its mark is there; the mark is written after all its numbers are on the disk, and every
 file takes its place in one step. So a sweep may be killed at any moment and go on later. The mark holds digests of what
 the block has written, the sheet those of everything else: what was damaged since is computed, or made, anew, and is
-never read. Only one process writes: the one that was asked for the sweep, which holds the store's lock.
+never read. Only one process writes: the one that runs the sweep, which holds the store's lock.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class MemoryStore:
         """Nothing to let go."""
 
     def notice(self) -> str:
-        """Nothing to be told."""
+        """Nothing to report."""
         return ""
 
     def dataset(self) -> xarray.Dataset:

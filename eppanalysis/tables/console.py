@@ -80,7 +80,7 @@ def rest_table(run: Trajectory, signals: Sequence[str] | None = None) -> Table:
 
 
 def margins_table(margins: Mapping[str, Any]) -> Table:
-    """Margins, one a row, with where the loop is cut and the gains that stand for the elements.
+    """Margins, one a row, with where the loop is cut and the gains in place of the elements.
 
     Gain and disk margins are factors, crossovers in rad/s.
     """
@@ -126,7 +126,7 @@ def certificate_table(found: Certificate) -> Table:
 
 
 def _add_rule(table: Table, rule: Sequence[str], said: Sequence[str]) -> None:
-    """Which gain stands for each element, one a row, and below the table what is too long for one or said besides."""
+    """The gain in place of each element, one a row, and below the table what is too long for one or said besides."""
     below = []
     for sentence in rule:
         name, _, gain = sentence.removesuffix(".").partition(": ")
@@ -320,7 +320,7 @@ def ladder_table(ladder: Ladder, signals: Sequence[str] | None = None) -> Table:
         errors = ladder.errors.get(name, {})
         spans = [cell(_span(c, name) * factor) for c in cycles]
         if not any(_span(c, name) > 0.0 for c in cycles):
-            errors = {}  # of what stands still there is nothing to compare but rounding errors
+            errors = {}  # of what is constant there is nothing to compare but rounding errors
         add(_span_of(name, unit), spans, "0", errors.get("peak_to_peak"))
         means = [_mean(c, name, factor) for c in cycles]
         add("   mean", means, cell(at_rest(rests.get(name, math.nan)) * factor), errors.get("mean"))
@@ -443,7 +443,7 @@ def _span_of(name: str, unit: str) -> str:
 
 
 def _span(cycle: LimitCycle, name: str) -> float:
-    """Peak-to-peak of a signal; what rounding leaves of one that stands still is zero."""
+    """Peak-to-peak of a signal; what rounding leaves of a constant one is zero."""
     span, mean = cycle.peak_to_peak.get(name, math.nan), cycle.mean.get(name, math.nan)
     return 0.0 if span <= ROUNDING * abs(mean) else span
 

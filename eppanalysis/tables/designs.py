@@ -82,10 +82,10 @@ def _searched_bounds_table(bounds: DesignBounds) -> Table:
     (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
     printed = bounds.printed
     heads = _kept(bounds), with_unit("no cycle found", y_unit), with_unit("cycle found", y_unit)
-    table = table_of(with_unit(words(bounds.over), x_unit), *heads, "frequency [Hz]", "values tried", "runs")
+    table = table_of(with_unit(words(bounds.over), x_unit), *heads, "frequency [Hz]", "finding", "values tried", "runs")
     for c in bounds:
         beyond = Limit(c.other_value, c.sign > 0)
         known = [printed.digits(c.printed), printed.figures(c.printed), printed.figures(beyond), cell(c.frequency)]
-        shown = known if c.finding is Finding.BOUND else ["-", "-", "-", c.finding]
-        table.add_row(cell(x * c.value), *shown, str(c.n_searched), str(c.n_runs))
+        shown = known if c.finding is Finding.BOUND else ["-"] * len(known)
+        table.add_row(cell(x * c.value), *shown, c.finding, str(c.n_searched), str(c.n_runs))
     return table

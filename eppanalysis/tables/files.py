@@ -169,9 +169,8 @@ def check_target(
     if len(os.fsencode(path.name)) > _LONGEST_NAME:
         raise EppError(f"{path.name[:40]}...: is a name of {len(path.name)} letters; expected at most {_LONGEST_NAME}.")
     if path.suffix.lower() not in suffixes:
-        raise EppError(
-            f"{path}: cannot write a file that ends in {path.suffix!r}; expected one of {', '.join(suffixes)}."
-        )
+        found = f"cannot write a file that ends in {path.suffix!r}" if path.suffix else "its name has no ending"
+        raise EppError(f"{path}: {found}; expected one of {', '.join(suffixes)}.")
     if not os.path.isdir(path.parent):
         raise EppError(f"{path}: the folder {str(path.parent)!r} does not exist; expected an existing one.")
     if os.path.isdir(path):
@@ -182,7 +181,7 @@ def check_target(
 
 
 def write_result(result: Any, to_table: Callable[[Any], Table], path: Path, **options: Any) -> None:
-    """Write a result as the picture, drawn with these options, or the table that the suffix of `path` asks for."""
+    """Write a result as the picture, drawn with these options, or the table that the suffix of `path` names."""
     if path.suffix.lower() in PICTURES:
         write_figure(result.plot(**options), path)
     elif path.suffix.lower() == ".nc" and hasattr(result, "to_dataset"):
@@ -192,7 +191,7 @@ def write_result(result: Any, to_table: Callable[[Any], Table], path: Path, **op
 
 
 def write_figure(picture: Figure | Axes, path: Path) -> None:
-    """Write a picture, or the whole one that axes stand in; its format is the suffix of `path`."""
+    """Write a picture, or the whole one that holds axes; its format is the suffix of `path`."""
     import matplotlib as mpl
 
     from eppanalysis.plotting import figure_of
@@ -221,7 +220,7 @@ def write_table(table: Table, path: Path) -> None:
 def write_dataset(dataset: xarray.Dataset, path: Path) -> None:
     """Write a dataset as NetCDF (version 4 where h5netcdf and h5py, or netCDF4, are installed, else version 3).
 
-    A slash stands between groups there: in names, dots take its place.
+    A slash separates groups there: in names, dots take its place.
     """
     from importlib.util import find_spec
 

@@ -210,7 +210,7 @@ def _word(table: ManualTable, path: Path) -> None:
     grid = document.add_table(rows=1, cols=len(table.columns), style="Table Grid")
     for cell, name in zip(grid.rows[0].cells, table.columns, strict=True):
         cell.paragraphs[0].add_run(name).bold = True
-    # The headings stand again on every page.
+    # The headings are repeated on every page.
     grid.rows[0]._tr.get_or_add_trPr().append(OxmlElement("w:tblHeader"))
     for texts, shade in table.shaded():
         for i, (cell, text) in enumerate(zip(grid.add_row().cells, texts, strict=True)):

@@ -356,6 +356,28 @@ def test_an_expression_is_shown_in_the_unit_that_its_parameter_was_typed_in(type
     assert str(case.parameters["w"]) == typed and str(case.parameters["fast"]) == twice
 
 
+def test_a_derived_parameter_has_the_radians_of_the_field_that_takes_it():
+    derived = 'ringing = "20 Hz"\nw = "2*pi*ringing"\nc = "Jm*w^2"'
+    shaft = TWO_INERTIAS.replace('c = "400 N*m/rad"', derived)
+    shaft = shaft.replace("damping = 0.05", 'damping = "0.1*c/w"')
+    case = epp.case_from_text(shaft)
+    assert case.unit("c") == ("N*m/rad", "N*m/rad") and str(case.parameters["c"]) == "15.7914 N*m/rad"
+    assert case.unit("shaft.damping")[0] == "N*m*s/rad" and case.unit("w")[0] == "1/s"
+    for typed in ("15 N*m/rad", "15 N*m", 15.0):
+        assert case.si("c", typed) == case.with_values({"c": typed}).value("c") == 15.0
+    with pytest.raises(epp.CaseError, match="c is '15 N/m'; expected a quantity in N\\*m/rad"):
+        case.si("c", "15 N/m")
+
+
+def test_the_radians_of_a_field_without_a_unit_of_its_own_follow_from_the_signals():
+    servo = epp.case("azimuth_servo").to_toml().replace('kp = "Kp"', 'kp = "2*motor"')
+    servo = servo.replace("[parameters]", '[parameters]\nsupply = "24 V"\nmotor = "supply/pi"')
+    case = epp.case_from_text(servo)
+    assert case.unit("controller.kp")[0] == "V/rad" and case.unit("motor")[0] == "V"
+    taken = epp.case_from_text(servo.replace("2*motor", "motor"))
+    assert str(taken.parameters["motor"]) == "7.63944 V/rad"
+
+
 def test_a_field_that_is_an_expression_says_so_where_it_is_asked_to_vary():
     servo = epp.case("azimuth_servo")
     with pytest.raises(epp.CaseError, match=r"encoder.step is '2\*pi/2\^12'; .* vary the parameters of its expression"):

@@ -87,7 +87,7 @@ def test_check_prints_them_all_and_says_what_it_has_not_seen() -> None:
     assert result.exit_code == 2 and not result.stdout
     lines = result.stderr.splitlines()
     assert len(lines) == len(SEEDS) + 2
-    assert lines[-1].endswith("could not be checked; check again when that is mended.")
+    assert lines[-1].startswith(f"{SEEDED}: not checked before that is mended: uses of d, sensor and clip; units")
 
 
 def test_the_next_file_is_checked_though_one_has_no_base(tmp_path: Path) -> None:
@@ -96,6 +96,19 @@ def test_the_next_file_is_checked_though_one_has_no_base(tmp_path: Path) -> None
         Path(path).write_text(f'base = "none_of_{Path(path).stem}"\ntitle = "t"\n', encoding="utf-8")
     said = CliRunner().invoke(app, ["check", *paths]).stderr.splitlines()
     assert [line.partition(": ")[0] for line in said] == paths and all("base is 'none_of_" in line for line in said)
+
+
+@pytest.mark.parametrize(("name", "gain"), [("virtual_spring", "K"), ("steering_compensated", "Kp")])
+def test_no_unit_is_refused_beyond_a_gain_that_cannot_be_read(tmp_path: Path, name: str, gain: str) -> None:
+    """Taken out, the gain would be 1 and leave the unit of what comes in."""
+    file = tmp_path / "wrong.toml"
+    case = epp.case(name)
+    file.write_text(case.to_toml().replace(f'"{case.held(gain)}"', '"5 apples"'))
+    said = CliRunner().invoke(app, ["check", str(file)]).stderr.splitlines()
+    assert [line.removeprefix(f"{file}: ") for line in said] == [
+        f"parameters.{gain} is '5 apples'; expected a known unit in place of 'apples'.",
+        f"not checked before that is mended: uses of {gain}.",
+    ]
 
 
 def test_what_is_missing_beside_a_mistake_is_named_and_what_is_not_read_is_told(tmp_path: Path) -> None:
@@ -287,7 +300,7 @@ def test_a_wrong_number_anywhere_is_told_in_sentences(tmp_path: Path, place: str
     assert found.exit_code == 2, found.output
     assert isinstance(found.exception, SystemExit), found.exception
     lines = found.stderr.strip().splitlines()
-    assert lines and all("expected" in line or "check again" in line for line in lines), lines
+    assert lines and all("expected" in line or "not checked before" in line for line in lines), lines
     assert not found.stdout
 
 
@@ -325,7 +338,7 @@ def test_check_and_simulate_say_the_same_of_a_file_that_is_changed_in_one_place(
 
     Two changes at each place, other ones from place to place.
     """
-    told = ("expected", "check again", "is its unit right?")
+    told = ("expected", "not checked before", "is its unit right?")
     whole, path = tomllib.loads(epp.case(name).to_toml()), tmp_path / "changed.toml"
     for i, place in enumerate(_places(whole)):
         change = list(CHANGES)[(i + 3 * turn) % len(CHANGES)]

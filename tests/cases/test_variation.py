@@ -6,15 +6,44 @@ import tomllib
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import eppanalysis as epp
 from eppanalysis.cases import variation_of
+from eppanalysis.cases.command_line import Asking
+from eppanalysis.cli.commands import app
 from eppanalysis.errors import CaseError
 
 
 def test_what_is_tunable_comes_first():
     assert variation_of(epp.case("level_valve")).over()[:2] == ["controller.kp", "controller.ti"]
     assert list(variation_of(epp.case("azimuth_servo")).axes()) == ["Kp", "Ti"]
+
+
+@pytest.mark.parametrize(
+    ("name", "limit", "over"),
+    [
+        ("azimuth_servo", "Kp", "gap"),
+        ("azimuth_servo", "gap", "Kp"),
+        ("azimuth_servo", "J_load", "Kp"),
+        ("virtual_spring", "K", "quantum"),
+        ("steering_compensated", "Kp", "dry"),
+        ("x15_flare", "Kp", "rate"),
+        ("wheelchair", "loop.gain", "play.gap"),
+        ("fig8a_original", "lock_pin.backlash", "bands.range"),
+    ],
+)
+def test_a_gain_is_bounded_over_the_size_of_an_element_and_all_else_over_the_gain(name, limit, over):
+    assert variation_of(epp.case(name)).beside(limit)[0] == over
+    advised = Asking.of(epp.case(name)).bounds(limit)
+    assert f"--over {over} " in advised and f"--limit {limit}" in advised
+
+
+def test_a_map_of_one_tunable_parameter_is_beside_the_size_of_an_element(tmp_path):
+    made = CliRunner().invoke(app, ["new", str(tmp_path / "servo.toml"), "--kind", "servo"])
+    assert made.exit_code == 0
+    servo = epp.read_case(tmp_path / "servo.toml")
+    assert list(variation_of(servo).axes()) == ["bandwidth", "backlash"]
 
 
 @pytest.mark.parametrize("name", ["wheelchair", "sat_asymmetric", "two_mass_deadzone", "relay_biased_fopdt"])

@@ -57,6 +57,9 @@ def test_numbers_are_written_as_they_are_given(tmp_path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert 'ratio = "36:1"  # Gear' in text and 'backlash = "0.2 deg"  # Gear' in text
     assert epp.read_case(path).value("ratio") == 36.0
+    every = [word for question in Draft("servo").questions for word in ("--set", f"{question.name}={question.value}")]
+    code, said = new(str(path), "--kind", "servo", "--force", *every)
+    assert code == 0 and "Plausible, not yours: what the comments name." in said
 
 
 @pytest.mark.parametrize(

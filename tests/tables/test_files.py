@@ -88,7 +88,7 @@ def test_a_text_that_looks_like_a_formula_stays_a_text(tmp_path, text):
     ("name", "sentence"),
     [
         ("run.docx", "cannot write a file that ends in '.docx'"),
-        ("run", "cannot write a file that ends in ''"),
+        ("run", "its name has no ending; expected one of .png"),
         ("missing/run.png", "does not exist"),
         ("folder.png", "is a folder"),
     ],

@@ -258,7 +258,7 @@ class _Reader:
         return found.reshape(shape)
 
     def _nested(self, given: Any, path: str) -> Any:
-        """Numbers in lists of any depth; one that stands alone is a parameter of the case."""
+        """Numbers in lists of any depth; one alone is a parameter of the case."""
         if isinstance(given, list):
             return [self._nested_in(v, f"{path}.{i}") for i, v in enumerate(given)]
         found = read_scalar(given, f"{self.place}.{path}", self.raw)
@@ -350,7 +350,7 @@ def _guard_table(guard: Guard, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _numbers(part: Mode | Guard, shapes: Mapping[str, str]) -> dict[str, Any]:
-    """The fields that are not what stands for one that is left out: zeros without a sign."""
+    """The fields that may not be left out: those that are not zeros without a sign."""
     given = {name: np.asarray(getattr(part, name), float) for name in shapes}
     return {name: value.tolist() for name, value in given.items() if not _same(value, np.zeros(value.shape))}
 

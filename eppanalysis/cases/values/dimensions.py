@@ -42,7 +42,7 @@ _LIKELY_DEGREES = 0.5
 
 @dataclass(frozen=True)
 class _Fact:
-    """A unit that is known: where it stands, its role, its exponents."""
+    """A unit that is known: its field, its role, its exponents."""
 
     field: str
     role: Role
@@ -190,7 +190,7 @@ def _unlike(kind: str, fact: _Fact) -> str:
 
 
 def _given(block: Block) -> Iterator[tuple[str, str, Parameter]]:
-    """Where in the block a value stands, its field, and what it is."""
+    """The place of each value in the block, its field, and the value."""
     for name, parameter in block.parameters.items():
         yield name, name, parameter
     for name, parameters in block.lists.items():

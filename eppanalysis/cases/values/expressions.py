@@ -88,7 +88,7 @@ def alike(first: Unit, second: Unit) -> bool:
 
 
 def same_unit(first: str, second: str) -> bool:
-    """Whether a quantity may stand in the place of another: radians may be left out, turns per second are no rad/s.
+    """Whether a quantity may replace another: radians may be left out, turns per second are no rad/s.
 
     Examples
     --------
@@ -343,13 +343,13 @@ def parse(text: str) -> Expression:
 
 
 def _wanted(text: str) -> str:
-    """What a text should be that is no expression; where a quantity stands in it, or begins it, how that is written."""
+    """What a text should be that is no expression; where it holds or begins with a quantity, how that is written."""
     if likely := meant(text):
         return f"a quantity: did you mean {likely!r}?"
     try:
         parse_any(text)
     except UnknownUnit as error:
-        return f"{error.expected}; in an expression a quantity is a parameter with a name"
+        return error.expected
     except QuantityError:
         pass
     if not (found := _QUANTITY.search(text)):

@@ -107,7 +107,7 @@ def _computed(
 
 
 def read_scalar(value: Any, field: str, raw: RawCase) -> Parameter:
-    """A quantity of any dimension that stands in a field; one that has been read already stays as it is.
+    """A quantity of any dimension in a field; one that has been read already stays as it is.
 
     Raises
     ------

@@ -61,13 +61,13 @@ def not_as_expected(expected: str, shown: Any, key: str = "") -> PydanticCustomE
 
 
 def place_of(field: str, error: PydanticCustomError) -> str:
-    """Where what is wrong stands: a field, or a key of the table in it."""
+    """The place of what is wrong: a field, or a key of the table in it."""
     key = (error.context or {}).get("key", "")
     return f"{field}.{key}" if key else field
 
 
 def plain_value(given: Any) -> Any:
-    """The value of a field, which may stand in a table."""
+    """The value of a field, which may be in a table."""
     return given.get("value") if isinstance(given, Mapping) else given
 
 

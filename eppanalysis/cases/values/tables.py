@@ -18,7 +18,7 @@ _WANTED = "the path of a CSV file within the case's folder, such as 'valve.csv'"
 
 
 def read_columns(name: Any, columns: Sequence[str], field: str, raw: RawCase) -> dict[str, list[Any]]:
-    """The first columns of a CSV file in a case's folder, as the lists that would stand in the case.
+    """The first columns of a CSV file in a case's folder, as the lists that the case would have.
 
     Its first line may be a header; a unit in brackets there is that of its column.
 

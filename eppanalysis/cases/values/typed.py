@@ -10,7 +10,7 @@ from eppanalysis.models.systems.signals import SignalMap
 from eppanalysis.readable import Unit
 from eppanalysis.units import QuantityError, dimensions, parse_any, parse_quantity, typed_unit
 
-#: Where units stand that count for other signals too, the nearest to what moves first.
+#: Places of units that count for other signals too, the nearest to what moves first.
 _SECTIONS = ("signals", "elements", "loop", "parameters", "blocks", "inputs", "run")
 #: Fields that hold no quantity, or one that says nothing of how signals are read.
 _OTHERS = ("of", "note", "mark", "kind", "tolerance", "name")
@@ -92,7 +92,7 @@ def _typed(data: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _texts(value: Any) -> Iterator[str]:
-    """All texts in nested tables; a unit that stands alone as a quantity of one."""
+    """All texts in nested tables; a unit alone as a quantity of one."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, Mapping):

@@ -25,7 +25,7 @@ from eppanalysis.units import KINDS, QuantityError, dimensions, parse_any
 if TYPE_CHECKING:
     from eppanalysis.cases.files import RawCase
 
-#: Stands for a plain number, beside which the unit of a signal is known.
+#: A plain number, beside which the unit of a signal is known.
 _ONE: Port = ("", "")
 
 
@@ -63,21 +63,30 @@ class _Signals:
         unit = self.of(port)
         return written(port) if unit is None else f"{written(port)} is in {name_of_unit(unit) or 'a plain number'}"
 
-    def named(self, port: Port) -> str:
-        """The unit of a signal as axes and tables have it; empty where it is not known.
+    def shown(self, port: Port) -> Unit | None:
+        """The unit of a signal as axes and tables have it, where that is known.
 
         Radians count in an angle and its rates alone, and once: what else holds some has them from a factor between.
         """
-        unit = self.of(port) or {}
+        if (unit := self.of(port)) is None:
+            return None
         others = {name for name, power in unit.items() if power} - {"radian"}
         turns = unit.get("radian", 0) > 0 and others <= {"second"}
-        return name_of_unit({**unit, "radian": int(turns)})
+        return {**unit, "radian": int(turns)}
+
+
+@dataclass(frozen=True)
+class UnitsOfDiagram:
+    """Units in a diagram, as far as they are known."""
+
+    signals: dict[str, str]  # those that the file gives, and of ports those that follow from them and from the parts
+    fields: dict[str, str]  # of fields whose part has known signals ("controller.kp"), radians included
 
 
 def units_along_wires(
     diagram: Diagram, units: Mapping[str, str], fields: Mapping[str, Mapping[str, Parameter]], raw: RawCase
-) -> dict[str, str]:
-    """The units of all signals, as far as they are known; what does not go together is refused.
+) -> UnitsOfDiagram:
+    """The units of signals and fields; what does not go together is refused.
 
     Parameters
     ----------
@@ -85,11 +94,6 @@ def units_along_wires(
         Units that the file gives to external inputs and named signals.
     fields : mapping of str to mapping of str to Parameter
         Numbers of the file's blocks ("blocks.controller") and elements that have a unit, by their fields.
-
-    Returns
-    -------
-    dict of str to str
-        Those that the file gives, and of the signals of ports those that follow from them and from the parts.
 
     Raises
     ------
@@ -106,8 +110,29 @@ def units_along_wires(
     signals, contradictions = _joined(claims)
     if contradictions:
         raise _blamed(claims, contradictions[0], raw)
-    of_ports = {name: signals.named(port) for name, port in signals_of_ports(diagram).items()}
-    return of_ports | {name: unit for name, unit in units.items() if unit}
+    of_ports = {name: name_of_unit(signals.shown(port) or {}) for name, port in signals_of_ports(diagram).items()}
+    given = {name: unit for name, unit in units.items() if unit}
+    of_fields = (found for place, typed in fields.items() for found in _fields_of(diagram, place, typed, signals))
+    return UnitsOfDiagram(of_ports | given, dict(of_fields))
+
+
+def _fields_of(
+    diagram: Diagram, place: str, typed: Mapping[str, Parameter], signals: _Signals
+) -> Iterator[tuple[str, str]]:
+    """Fields of a part and the units that its signals give them."""
+    name = place.partition(".")[2]
+    part = diagram.parts[name]
+    before, behind = port_names(part)
+    for field, (of_source, of_target, of_time), _ in _roles(part.units, typed):
+        unit: Unit = {"second": of_time}
+        known = True
+        for power, ports in ((of_source, before), (of_target, behind)):
+            if power:
+                shown = signals.shown((name, ports[0])) if ports else {}
+                known &= shown is not None
+                unit = times(unit, shown or {}, power)
+        if known:
+            yield f"{name}.{field}", name_of_unit(unit)
 
 
 @dataclass(frozen=True, eq=False)

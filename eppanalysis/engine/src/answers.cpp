@@ -466,7 +466,7 @@ Matrix jacobian(ComplexMatrices dW, ComplexMatrix W, ComplexMatrices L, ComplexM
 /// Returns
 /// -------
 /// bool
-///     Whether each element answers periodically, and none whose slope is asked for rests with a value that it holds.
+///     Whether each element answers periodically, and none whose slope is wanted rests with a value that it holds.
 bool equations(const Automata& automata, Vector rest, Vector X, const std::tuple<ComplexMatrices,
     ComplexMatrices>& linear, const std::tuple<Matrix, Matrix, Vector>& means, i64 pivot, Matrix J, Vector R,
     ComplexMatrix W, Indices switches) {

@@ -262,7 +262,7 @@ void balance_at(Vector x, i64 k, Indices block, Indices places, Indices owner, i
 /// of_elements : arrays mean (n, nw), gain (n, nw), by_mean (3, n, nw), by_gain (3, n, nw)
 ///     With their slopes by logarithm of the amplitude, bias and logarithm of the frequency.
 /// L, dL : complex array, shapes (n, m, nw)
-///     Responses of the linear part and their derivatives by ln omega; none of these, (0, m, nw), where omega stands
+///     Responses of the linear part and their derivatives by ln omega; none of these, (0, m, nw), where omega is held
 ///     still.
 void assemble(Matrix X, Indices places, Indices owner, i64 pivot, const std::tuple<Matrix, Matrix, Vector>& static_,
     const std::tuple<Matrix, ComplexMatrix, Matrices, ComplexMatrices>& of_elements, ComplexMatrix inputs,

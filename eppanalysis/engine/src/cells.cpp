@@ -114,7 +114,7 @@ void run_cells(const Models& stack, const Combinations& compiled, const Work& wo
                 times(i) = period * i / SAMPLES;
             }
         } else if (kind == SETTLED) {
-            // A run of no length to speak of gives the signals where it stands.
+            // A run of no length to speak of gives the signals at its state.
             period = 1e-12 * t_end;
             for (i64 i = 0, i_end = SAMPLES + 1; i < i_end; ++i) {
                 times(i) = 2.0 * i * period;

@@ -36,7 +36,7 @@ constexpr auto names_of(const char (&table)[length], const char (&fields)[all]) 
 template <class T> struct Fields;
 
 /// What a table holds, by reference, and how that is called.
-#define EPP_FIELDS(T, ...) EPP_FIELDS_OF(T, __VA_ARGS__)  // names that stand for several are put in first
+#define EPP_FIELDS(T, ...) EPP_FIELDS_OF(T, __VA_ARGS__)  // names of several are put in first
 #define EPP_FIELDS_OF(T, ...)                                                                          \
     template <> struct Fields<T> {                                                                     \
         template <class Table> static auto of(Table& table_) {                                        \

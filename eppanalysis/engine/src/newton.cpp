@@ -22,7 +22,7 @@ Matrix shapes(Indices first, const std::tuple<Vector, Vector, Vector, Vector>& m
     return shapes;
 }
 
-/// Inputs of some elements at some points, and what they make of them; not `free`, pivot and omega stand still.
+/// Inputs of some elements at some points, and what they make of them; not `free`, pivot and omega are held.
 ///
 /// Arguments are those of `newton`, workspace for numbers of all points, and what is filled, from the point
 /// `begin` on.
@@ -187,7 +187,7 @@ void describe(Matrix X, Indices points, i64 begin, Indices block, Indices places
 ///     Relative step of the differences, longest step, that of a point that may be lost, and how many of these in a
 ///     row; last step of a point that has converged, and the larger of two in a row that are as good.
 /// parts : int arrays block, rows, columns
-///     Elements, and their equations and unknowns; all that the others give stands still.
+///     Elements, and their equations and unknowns; all that the others give is held.
 /// places, pivot, static
 ///     As of `assemble`.
 /// elements : first (m + 1,), arrays of `biased_sinusoid`, pins (m, 7)
@@ -197,7 +197,7 @@ void describe(Matrix X, Indices points, i64 begin, Indices block, Indices places
 /// linear : arrays, shapes (n, n), (n, m), (m, n), (m, m)
 ///     State space from all outputs to the first inputs.
 /// L : complex array, shape (n, m, m)
-///     Its responses, where the amplitude of the pivot and omega stand still; else of length zero.
+///     Its responses, where the amplitude of the pivot and omega are held; else of length zero.
 /// around : complex array, shape (n,)
 ///     Is filled with the gain once around the loop, cut at the pivot's input, where these responses are given.
 /// jacobian, found : array and bool array, shapes (n or 1, 3 m, 3 m + 1), (n,)

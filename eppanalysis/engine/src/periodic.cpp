@@ -265,7 +265,7 @@ std::tuple<i64, i64> advance(const Table& table, ComplexMatrix series, Matrix ph
         }
         when = INF;
         best = -1;
-        // Between switches memory stands still, so a guard on the input is a level that the series has to pass.
+        // Between switches memory is constant, so a guard on the input is a level that the series has to pass.
         for (i64 t = table.first(mode), t_end = table.first(mode + 1); t < t_end; ++t) {
             offset = table.constant(t);
             for (i64 h = 0; h < n_memory; ++h) {

@@ -1,7 +1,7 @@
 #pragma once
 // Fourier series and the automaton of an element whose input is one.
 //
-// A series is a row of complex coefficients c[0..n], real c[0], and stands for ``Re(sum c[k] exp(j k phi))``. Between its
+// A series is a row of complex coefficients c[0..n], real c[0], and means ``Re(sum c[k] exp(j k phi))``. Between its
 // extrema it is monotone, so that its next rise through a level is found to rounding; guards are multiples of few series.
 
 #include "engine/constants.hpp"

@@ -108,7 +108,7 @@ class Call {
         };
         std::apply([&](auto&... field) { (one(field), ...); }, Fields<T>::of(out));
     }
-    /// Automata of several elements: the tables stand in a tuple.
+    /// Automata of several elements: the tables are in a tuple.
     void put(nb::handle from, const char* name, Automata& out) {
         PyObject* tuple = checked(from, name, 4);
         PyObject* tables = checked(PyTuple_GetItem(tuple, 0), "Automata.tables", -1);

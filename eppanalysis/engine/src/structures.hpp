@@ -139,7 +139,7 @@ struct Workspace {
     Matrix aux{};
     Vector p{};  // ((order + 1)+,) series of a guard
     Vector still{};  // (y+,) constant parts of the signals
-    Vector x{};  // (n+,) state, modes and memory values (the last one is 1): the start, and where the run stands
+    Vector x{};  // (n+,) state, modes and memory values (the last one is 1): the start, and the state of the run
     Indices modes{};  // (E,) int
     Vector H{};  // (H,)
     Vector rate{};  // (n+,) rate of the state just before the last event, or at the end
@@ -199,7 +199,7 @@ struct EventBuffer {
     IndexMatrix modes{};  // (keep, E) int
 };
 
-/// Where a run stands, and what is asked for.
+/// The state of a run, and the request.
 struct Progress {
     double t_end{};
     double base_step{};

@@ -43,7 +43,7 @@ double change(Vector ev_t, Matrix ev_x, i64 count, i64 back, i64 keep, i64 p, Ve
         if (!compared(i)) {
             continue;
         }
-        // A state that stands still on the cycle is held against how far it has moved in the run, or its rounding would
+        // A state that is constant on the cycle is held against how far it has moved in the run, or its rounding would
         // be a change.
         scale = greatest_of(local(i), 1e-06 * size(i));
         if (scale > 0.0) {

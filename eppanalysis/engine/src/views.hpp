@@ -13,7 +13,7 @@
 #include <tuple>
 #include <type_traits>
 
-// All code that does arithmetic stands in a namespace of its instruction set, so that two builds of it fit into one
+// All code that does arithmetic is in a namespace of its instruction set, so that two builds of it fit into one
 // process, and none takes an inline function of the other.
 #ifndef EPP_ARCH
 #define EPP_ARCH baseline
@@ -37,7 +37,7 @@ inline namespace EPP_ARCH {
 #define EPP_CHECK(what) ((void)0)
 #endif
 
-/// Stands for an argument that is left out.
+/// An argument that is left out.
 struct None {};
 
 /// Part of an axis, and all of it, where a view is cut.
@@ -49,7 +49,7 @@ constexpr All ALL{};
 
 using std::size_t;
 
-/// What views of one rank have in common: the places are told by `Self::stride`.
+/// What views of one rank have in common: the places follow from `Self::stride`.
 template <class T, int N, class Self> struct Basic {
     std::array<i64, static_cast<size_t>(N)> lengths{};
 
@@ -179,7 +179,7 @@ template <class T, int N> struct View : Basic<T, N, View<T, N>> {
         static_assert((std::is_integral_v<I> && ...), "whole numbers");
         return data[place(static_cast<i64>(index)...)];
     }
-    /// What stands behind the first indices.
+    /// What is behind the first indices.
     template <class... I> View<T, N - static_cast<int>(sizeof...(I))> row(I... index) const {
         constexpr int left = N - static_cast<int>(sizeof...(I));
         View<T, left> out;

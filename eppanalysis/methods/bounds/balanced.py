@@ -151,7 +151,7 @@ def look(question: BoundProblem, n_scan: int = N_SCAN, each: Each = map) -> Scan
     seen = list(each(partial(_seen_at, question), values))
     own = value_of(question.case, question.limit)
     # Before it is said that no value is free of cycles the case's
-    # own is asked, too: a design may sit in a gap of the scan.
+    # own is tried, too: a design may sit in a gap of the scan.
     if all(s.there for s in seen) and own is not None and question.low < own < question.high:
         seen = sorted([*seen, _seen_at(question, own)], key=lambda s: s.value)
     return _outlook(question, seen)
@@ -162,7 +162,7 @@ def _outlook(question: BoundProblem, seen: Sequence[_Seen]) -> ScanResult:
     there = [s.there for s in seen]
     if None in there:
         # A bound is tested where it is found, so that there the DF's word will do; for other answers nothing else
-        # is asked.
+        # is tried.
         there = [bool(s.predicted) if s.there is None else s.there for s in seen]
         if there[0] == there[-1] and (there[0] or not any(there)):
             return ScanResult(Finding.UNSURE, note=f"It is undecided at {_named_values(question, seen, None)}.")
@@ -310,12 +310,12 @@ class BalancedSweep:
     def _ready(self, question: BoundProblem, numbers: ParametricModel) -> bool:
         """Cycles to begin from: carried over from the last value, or sought anew."""
         # Newton's method from the last value's cycles is cheap; the exact
-        # search over the range is asked again only where all are lost.
+        # search over the range runs again only where all are lost.
         carried = tuple(c for c in (balanced(numbers, c.value, c) for c in self.far) if c is not None)
         if carried and self.outlook is not None:
             self.far = carried
             return True
-        # A pool that is at work already is asked for nothing more.
+        # A pool that is at work already is given nothing more.
         self.outlook = look(question, each=map if self.pool is None or self.outlook is not None else self.pool.map)
         self.far = self.outlook.cycles
         return self.outlook.finding is Finding.BOUND and bool(self.far)

@@ -3,7 +3,7 @@
 Each bound is found by describing functions, corrected to the exact fold, put to the test on both sides, and comes with
 its elasticities. The parts are in ``harmonic`` (search and
 sweep), ``fold`` (the nonlinear programme), ``equations`` (its equations), ``exact``, ``verify`` and ``elasticity``.
-Where a size of cycles is allowed, exact orbits alone are asked (``sizes``), of a sampled loop ``searched``.
+Where a size of cycles is allowed, exact orbits alone are used (``sizes``), of a sampled loop ``searched``.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _MOST_FAMILIES = 3
 _SLOW = " Near the bound a cycle that has vanished decays slowly; a larger margin leaves it room."
 #: Fields of the run, and why a bound on one of its input is where the run ceases to come to rest.
 _OF_THE_RUN, _INPUT = "run.", "The input does not change the loop"
-#: What describing functions may find of a cell that exact orbits are asked about.
+#: What describing functions may find of a cell that exact orbits then examine.
 _CORRECTED = (Finding.BOUND, Finding.BEYOND, Finding.FAILED)
 
 
@@ -213,7 +213,7 @@ def design_bounds(
 
 
 def _check_asking(settings: Settings, asking: SearchedProblem | None, own_run: bool, prove: bool) -> None:
-    """Refuse what goes with exact folds alone where the search is asked, and what goes with the search elsewhere."""
+    """Refuse what goes with exact folds alone where the search is used, and what goes with the search elsewhere."""
     if asking is None and own_run:
         said = " is given for a loop whose bounds are folds; expected a loop whose bounds the search finds."
         raise ArgumentError("own_run", said, "design_bounds")

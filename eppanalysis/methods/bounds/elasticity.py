@@ -46,7 +46,7 @@ _LARGER = 1e-6
 def parameters_of(question: BoundProblem) -> list[str]:
     """Parameters by which a bound has an elasticity: numbers that are not zero, without the bounded one.
 
-    A field that the bounded one stands in for (the forearm's inertia, say, for the prehensor's mass) has none.
+    A field that the bounded one replaces (the prehensor's mass, say, by the forearm's inertia) has none.
     """
     case = question.case_at(question.high)
     found = []
@@ -214,7 +214,7 @@ def _growth(case: CaseLike, name: str, value: float, point: BranchPoint, allowed
         changed = case.with_values({name: v})
         hybrid = steady_case(changed)
         y = point.orbit.y.copy()
-        # Behind the states of the loop stand its inputs, which the changed parameter may have moved.
+        # The states of the loop are followed by its inputs, which the changed parameter may have moved.
         y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
         orbit = solve(hybrid, replace(point.orbit.guess, y=y))
         return np.array([allowed.of_orbit(changed.to_system(), orbit)]) if orbit.residual < CONVERGED else None

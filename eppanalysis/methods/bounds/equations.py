@@ -40,7 +40,7 @@ _NODES_MOST = 40
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the unknowns stand: counts of inputs, states, and switches and memory values of each element."""
+    """Places of the unknowns: counts of inputs, states, and switches and memory values of each element."""
 
     order: int
     n_inputs: int
@@ -371,7 +371,7 @@ class _Element:
                     total += row[3 + h] * before[h]
                 return total
 
-            # A switch that follows another one at once stands at its instant, for its guard has been passed already.
+            # A switch that follows another one at once is at its instant, for its guard has been passed already.
             out.append(self.phi[i] - self.phi[i - 1] if at_once else affine(self.numbers.guard[i]))
             out += [self.memory[h, i] - affine(self.numbers.reset[i, h]) for h in range(n_memory)]
         return out
@@ -399,7 +399,7 @@ def polynomials(dependence: Dependence, used: BoolArray, u: Any, constants: Any,
     Parameters
     ----------
     constants : SX, shape (n_used,)
-        The numbers that stand still (zero in the places of the others).
+        The constant numbers (zero in the places of the others).
     coefficients : SX, shape (k, DEGREE + 1)
     """
     ahead = behind = ca.SX(coefficients.shape[0], 1)

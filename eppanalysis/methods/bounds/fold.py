@@ -5,7 +5,7 @@
 
 Its solution is a fold: there a stable and an unstable cycle meet, and beyond it none is left of the family. The
 programme holds for one sequence of switches (:mod:`eppanalysis.methods.bounds.equations`). At its solution the elements
-are asked which switches they really make; where these are others, the programme is written for them and solved on from
+show which switches they really make; where these are others, the programme is written for them and solved on from
 there. The multipliers of the equations give the derivative of the bound by every number of the loop at once.
 """
 
@@ -424,7 +424,7 @@ class _Step:
         loop = equations.loop
         try:
             # The programme solves its own equations whatever the
-            # elements do, so these are asked for their true switches.
+            # elements do, so these give their true switches.
             W, _ = loop.answers(cycle.Z, cycle.omega)
         except Unsettled:
             return float("inf")

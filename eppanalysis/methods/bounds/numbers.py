@@ -22,7 +22,7 @@ from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.methods.harmonic.series import TURN
 from eppanalysis.models.systems.lure import LureSystem
 
-#: Degree of the polynomial that stands in for a number over the range of the parameter, and how well it must agree.
+#: Degree of the polynomial that replaces a number over the range of the parameter, and how well it must agree.
 DEGREE = 16
 _DEGREES = (2, 6, DEGREE)
 _AGREEMENT = 1e-9
@@ -89,7 +89,7 @@ class LoopNumbers(NamedTuple):
     B: Array
     C: Array
     D: Array
-    state: Array  # (n,): constant part of the state rate, standing inputs included
+    state: Array  # (n,): constant part of the state rate, constant inputs included
     inputs: Array  # (F,): constant part of the elements' free inputs
     delays: Array
     elements: tuple[ElementNumbers, ...]
@@ -198,7 +198,7 @@ class ParametricModel:
         """A part of the range around a value; windows overlap."""
         if not self.low > 0:
             return self.low, self.high
-        # Windows stand on a fixed grid of factors, so that neighbouring values share one fit.
+        # Windows are on a fixed grid of factors, so that neighbouring values share one fit.
         k = np.floor(np.log(max(value, self.low) / self.low) / np.log(_WINDOW))
         low, high = self.low * _WINDOW ** (k - 0.5), self.low * _WINDOW ** (k + 1.5)
         return max(self.low, float(low)), min(self.high, float(high))

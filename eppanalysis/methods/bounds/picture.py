@@ -44,7 +44,7 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     """The boundary over the parameter that runs: describing functions, exact, and the simulated tests.
 
     Filled circles are places at which every run came to rest and the search found no cycle; diamonds are exact orbits
-    on the other side. Open circles mark tests that failed. What bounds of a sampled loop do not cover stands below.
+    on the other side. Open circles mark tests that failed. What bounds of a sampled loop do not cover is below.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """What is proved beside a bound: that no limit cycle exists at a value on its free side, and that one does beyond.
 
-The nearest values at which the proofs succeed stand on both sides of the bound; between them nothing is proved. Of a
+The nearest values at which the proofs succeed are on both sides of the bound; between them nothing is proved. Of a
 gain one proof of absence holds for all values from the free end of the range on, where it succeeds.
 """
 

@@ -92,7 +92,7 @@ def _ends(question: BoundProblem, values: Sequence[float], allowed: Allowed | No
 def smallest_trigger(question: BoundProblem, value: float, allowed: Allowed | None = None) -> Trigger | None:
     """The smallest step of an external input that starts a cycle at a value of the limiting parameter; None if none.
 
-    Where a size is allowed also none, unless all stable cycles are larger: which of them a run is on is not asked.
+    Where a size is allowed also none, unless all stable cycles are larger: on which of them a run is does not matter.
     """
     system = question.case_at(value).to_system()
     try:

@@ -191,7 +191,7 @@ class BoundCell(Brief):
     safe_value, other_value : float
         Where the tests were made [SI].
     n_searched : int
-        Values of the limiting parameter at which the search was asked, where the bound is by it.
+        Values of the limiting parameter searched, where the bound is by the search.
     n_runs, n_settled, n_cycles : int
         Runs on the safe side, those that came to rest (or to a cycle that is allowed), and limit cycles (that are not)
         which the search or the runs found there.
@@ -453,7 +453,7 @@ class DesignBounds(Listing[BoundCell]):
         return " ".join([f"{'; '.join(said)}.", *why])
 
     def _proved(self) -> dict[str, Array]:
-        """The values at which absence of cycles, and a cycle, are proved; nothing where that was not asked for."""
+        """The values at which absence of cycles, and a cycle, are proved; nothing where that was not requested."""
         if all(c.proved is None for c in self.cells):
             return {}
         sides = {"proved_free": "free", "proved_cycle": "cycle"}

@@ -1,10 +1,10 @@
 """Bounds of loops without a fold to solve for: where the answer of the search for limit cycles changes, by halving.
 
-The cycles of a sampled loop stand in whole numbers of samples or in none, so no branch of them runs through a fold; and
-an element that reads a state of the loop has no balance of harmonics, with which folds are sought. The search is asked
+The cycles of a sampled loop are locked to its samples or not, so no branch of them runs through a fold; and
+an element that reads a state of the loop has no balance of harmonics, with which folds are sought. The search runs
 at some values over the range, and between two that it answers differently again and again, until both lie within the
-margin; from the cycles that are known on one side it starts on the other. Beside it the case's own run is asked, or
-that alone. What only other starts lead to, and what comes and goes between the values that were asked, is not covered,
+margin; from the cycles that are known on one side it starts on the other. Beside it the case's own run is made, or
+that alone. What only other starts lead to, and what comes and goes between the values tried, is not covered,
 and the result says so.
 """
 
@@ -64,12 +64,12 @@ def why_by_search(system: LureSystem) -> str:
 
 @dataclass(frozen=True)
 class SearchedProblem:
-    """What is asked at each value."""
+    """What is tried at each value."""
 
     allowed: Allowed | None = None  # the largest stable cycle that is allowed
     margin: float = 0.01  # how near the two sides of a bound come, relative to it
-    own_run: bool = False  # whether the case's own run alone is asked, from its own start and with its own input
-    why: str = ""  # why the search is asked at all
+    own_run: bool = False  # whether the case's own run alone is made, from its own start and with its own input
+    why: str = ""  # why the search is used at all
     progress: Progress | None = None
     #: Whether one cycle that is not allowed is answer enough; else all are looked for, as starts at other values.
     first: bool = False
@@ -79,7 +79,7 @@ class SearchedProblem:
         return self.allowed is None or self.allowed.exceeded_by(cycle)
 
     def answer(self, question: BoundProblem, value: float, known: Sequence[LimitCycle] = ()) -> Answer:
-        """Ask the case's own run, and the search, which starts from the cycles `known` at another value, too."""
+        """Make the case's own run, and the search, which starts from the cycles `known` at another value, too."""
         case = question.case_at(value)
         if self.progress is not None:
             self.progress(0, None, f"{case.name}: {question.limit} = {case.text(question.limit, value, DIGITS)}")
@@ -182,7 +182,7 @@ def _cell(question: BoundProblem, value: float, asking: SearchedProblem) -> Boun
     # From all cycles next to the safe side those are followed that reach farthest.
     all_there = asking.answer(question, ordered[first].value, ordered[first].cycles)
     beyond, safer = [all_there, *ordered[first + 1 :]], ordered[:first][::-1]
-    # The last free value may be free only because no start led to the cycle: it is asked again from the cycles known
+    # The last free value may be free only because no start led to the cycle: it is searched again from the cycles known
     # beyond, and gives way while that finds one.
     while safer and (known := _nearest(beyond).cycles) and not asking.own_run:
         again = asking.answer(question, safer[0].value, known)
@@ -216,7 +216,7 @@ def _nearest(beyond: Sequence[Answer]) -> Answer:
 def _narrowed(
     question: BoundProblem, sides: tuple[Answer, Answer, Answer], asking: SearchedProblem
 ) -> tuple[tuple[Answer, Answer, Answer], int]:
-    """Two values within the margin, the first free and the next not; the nearest with a cycle; how many were asked."""
+    """Two values within the margin, the first free and the next not; the nearest with a cycle; how many were tried."""
     safe, beyond, other = sides
     count, least = 0, _SMALL * (question.high - question.low)  # a bound at zero has no relative margin
     while abs(beyond.value - safe.value) > asking.margin * max(abs(safe.value), abs(beyond.value), least):

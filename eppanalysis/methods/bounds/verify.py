@@ -56,7 +56,7 @@ class Verification:
     #: is allowed.
     n_runs: int
     n_settled: int
-    search: CycleSearch | None  # on the safe side; None where what it found is told by `cycles` alone
+    search: CycleSearch | None  # on the safe side; None where what it found is in `cycles` alone
     cycles: tuple[LimitCycle, ...]  # exact ones on the safe side, found by the search or by the runs, and not allowed
     orbit: LimitCycle | None  # the exact orbit on the other side
     message: str  # what is missing; empty where nothing is
@@ -247,7 +247,7 @@ def rest_of(hybrid: HybridSystem, to: Judge) -> Array:
 
 
 def cloud(hybrid: HybridSystem, rest: Array, v0: Array, size: Array, n: int, seed: int) -> Array:
-    """Starts of a cloud, shape (n, states): displaced from rest, and steps of the inputs from where they stood.
+    """Starts of a cloud, shape (n, states): displaced from rest, and steps of the inputs from where they were.
 
     The displacements have all directions and sizes from a hundredth of the orbit to four times it; the steps go from
     twice as far as the case's own in one direction to as far in the other.

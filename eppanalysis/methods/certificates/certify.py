@@ -223,7 +223,7 @@ def _cycles(system: LureSystem, stated: dict[str, Any], made: Callable[..., Cert
 
 
 def _growth(stated: Mapping[str, Any]) -> str:
-    """That linear loops which stand for a play while it moves are not stable; empty where they are."""
+    """A sentence where the linear loops of a moving play are not stable; empty where they are."""
     if stated.get("element", {}).get("kind") != "play":
         return ""
     nums, dens = (

@@ -1,7 +1,7 @@
 """Checker of a certificate of absence: no periodic motion but rest, by the criterion of Popov or the circle criterion.
 
 A file speaks of one linear part, of all on the straight line between two, or of a box with 4 or 8 at its corners, and
-of one dead time, or of all between two. The checker stands alone, ``python -I check_absence.py < certificate.json``,
+of one dead time, or of all between two. The checker runs alone, ``python -I check_absence.py < certificate.json``,
 and computes with exact rationals and, behind dead time, with balls (python-flint). Theory: docs/theory/proofs.md, "No
 periodic motion", and of play "By frequency".
 """
@@ -55,7 +55,7 @@ def number(text):
 
 
 def once(pairs):
-    """Names with what they stand for, none of them twice."""
+    """Names with their values, none of them twice."""
     require(len(dict(pairs)) == len(pairs), "a name that occurs twice")
     return dict(pairs)
 

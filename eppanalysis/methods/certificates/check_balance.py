@@ -41,7 +41,7 @@ def number(text):
 
 
 def once(pairs):
-    """Names with what they stand for, none of them twice."""
+    """Names with their values, none of them twice."""
     require(len(dict(pairs)) == len(pairs), "a name that occurs twice")
     return dict(pairs)
 
@@ -260,7 +260,7 @@ class Balance:
         B, M, P, Q = (biases or [A.line(0)])[0], A, A.line(0, acb(-1)), A.line(0, acb(1))
         parts, alone = self.linear(w)
         for (D, late), (*_, element) in zip(parts, self.ring, strict=True):
-            # Where a linear part may swing alone, what remembers may stand anywhere that it holds.
+            # Where a linear part may swing alone, what remembers may be anywhere that it holds.
             stands = alone and not element.moves(A, B)
             N, M = element.at_rest(B) if stands else element.over(A, B)
             if N.x == 0 and not alone:

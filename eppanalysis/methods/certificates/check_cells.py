@@ -1,6 +1,6 @@
 """Checker that a relay with dead zone has no limit cycles but those listed: its return map in cells, images in balls.
 
-It stands alone, ``python -I check_cells.py < certificate.json``. The loop is k/(s (s + p)(s + q)), p, q > 0; scaled,
+It runs alone, ``python -I check_cells.py < certificate.json``. The loop is k/(s (s + p)(s + q)), p, q > 0; scaled,
 ``x' = v, v' = a, a' = -a - beta v - kappa y``, y one of -1, 0, 1 beside thresholds of 1. Theory: docs/theory/proofs.md.
 """
 
@@ -51,7 +51,7 @@ def number(text):
 
 
 def once(pairs):
-    """Names with what they stand for, none of them twice."""
+    """Names with their values, none of them twice."""
     require(len(dict(pairs)) == len(pairs), "a name that occurs twice")
     return dict(pairs)
 

@@ -58,7 +58,7 @@ def number(text):
 
 
 def once(pairs):
-    """Names with what they stand for, none of them twice."""
+    """Names with their values, none of them twice."""
     require(len(dict(pairs)) == len(pairs), "a name that occurs twice")
     return dict(pairs)
 

@@ -1,8 +1,8 @@
 """Checker of a certificate that a sequence of affine arcs has one closed orbit in a box, and meets no event earlier.
 
-It stands alone, ``python -I check_orbit.py < certificate.json``, with exact rationals, and balls (python-flint, Arb)
-that hold what they stand for. On an arc ``dv/dt = rate v``, with a 1 behind v; it ends where its guard is zero, and
-``jump v`` stands behind it. Theory: docs/theory/proofs.md.
+It runs alone, ``python -I check_orbit.py < certificate.json``, with exact rationals, and balls (python-flint, Arb)
+that hold the exact values. On an arc ``dv/dt = rate v``, with a 1 behind v; it ends where its guard is zero, and
+``jump v`` follows it. Theory: docs/theory/proofs.md.
 """
 
 import sys
@@ -54,7 +54,7 @@ def number(text):
 
 
 def once(pairs):
-    """Names with what they stand for, none of them twice."""
+    """Names with their values, none of them twice."""
     require(len(dict(pairs)) == len(pairs), "a name that occurs twice")
     return dict(pairs)
 
@@ -139,7 +139,7 @@ class Orbit:
         require(self.timed, "no arc that takes time")
         self.zero = {k: arcs[k].guards[arcs[k].fired].tolist() for k in self.timed}
         left = known = [(k, row) for k in self.timed for row in arcs[k].levels]
-        while known:  # what sticks stands on its level at the start, and does not leave it
+        while known:  # what sticks is on its level at the start, and does not leave it
             known = [x for x in left if not any((x[1] * arcs[x[0]].rate).entries()) and self.at_start(*x)]
             for k, row in known:
                 self.zero[k].append(row.tolist()[0])

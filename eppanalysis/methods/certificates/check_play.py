@@ -1,6 +1,6 @@
 """Checker of a certificate that loops with play have no periodic motion but rest, by a function quadratic in sectors.
 
-A file speaks of one numerator of the linear part, or of all on the straight line between two. The checker stands alone,
+A file speaks of one numerator of the linear part, or of all on the straight line between two. The checker runs alone,
 ``python -I check_play.py < certificate.json``, and computes with exact rationals throughout. Theory:
 docs/theory/proofs.md; the numbers in brackets are its inequalities.
 """
@@ -50,7 +50,7 @@ def number(text):
 
 
 def once(pairs):
-    """Names with what they stand for, none of them twice."""
+    """Names with their values, none of them twice."""
     require(len(dict(pairs)) == len(pairs), "a name that occurs twice")
     return dict(pairs)
 

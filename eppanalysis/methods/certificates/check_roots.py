@@ -1,7 +1,7 @@
 """Checker of a certificate of all roots of the DF balance ``1 + N(A) G(j omega) = 0`` in a box.
 
-It stands alone, ``python -I check_roots.py < certificate.json``, and computes with exact rationals, and with balls
-(python-flint, Arb) that hold what they stand for. Theory: docs/theory/proofs.md.
+It runs alone, ``python -I check_roots.py < certificate.json``, and computes with exact rationals, and with balls
+(python-flint, Arb) that hold the exact values. Theory: docs/theory/proofs.md.
 """
 
 import sys
@@ -49,7 +49,7 @@ def number(text):
 
 
 def once(pairs):
-    """Names with what they stand for, none of them twice."""
+    """Names with their values, none of them twice."""
     require(len(dict(pairs)) == len(pairs), "a name that occurs twice")
     return dict(pairs)
 

@@ -1,4 +1,4 @@
-"""Which rational number a floating-point one stands for: one that is given, and one that is computed from such ones."""
+"""The rational number that a floating-point one means: one that is given, and one that is computed from such ones."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class NotCovered(EppError):
 
 
 def number_of(value: float) -> Fraction:
-    """The number that a parameter of a loop stands for.
+    """The number that a parameter of a loop means.
 
     One of few digits is its shortest decimal. One of more than 14 has been computed in floats, as a quotient of such
-    numbers for instance: it stands for the fraction of smallest denominator within 2**-50 of it.
+    numbers for instance: it means the fraction of smallest denominator within 2**-50 of it.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def _number_of(value: float) -> Fraction:
 
 
 def coefficient_of(value: Fraction) -> Fraction:
-    """The number that a coefficient stands for which was computed exactly, from floats that each are off by rounding.
+    """The number of a coefficient that was computed exactly, from floats that each are off by rounding.
 
     The fraction of small terms or decimal of 10 digits that it is to a part in 10**13, else its decimal of 15 digits.
 

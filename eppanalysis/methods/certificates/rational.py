@@ -1,7 +1,7 @@
 """A loop with one element in rational numbers, as certificates state it: ``x = -G y``, y = element(x).
 
 Coefficients of G are computed exactly from the state space, and rounding in it is taken back (see `numbers`); how far
-that is from the state space is told.
+this is from the state space is said.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def rational_link(system: LureSystem) -> tuple[dict[str, Any], float]:
 
 
 def require_no_bias(system: LureSystem, inputs: Any) -> None:
-    """The element stands at zero where the external inputs are held at `inputs`, shape (nv,).
+    """The element is at zero where the external inputs are held at `inputs`, shape (nv,).
 
     Raises
     ------

@@ -12,7 +12,7 @@ from typing import Any
 
 
 class Asked(StrEnum):
-    """What `certify` is asked to prove."""
+    """What `certify` can prove."""
 
     ROOTS = "roots"
     ABSENCE = "absence"

@@ -38,6 +38,7 @@ from eppanalysis.models.systems.subject import CaseLike, require_case
 from eppanalysis.readable import words
 from eppanalysis.results import (
     DESCRIBING_FUNCTION,
+    EXACT_ORBIT,
     HARMONIC_BALANCE,
     LimitCycle,
     Outcome,
@@ -220,13 +221,14 @@ class Ladder(Result):
         return [f"{self.search.headline()}.", run] if undecided else [run, *self._exact_sentence()]
 
     def _exact_sentence(self) -> list[str]:
-        """What the exact search finds; a cycle that the run is on is not told again."""
+        """What the search finds, exactly or from runs alone; a cycle that the run is on is not repeated."""
         if self.search is None:
             return []
         run, found = self.run.limit_cycle, self.search.cycles
         alone = run is not None and len(found) == 1 and found[0].size_of(self.signal) == run.size_of(self.signal)
-        told = "this limit cycle and no other" if alone else counted(found, self.signal)
-        return [f"The exact search finds {told}.", *self.search.doubts()]
+        said = "this limit cycle and no other" if alone else counted(found, self.signal)
+        search = "exact search" if all(cycle.method == EXACT_ORBIT for cycle in found) else "search by runs"
+        return [f"The {search} finds {said}.", *self.search.doubts()]
 
     def to_frame(self) -> pandas.DataFrame:
         """The methods, one a row: the cycle of each, how far it is off, and how long it took [s]."""

@@ -1,4 +1,4 @@
-"""Picture of a ladder: the run, its cycle beside the predicted and the balanced one, and the prediction."""
+"""Picture of a ladder: the run, its cycle beside those of DF and harmonic balance, and the prediction."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ from eppanalysis.results.picture import closes, draw_run, motion_of, one_period,
 
 #: Heights of a panel of the run, of the steady motion, and of the prediction [inch].
 _RUN, _CLOSE, _PREDICTION = 1.0, 1.4, 3.0
-#: More exact cycles than these beside that of the run cannot be told apart.
+#: More exact cycles than these beside that of the run cannot be distinguished.
 _MOST_OTHERS = 3
-#: Stable cycles side by side, told apart in grey, too.
+#: Stable cycles side by side, distinct in grey, too.
 _CYCLES: tuple[dict[str, Any], ...] = (
     {"color": BLUE, "linestyle": "-"},
     {"color": VERMILLION, "linestyle": "-."},
@@ -93,7 +93,7 @@ def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
 
 
 def _parts(ladder: Ladder) -> tuple[bool, bool]:
-    """Whether the steady motion and the prediction stand below the run: what has nothing to show does not."""
+    """Whether the steady motion and the prediction are below the run: what has nothing to show does not."""
     run, prediction = ladder.run, ladder.prediction
     curves = prediction is None or prediction.curves.get("kind") == "nyquist" or prediction.curves.get("branches")
     cycles = (ladder.search, prediction)
@@ -102,8 +102,8 @@ def _parts(ladder: Ladder) -> tuple[bool, bool]:
 
 
 def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
-    """Two periods of the run's cycle (a few oscillations of a long one); predicted and balanced in phase in
-    the middle.
+    """Two periods of the run's cycle (a few oscillations of a long one); those of DF and harmonic balance are in phase
+    with it in the middle.
     """
     cycle = ladder.run.limit_cycle
     assert cycle is not None
@@ -115,7 +115,8 @@ def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
         ax.plot(both, factor * _in_phase(ladder, guess, name, both), "--", color=VERMILLION, lw=1.3, label="predicted")
     balance = ladder.balance
     if balance is not None:
-        ax.plot(both, factor * _in_phase(ladder, balance, name, both), ":", color=DARK_ORANGE, lw=1.6, label="balanced")
+        balanced = factor * _in_phase(ladder, balance, name, both)
+        ax.plot(both, balanced, ":", color=DARK_ORANGE, lw=1.6, label=balance.method)
     for other in _others(ladder):
         colour, style = (DARK_SKY, "-") if other.stable else (GREY, "--")
         text = f"exact, {STABILITY[other.stable]}"

@@ -280,7 +280,7 @@ def _with_errors(row: Rung, exact: int | None, truth: Sequence[LimitCycle], sign
         return row
     errors = {"period": pace(truth[exact], signal) / pace(row.cycle, signal) - 1.0}
     size = truth[exact].peak_to_peak[signal]
-    if size > 0.0:  # else the signal stands still, and no error is relative to that
+    if size > 0.0:  # else the signal is constant, and no error is relative to that
         errors["peak-to-peak"] = row.cycle.peak_to_peak[signal] / size - 1.0
     return replace(row, exact=exact, errors=errors)
 

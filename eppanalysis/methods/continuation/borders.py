@@ -2,7 +2,7 @@
 
 A visit to a mode that becomes ever shorter ends with its two events at one instant, as where friction holds the drive
 for a moment less and less long. In the dwell time of that arc the branch is smooth where in its parameter it may bend
-like a root, so that Newton's method, asked for a dwell time of zero, arrives where steps along the branch shrink to
+like a root, so that Newton's method for a dwell time of zero arrives where steps along the branch shrink to
 nothing. The same motion without the visit is an orbit too, with its own branch: where that one leads back, both meet in
 a border collision (a non-smooth fold: di Bernardo et al., Piecewise-smooth Dynamical Systems, 2008, chapter 8).
 """
@@ -121,7 +121,7 @@ def visit_ends(inside: BranchPoint, new: BranchPoint) -> BranchPoint:
 
 
 def shown_at(border: BranchPoint, inside: BranchPoint) -> BranchPoint:
-    """The orbit that is shown for a border: that before it where a contact grazes, and what switches stands still."""
+    """The orbit that is shown for a border: that before it where a contact grazes, and what switches is constant."""
     return border if regular(border) else replace(inside, value=border.value)
 
 

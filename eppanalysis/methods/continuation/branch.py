@@ -314,7 +314,7 @@ class Continuation:
         return ""
 
     def _ended(self, points: list[BranchPoint], new: BranchPoint | None, why: str) -> tuple[list[BranchPoint], str]:
-        """The points up to a change of the sequence beyond which no orbit is, or at which the parameter stands."""
+        """The points up to a change of the sequence beyond which no orbit is, or at which the parameter is constant."""
         if new is None:
             return points, why
         _, inside, _, _ = self.special.pop()  # that the events change there is up to rounding
@@ -322,7 +322,7 @@ class Continuation:
         return self._stood(points, inside if what is Change.CONTINUA else new, what)
 
     def _stood(self, points: list[BranchPoint], new: BranchPoint, what: Change) -> tuple[list[BranchPoint], str]:
-        """The points up to one at which the parameter stands still, or cycles are a continuum from there on."""
+        """The points up to one at which the parameter is constant, or cycles are a continuum from there on."""
         if what is Change.CONTINUUM and linear_arc(new.orbit) is not None:
             what = Change.LINEAR
         self._note(what, new, STANDS[what], len(points))
@@ -403,7 +403,7 @@ class Continuation:
             found = locate(old, new, self.passes, 1e-12)
             if found is not None:
                 self._note(Change.PASSAGE, found, "the function that is watched passes zero", index)
-        # A multiplier passes 1 at a fold, too: that is no special point besides. Where the parameter stands still its
+        # A multiplier passes 1 at a fold, too: that is no special point besides. Where the parameter is constant its
         # sign is rounding, and at the limit of linear stability, where a cycle is neutral, the side of its multipliers.
         if old.turn * new.turn < 0 and not new.stands:
             found = locate(old, new, lambda p: p.turn, 1e-11)

@@ -1,4 +1,4 @@
-"""Where a multiplier is -1: the branch of orbits of twice the period that leaves there, and how it is told on arrival.
+"""Where a multiplier is -1: the branch of orbits of twice the period that leaves there, and how it is recognised.
 
 At such a point the orbit, gone round twice, is a solution of the equations for the doubled sequence of events, and the
 eigenvector of the multiplier -1 is a second direction in which these solutions go on: disturbed by it, the first turn

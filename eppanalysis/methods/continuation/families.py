@@ -1,7 +1,7 @@
-"""The hybrid system as a function of one parameter, cheap enough to be asked for thousands of times; its derivative.
+"""The hybrid system as a function of one parameter, cheap enough for thousands of values; its derivative.
 
 The numbers in a system's arrays are analytic functions of a parameter, so that polynomials over the range, of a degree
-at which they agree with the system itself to rounding, stand in for it. Where none do (a parameter that changes the
+at which they agree with the system itself to rounding, replace it. Where none do (a parameter that changes the
 structure), the system is built each time. The arrays of an orbit's arcs are such functions, too: the derivatives of
 their polynomials are those that folds and bounds need (docs/theory/exact_orbits.md, Derivatives by a parameter).
 """
@@ -21,7 +21,7 @@ from eppanalysis.methods.orbits.orbit import Orbit, residual_slope
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.polynomials import Polynomial, constant, polynomial, polynomial_at
 
-#: Largest difference of a system from its stand-in, relative to the largest value that an entry takes over the range.
+#: Largest difference of a system from its polynomials, relative to the largest value of an entry over the range.
 _AGREEMENT = 4e-15
 #: Lengths of the range that is interpolated over, relative to the one given.
 _REACHES = (1.02, 0.98)
@@ -62,7 +62,7 @@ class Family:
 
     build: Callable[[float], HybridSystem]  # from the value (SI) to the system
     limits: tuple[float, float]
-    window: tuple[float, float] | None = None  # where the stand-in is wanted, when that is a small part of the range
+    window: tuple[float, float] | None = None  # where the polynomials are wanted, if in a small part of the range
     patience: int = 7  # how many systems are built before it is made
     _stand_in: _StandIn | None = field(default=None, init=False)
     _asked: int = field(default=0, init=False)
@@ -79,7 +79,7 @@ class Family:
         return self.build(value) if stand_in is None else stand_in.at(value)
 
     def _standing_in(self, value: float) -> _StandIn | None:
-        """What stands in for the system at a value that is requested; None where nothing does."""
+        """The polynomials in place of the system at a requested value; None where there are none."""
         self._asked += 1
         if self._asked == self.patience + 1:
             self._stand_in = interpolate(self.build, *(self.window or self.limits))
@@ -93,7 +93,7 @@ class Family:
         EppError
             If the parameter changes the structure of the loop at the value.
         """
-        # A derivative is followed by more: the stand-in pays at once.
+        # A derivative is followed by more: the polynomials pay at once.
         self._asked = max(self._asked, self.patience) if self.patience > 0 else self._asked
         part = self._part(value)
         key = orbit.arcs.event_sequence.key, part
@@ -111,7 +111,7 @@ class Family:
         return constant(_flat_numbers(hybrid, Arcs.build(hybrid, arcs.event_sequence, arcs)), value)
 
     def _part(self, value: float) -> tuple[float, float] | None:
-        """The part of the range of the stand-in that a value is in; None where it is in none."""
+        """The part of the range of the polynomials that a value is in; None where it is in none."""
         stand_in = self._standing_in(value)
         if stand_in is None:
             return None
@@ -161,7 +161,7 @@ def _arcs_over(
 
 
 def _numbers_of(hybrid: HybridSystem, arcs: Arcs) -> tuple[Array, ...]:
-    """What an orbit's equations depend on: its arcs, and where the loop's inputs stand."""
+    """What an orbit's equations depend on: its arcs, and the values of the loop's inputs."""
     c = arcs.channels
     smooth = c.smooth_x, c.smooth_H, c.smooth_s, c.smooth_scale
     return arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.shift, *smooth, hybrid.x0[hybrid.n_plant :]
@@ -186,7 +186,7 @@ def _slope_from(orbit: Orbit, numbers: Polynomial, value: float) -> Array:
 
 
 def interpolate(build: Callable[[float], HybridSystem], low: float, high: float) -> _StandIn | None:
-    """The stand-in over a range a little wider than given; None when the system's structure changes in it.
+    """The polynomials over a range a little wider than given; None when the system's structure changes in it.
 
     Where the system refuses values beyond the range (a backlash from zero on), it is one over a little less of it.
     """
@@ -197,7 +197,7 @@ def interpolate(build: Callable[[float], HybridSystem], low: float, high: float)
 
 
 def _stand_in(build: Callable[[float], HybridSystem], middle: float, half: float) -> _StandIn | None:
-    """The stand-in that agrees with the system to rounding, if there is one."""
+    """The polynomials that agree with the system to rounding, if there is one."""
     checks = [build(middle + u * half) for u in _CHECKED]
     first = checks[0]
 

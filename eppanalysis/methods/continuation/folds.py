@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-#: Into how many steps a way along a curve of folds is divided at most before a branch is asked instead.
+#: Into how many steps a way along a curve of folds is divided at most before a branch is followed instead.
 _FEW = 8
 #: How far aside of a fold a branch begins, relative to the parameter there, and most orbits on the way.
 _ASIDE = (0.1, 0.3, 0.8)
@@ -304,7 +304,7 @@ def fold_in(family: Family, near: BranchPoint, u: Array) -> BranchPoint | None:
             return None
         if admissible(new):
             return new
-        # The fold of a sequence that the engine does not meet: the one that it does meet is asked for its own.
+        # The fold of a sequence that the engine does not meet: that of the one that it does meet is computed.
         moved, _ = other_sequence(moved, new)
     return None
 

@@ -51,7 +51,7 @@ class OwnStates:
         return cls(case, states or OtherStates.given(system))
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__") or name in ("case", "states"):  # asked for while it is read from another process
+        if name.startswith("__") or name in ("case", "states"):  # read while it comes from another process
             raise AttributeError(name)
         return getattr(self.case, name)
 

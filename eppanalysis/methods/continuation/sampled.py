@@ -3,7 +3,7 @@
 A cycle that is locked to the samples is a fixed point of the map over its number of samples; Newton's method carries it
 from value to value. Where none is found the step is halved, until the border at which the cycle ceases to exist is
 known: there a switch meets a sample. Beyond it the branch goes on with the nearest cycle of as many samples, or of a
-neighbouring number; where there is none, a run and the search are asked. A cycle that is not locked has no exact orbit:
+neighbouring number; where there is none, a run and the search decide. A cycle that is not locked has no exact orbit:
 it is carried by runs, each from the last one's state, as long as these stay near it. Trials of these are judged by the
 period and the size of the run's last turn; only those that are kept are analysed.
 """
@@ -53,7 +53,7 @@ from eppanalysis.results.provenance import Provenance
 _MOVES, _MOVES_IN_RUNS = 0.3, 0.2
 #: Share of a step after which the way of an orbit is taken.
 _NEAR = 1e-2
-#: How well a border is located, relative to the range; one behind which runs are asked.
+#: How well a border is located, relative to the range; one behind which runs are made.
 _BORDER, _BORDER_OF_RUNS = 1e-6, 2e-3
 #: How far behind a border the branch goes on, relative to the range; the numbers of samples that are tried there on
 #: either side, and starts on the last orbit for each, with their sizes.
@@ -275,7 +275,7 @@ class _Point:
         }
 
     def in_words(self) -> str:
-        """How it stands to the samples."""
+        """Its relation to the samples."""
         if self.once is None:
             return "cycle that is not locked to the samples"
         return f"cycle of {count(int(self.samples), 'sample')}"
@@ -327,7 +327,7 @@ class _Walk:
             if len(self.rows) >= self.n_points:
                 return "stops at the given number of points"
             step = np.sign(stop - last.value) * min(self.max_step * self.width, abs(stop - last.value))
-            if last.once is not None and last.slope is None:  # near it its way is known: others stand beside it
+            if last.once is not None and last.slope is None:  # near it its way is known: others are beside it
                 near = last.next(self._asked(last.value + _NEAR * step))
                 self.last = last = last if near is None else replace(last, slope=near.slope)
             here = self._asked(stop if abs(stop - last.value - step) < 1e-9 * self.width else last.value + step)

@@ -20,7 +20,7 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
 
-#: Error of a given cycle, by which its orbit may be told from others; of an exact one of a neighbouring loop beside a
+#: Error of a given cycle, by which its orbit is known from others; of an exact one of a neighbouring loop beside a
 #: fold, from where cycles move fast, where none is so near.
 _NEIGHBOURS, _BESIDE_A_FOLD = 0.05, 0.5
 
@@ -31,7 +31,7 @@ def steady_case(case: CaseLike) -> HybridSystem:
     Raises
     ------
     EppError
-        For a discrete-time system, or an input that does not stand still.
+        For a discrete-time system, or an input that is not constant.
     """
     return steady_hybrid(case.to_system(), case.operating_point)
 

@@ -63,7 +63,7 @@ class BranchPoint:
 
     @property
     def stands(self) -> bool:
-        """Whether the parameter stands still along the branch, but for rounding; beside a fold it moves."""
+        """Whether the parameter is constant along the branch, but for rounding; beside a fold it moves."""
         return abs(self.turn) <= _STANDS
 
     @cached_property

@@ -1,7 +1,7 @@
 """DF harmonic balance with bias as equations: residual, Jacobian, a vectorised Newton, the static balance.
 
 Notation: ``m`` elements, ``a`` (..., m) amplitudes and ``b`` (..., m) means of their first inputs, ``omega`` (...,).
-Phasors P stand for ``Im(P exp(j omega t))``, so an input in sine phase has a real phasor. A vector of unknowns is
+Phasors P mean ``Im(P exp(j omega t))``, so an input in sine phase has a real phasor. A vector of unknowns is
 
     X = [ln a_p, ln omega, (ln a_i, phase_i) for i != p, b_1 .. b_m, ln lambda]          length 3 m + 1
 
@@ -117,7 +117,7 @@ class Balance:
 
     @cached_property
     def places(self) -> NDArray[np.intp]:
-        """Where the logarithms of all amplitudes stand in a vector of unknowns; the phases of the others come next."""
+        """Places of the logarithms of all amplitudes in a vector of unknowns; the phases of the others come next."""
         places = np.zeros(self.m, dtype=np.intp)
         places[self.others] = 2 * np.arange(1, self.m)
         return places
@@ -144,9 +144,9 @@ class Balance:
     def slopes(
         self, X: Array, free_pivot: bool = True, known: tuple[NDArray[np.intp], Array, ComplexArray] | None = None
     ) -> Slopes:
-        """What the elements do at nb points; without `free_pivot` amplitude of pivot and omega stand still.
+        """What the elements do at nb points; without `free_pivot` amplitude of pivot and omega are held.
 
-        With `known` only those that it lists are asked; means and gains of the others stand still, and are given there.
+        With `known` only those that it lists are evaluated; means and gains of the others are held, as given there.
         """
         m, n, nw = self.m, len(X), self.owner.size
         a, b, omega, Z = np.empty((m, 4, n)), np.empty((m, 4, n)), np.empty((4, n)), np.empty((n, m), complex)

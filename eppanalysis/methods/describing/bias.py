@@ -3,7 +3,7 @@
 With one piecewise-linear element the static balance is one equation ``on_bias b + on_mean mean(a, b) = prescribed``.
 Where every slope of the element turns it the same way (any monotone element behind an integrator, any one in negative
 feedback), its left side rises, or falls, with b throughout: one mean for each amplitude, and a bracket finds it,
-however many breakpoints there are and wherever the loop stands. It may be level only where the oscillation stays on
+however many breakpoints there are and wherever the loop is. It may be level only where the oscillation stays on
 pieces without slope; the gain is zero there, and no cycle lies there.
 """
 
@@ -57,7 +57,7 @@ class SingleBias:
         return cls(balance, element.breakpoints) if goes_one_way(balance) else None
 
     def at(self, amplitude: Array) -> Array:
-        """Means (n,) for amplitudes (n,); not-a-number where no mean balances (the element cannot give what is asked).
+        """Means (n,) for amplitudes (n,); not-a-number where no mean balances (the element cannot give what is needed).
 
         Where several do, as the oscillation stays on level pieces, it is one of them.
         """
@@ -81,7 +81,7 @@ class SingleBias:
         ends, side, twice = np.append(low, high), np.append(end, -end), np.repeat(a, 2)
         first, last = _edge(ends, ends[::-1], lambda b: self._excess(twice, b) * side >= 0)
         middle = float(0.5 * (first + last))
-        # A breakpoint that so small an oscillation reaches is where the loop stands: on the edge of a jump.
+        # A breakpoint that so small an oscillation reaches is where the loop is: on the edge of a jump.
         nearest = float(self.edges[np.argmin(np.abs(self.edges - middle))])
         return nearest if abs(nearest - middle) <= a[0] else middle
 

@@ -1,4 +1,4 @@
-"""Whether a loop can stand still, by its static balance: what its elements would have to give, and whether they can.
+"""Whether a loop can rest, by its static balance: what its elements would have to give, and whether they can.
 
 An element may jump over the only output with which the loop could rest (an encoder between two levels under integral
 action), or leave each of its modes before the loop would (a thermostat).
@@ -22,12 +22,12 @@ from eppanalysis.models.systems.sampled.averaged import AveragedSystem
 from eppanalysis.readable import listed, quantity
 from eppanalysis.results import Notice
 
-#: Combinations of levels that are asked for one at which a loop stands still.
+#: Combinations of levels that are tried for one at which a loop rests.
 _MOST_TOGETHER = 1000
 
 
 def no_rest(balance: Balance) -> Iterator[str]:
-    """Elements that jump over the only output with which the loop could stand still, or leave it wherever it could."""
+    """Elements that jump over the only output with which the loop could rest, or leave it wherever it could."""
     alone = [*_no_rest_of_one(balance)]
     yield from alone or _no_rest_together(balance)
 
@@ -42,7 +42,7 @@ def _only_on_an_edge(name: str, edge: str) -> str:
 
 
 def _no_rest_together(balance: Balance) -> Iterator[str]:
-    """On-off elements that act together, at none of whose levels the loop could stand still."""
+    """On-off elements that act together, at none of whose levels the loop could rest."""
     system, static = balance.system, balance.static
     if balance.m < 2:
         return
@@ -72,7 +72,7 @@ def levels_held(balance: Balance, element: int) -> list[tuple[tuple[float, float
     ):
         own = guards["mode"] == k
         of_input, of_output, rest = guards["on_input"][own, 0], guards["on_output"][own, 0], guards["constant"][own]
-        # One that sticks keeps its input and gives what the loop asks for; another one keeps its output.
+        # One that sticks keeps its input and gives what the loop needs; another one keeps its output.
         if not sticks:
             stays += [(inputs, (float(level),) * 2) for inputs in _between(of_input, rest + of_output * level)]
         elif _pulled_back(balance, element, float(jump)):
@@ -199,7 +199,7 @@ def _rests_on_an_edge(e: Nonlinearity, on_bias: float, on_mean: float, left: Arr
 
 
 def _never_stays(balance: Balance, element: int) -> bool:
-    """Whether an element leaves each of its modes where the loop would stand still."""
+    """Whether an element leaves each of its modes where the loop would rest."""
     e = balance.system.elements[element]
     if any(_leaves_every_mode(e, *balanced) for balanced in balances_of_one(balance.system, balance.static, element)):
         return True

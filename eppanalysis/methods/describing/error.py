@@ -30,7 +30,7 @@ from eppanalysis.methods.harmonic.series import extrema, orders
 
 #: Highest harmonics of the balances, one after the other; odd, as oscillations with like half-waves have no others.
 _ORDERS = (3, 5, 9, 15, 25)
-#: No higher order is asked for once the last one has changed less than this share of the error.
+#: No higher order is computed once the last one has changed less than this share of the error.
 _ENOUGH = 0.05
 #: Order to which harmonics are let in at once where the way over low orders ends.
 _STRAIGHT = 15
@@ -80,7 +80,7 @@ class Estimate:
 
     @cached_property
     def _found(self) -> tuple[float, tuple[BalancedOscillation, ...]]:
-        # Whoever asks first does not pay for it out of what a search has been allotted.
+        # The first caller does not pay for it from the budget of a search.
         return Context().run(_estimated, self.balance, self.point)
 
 
@@ -149,7 +149,7 @@ class BalancedOscillation:
     def measures(self) -> Array:
         """What an error is measured in: frequency, fundamental and peak-to-peak of the first signal that moves.
 
-        Of the input of the pivot where none does: those of a file may all stand still.
+        Of the input of the pivot where none does: those of a file may all be constant.
         """
         system = self.loop.system
         W, _ = self.loop.outputs(self._without_overshoot, self.omega)
@@ -248,7 +248,7 @@ class _Muted(Loop):
 def _refined(first: BalancedOscillation) -> list[BalancedOscillation]:
     """A DF cycle and balances of rising order, until they change little.
 
-    Low orders may stand far from both the DF and the cycle. Where the way over them ends, all harmonics are let in
+    Low orders may be far from both the DF and the cycle. Where the way over them ends, all harmonics are let in
     at once, along the curve of balances.
     """
     found = _walk([first], _ORDERS)

@@ -139,7 +139,7 @@ def nearest_cycle(
     (amplitude, bias, omega) or None
         None where Newton's method does not converge, or goes far away.
     """
-    # From Re(c exp(j omega t)) to the phasors of the balance, which stand for Im(P exp(j omega t)).
+    # From Re(c exp(j omega t)) to the phasors of the balance, which mean Im(P exp(j omega t)).
     z = 1j * np.array([phasor[name] for name in system.element_names])
     if not np.all(np.abs(z) > 0):
         return None

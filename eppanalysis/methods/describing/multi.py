@@ -40,7 +40,7 @@ _COARSE = 12
 _AT_ONCE = 4
 #: Share of a measured response within which another is that of the same signal.
 _ALIKE = 0.1
-#: Loops of their own whose phases are combined; less than a quarter of a turn; where others stand beside the pivot.
+#: Loops of their own whose phases are combined; less than a quarter of a turn; phases of others beside the pivot.
 _MOST_LOOPS, _QUARTER, _QUARTERS = 8, 1.4, (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
 
 
@@ -421,7 +421,7 @@ def _starts(balance: Balance) -> list[tuple[Array, float]]:
 def _beside(balance: Balance) -> BoolArray:
     """Elements that read the very signal that the pivot reads, shape (m,)."""
     s, p = balance.system, balance.pivot
-    # What a measured signal is made of is not known: the same one answers alike, wherever it is asked, but for noise.
+    # What a measured signal is made of is not known: the same one answers alike at any frequency, but for noise.
     measured = isinstance(s, DataSystem)
     rows = s.frequency_response(_middle(balance))[0] if measured else np.hstack([s.C, s.D])
     rows = rows[balance.rows]

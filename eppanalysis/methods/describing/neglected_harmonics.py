@@ -1,10 +1,10 @@
 """Where the DF cannot see: cycles of harmonics, sticking that integral action ends, slow drift, no state of rest.
 
 All are looked for on the loop itself. A balance with harmonics is begun where the DF balance comes nearest to
-a cycle that it just does not have. An element that sticks, which a sine never does, is asked whether what drives it
-comes to rest meanwhile: where it grows without end, under integral action or on a moving belt, sticking and slipping
+a cycle that it just does not have. Of an element that sticks, which a sine never does, what drives it is tested for
+rest meanwhile: where it grows without end, under integral action or on a moving belt, sticking and slipping
 alternate (Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994) 1083). And an element that jumps over the
-only output with which the loop could stand still (an encoder between two levels under integral action) keeps it moving,
+only output with which the loop could rest (an encoder between two levels under integral action) keeps it moving,
 whatever a sine would do, unless its switching dies out there. Where nothing turns the phase of a sine (a relay on two
 integrators) it swings at any size. Where nothing damps a drift through a dead zone (a satellite between the thresholds
 of its thrusters), pulses turn it about.
@@ -72,7 +72,7 @@ def blind_spots(
     Parameters
     ----------
     stable : bool
-        Whether any predicted cycle is: then the loop need not be asked whether it comes to rest.
+        Whether any predicted cycle is: then the loop need not be tested for rest.
     """
     of_any_size = [*_conservative(balance)]
     beyond = [*out_of_reach(balance.system, balance.static)]
@@ -280,7 +280,7 @@ def _stick_slip(balance: Balance) -> Iterator[str]:
 
 
 def _jumps_on(balance: Balance) -> Iterator[str]:
-    """A valve that sticks and slips, where what the loop asks of it while it stands grows without end.
+    """A valve that sticks and slips, where what the loop needs of it while it sticks grows without end.
 
     A mean output of every size holds the loop, but by jumps only some are reached.
     """

@@ -1,7 +1,7 @@
 """Curves for the picture of a prediction: Nyquist curve and -1/N locus of one element, loop gain for several.
 
 With several elements the loop is cut at its principal element, the bands of the elbow's controller. The gain that would
-have to stand in front of it to keep up an oscillation of a given amplitude is the inverse of the loop gain: a cycle is
+have to be in front of it to keep up an oscillation of a given amplitude is the inverse of the loop gain: a cycle is
 where the loop gain is one, and the curve says how far the gain may change before a cycle comes or goes.
 """
 

@@ -53,7 +53,7 @@ _RESIDUAL = 1e-9
 _MOST_MODES = 5e7
 #: Share below which a part of an input is rounding, as in coordinates that were turned.
 _SAME = 1e-9
-#: Amplitude of an input that stands still.
+#: Amplitude of a constant input.
 _STILL = 1e-9
 
 
@@ -256,7 +256,7 @@ def _means(loop: LureSystem, bias: Array) -> Array:
 def _balanced(
     own: LureSystem, at: OperatingPoint, unseen_by_samples: bool = False
 ) -> tuple[Balance, Found, list[Point], list[Estimate], tuple[LimitCycle, ...]]:
-    """The balance of a loop whose integrators stand apart, its search, and the cycles with their error estimates."""
+    """The balance of a loop whose integrators are apart, its search, and the cycles with their error estimates."""
     if (other := without_held_states(own)) is not None:
         balance, found, points, estimates, cycles = _balanced(other.system, at, unseen_by_samples)
         return balance, found, points, estimates, tuple(map(other.to_user, cycles))
@@ -306,7 +306,7 @@ def _require_rates(system: LureSystem) -> None:
 
 
 def search_balance(system: LureSystem, value: Array) -> tuple[Balance, Found, list[Point]]:
-    """The DF balance of a loop whose integrators stand apart, its search, and the cycles that solve it.
+    """The DF balance of a loop whose integrators are apart, its search, and the cycles that solve it.
 
     Parameters
     ----------
@@ -383,7 +383,7 @@ def _cycle(balance: Balance, p: Point, at: OperatingPoint, estimate: Estimate, c
     system, value = balance.system, at.vector(balance.system)
     W = _outputs(balance, p)
     signals = system.signals
-    # Phasors stand for Im(P exp(j omega t)) = Re(-j P exp(j omega t)).
+    # Phasors mean Im(P exp(j omega t)) = Re(-j P exp(j omega t)).
     c1 = -1j * (system.signal_response(np.array([p.omega]))[0] @ W)
     x = mean_state(system, value, p.bias, p.mean)
     c0 = signals.C @ x + signals.D @ p.mean + signals.D_input @ value + signals.constant

@@ -34,7 +34,7 @@ from eppanalysis.roots import between, stretches
 _MOST_PHASE, _PHASE_STEP = 800.0, 0.2
 #: Places beside a frequency at which the linear part changes, relative to it.
 _BESIDE = np.concatenate([-np.geomspace(1e-7, 0.1, 8), [1e-10], np.geomspace(1e-7, 0.1, 8)])
-#: Amplitudes at which gains are held against what the linear part asks for, relative to a threshold.
+#: Amplitudes at which gains are held against what the linear part needs, relative to a threshold.
 _FAR = np.geomspace(1e-60, 1e60, 601)
 #: Share of a pole's or zero's imaginary part in its size from which it may resonate.
 _RESONANT = 0.03
@@ -68,7 +68,7 @@ _MANY_BRANCHES = (
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Limit cycles (k, 3 m + 1), the curves they were found on, how, whether all that was asked for is covered, and
+    """Limit cycles (k, 3 m + 1), the curves they were found on, how, whether the whole request is covered, and
     whether it was sought on a grid between whose points cycles may lie. Besides, points of the curves beside which the
     loop gain passes one and the balance has not been solved.
     """
@@ -195,7 +195,7 @@ def amplitude_scales(
         N = np.abs(balance.evaluate(a[:, None], b[:, None], np.ones(a.size))[1][:, 0])
         above = N[:, None] * asked - 1 > 0
         found.append(a[:-1][np.any(above[:-1] != above[1:], axis=1)])
-        # A gain that no frequency asks for changes all the same: that of a sine, behind a small gain of the loop.
+        # A gain that no frequency needs changes all the same: that of a sine, behind a small gain of the loop.
         found.append(a[np.flatnonzero(N / N[0] < 0.5)[:1]] if a.size and not any(v.size for v in found) else a[:0])
     return np.unique(np.concatenate(found))
 
@@ -230,7 +230,7 @@ def search_one(balance: Balance) -> Found:
     thresholds = thresholds_of(balance) if single is None else single.thresholds()
     pieces = system.elements[0].breakpoints.size
     sizes = thresholds if pieces else np.append(thresholds, np.abs(balance.operating_bias))
-    # About a jump on which the mean may stand the gain of small amplitudes is that of a relay.
+    # About a jump on which the mean may be the gain of small amplitudes is that of a relay.
     stands = (0.0, *system.elements[0].breakpoints[:_MOST_CENTRES])
     scales = amplitude_scales(balance, crossing_gains(system), sizes, single, stands)
     if not scales.size:
@@ -325,7 +325,7 @@ def static_curves(balance: Balance, amplitude: Array, scales: Array) -> tuple[li
     bias = _bias_nodes(balance, scales)
     bias = bias[bias > 0] if symmetric else bias
     # Where all slopes turn the balance the same way no bias beside none is expected: that is held against few
-    # amplitudes, and only what contradicts it asks for all.
+    # amplitudes, and only what contradicts it needs all.
     few = (
         symmetric
         and goes_one_way(balance)
@@ -418,9 +418,9 @@ def _needs_no_bias(balance: Balance, a: Array) -> bool:
 
 
 def _bias_nodes(balance: Balance, scales: Array) -> Array:
-    """Biases of both signs on logarithmic grids, denser around zero and around where the loop may stand.
+    """Biases of both signs on logarithmic grids, denser around zero and around where the loop may be.
 
-    A piecewise-linear element may stand on any of its pieces, wherever the loop starts.
+    A piecewise-linear element may be on any of its pieces, wherever the loop starts.
     """
     steps = np.geomspace(scales.min() * 1e-3, scales.max() * 1e3, int(14 * np.log10(scales.max() / scales.min() * 1e6)))
     breakpoints = balance.system.elements[0].breakpoints

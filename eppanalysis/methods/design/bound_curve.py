@@ -1,7 +1,7 @@
 """The exact bound on one parameter as a function of another: the DF proposes where it lies, exact folds say it.
 
 At values of the other parameters an exact cycle is found near the bound that the DF proposes (else by a search
-over the range), and its branch is followed to the first place at which it turns back. Near a place asked before the
+over the range), and its branch is followed to the first place at which it turns back. Near an earlier place the
 cycle known there is closed again instead, beyond where the slopes of the bound foretell it. Other families are not
 looked for here: a bound is put to the test where it matters, at the optimum, and families met there are added.
 """
@@ -52,7 +52,7 @@ _ALONG, _BENT = 0.02, 1e-2
 #: Change of a bound, relative to it, that slopes are believed; how often the way to a place is halved, and a distance
 #: too short for that.
 _MOST_FORETOLD, _DEEPEST, _NEAR = 0.3, 4, 0.02
-#: Orbits of a branch at most, how many are made before it is asked whether it has turned back, and the longest step.
+#: Orbits of a branch at most, how many are made before the test whether it has turned back, and the longest step.
 _MOST, _AT_ONCE, _STEP = 120, 8, 0.05
 
 
@@ -85,7 +85,7 @@ class BoundCurve:
 
     @property
     def is_foretold(self) -> bool:
-        """Whether the DF says on a grid where exact bounds are asked."""
+        """Whether the DF says on a grid where exact bounds are computed."""
         return True
 
     @property
@@ -172,7 +172,7 @@ class BoundCurve:
         return min(found, key=self.worth)
 
     def add(self, place: Place, value: float, cycles: Sequence[LimitCycle]) -> bool:
-        """Families of cycles that a test found; whether there is a new one. What was known is asked again."""
+        """Families of cycles that a test found; whether there is a new one. What was known is computed again."""
         here, known = self.here(place), len(self.families)
         for cycle in cycles:
             bound = self._followed(here, value, cycle)
@@ -353,7 +353,7 @@ def first_turn(question: BoundProblem, value: float, cycle: LimitCycle, sign: fl
         return None
     # Most branches turn back soon.
     window = max(limits[0], value - _WINDOW * abs(value)), min(limits[1], value + _WINDOW * abs(value))
-    # The walk asks for some sixty systems.
+    # The walk needs some sixty systems.
     family = Family(lambda v: steady_case(question.case_at(v)), limits, window, patience=1)
     try:
         hybrid = family.at(value)
@@ -384,7 +384,7 @@ def _at_turn(question: BoundProblem, found: BranchPoint, kind: Turn) -> ExactBou
 
 
 def _aside(fold: BranchPoint) -> BranchPoint | None:
-    """A cycle beside a fold; None where the branch does not turn back, but the parameter stands still along it.
+    """A cycle beside a fold; None where the branch does not turn back, but the parameter is constant along it.
 
     There the period grows without end, and before it does another fold may come up at places nearby.
     """

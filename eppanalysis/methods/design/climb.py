@@ -1,7 +1,7 @@
 """To the top of what is the least of several smooth functions, by their values and slopes alone.
 
-Each place that was asked says by value and slope what is to be expected round it. The highest place of the least of
-these expectations within reach is a linear programme; it is asked next, the reach grows where it was better and shrinks
+Each place tried says by value and slope what is to be expected round it. The highest place of the least of
+these expectations within reach is a linear programme; it is tried next, the reach grows where it was better and shrinks
 where it was not. Neither a place where two functions meet nor the end of a range stops it, as both do Newton's method:
 Bagirov, Karmitsa and Makela, Introduction to Nonsmooth Optimization, 2014, chapter 12 (bundle methods).
 """
@@ -42,7 +42,7 @@ def climb(ask: Callable[[Array], Slope | None], start: Slope, reach: float, clos
     close : float
         The reach at which it ends.
     most : int
-        Places asked at most.
+        Places tried at most.
     """
     here, seen = start, [start]
     for _ in range(most):

@@ -1,4 +1,4 @@
-"""Designs that cure: the best of what is asked for without a limit cycle, over as many parameters as are to be chosen.
+"""Designs that cure: the best objective without a limit cycle, over as many parameters as are to be chosen.
 
 One tuned parameter is bounded by cycles at each place of the others; the objective is that parameter itself, or what
 follows from all of them. Describing functions say on a grid where the best place lies, their programme goes on from
@@ -42,13 +42,13 @@ _CLOSE = 2e-3
 _SEED = 20050901
 #: How often families that tests find are added.
 _MOST_FAMILIES = 3
-#: How far the range of the bounded parameter is widened to say what would have to give, and places that are asked then.
+#: How far the range of the bounded parameter is widened to say what would have to give, and places that are tried then.
 _WIDER, _MOST_GIVING = 20.0, 7
 
 
 @dataclass(frozen=True)
 class Task:
-    """What is asked: the tuned parameters with their ranges [SI], the goal, and how it is tested."""
+    """The problem: the tuned parameters with their ranges [SI], the goal, and how it is tested."""
 
     goal: Goal
     bounded: str
@@ -87,7 +87,7 @@ class Task:
         """1 where the bounded parameter is to be large."""
         if self.goal.name == self.bounded:
             return self.goal.sign
-        # Which way is better is asked of the goal itself, over the range of the bounded parameter.
+        # Which way is better follows from the goal itself, over the range of the bounded parameter.
         rows = []
         for value in spread(question.low, question.high, N_SCAN):
             try:
@@ -279,7 +279,7 @@ def _optimum(search: Search, task: Task, near: Sequence[Place]) -> Optimum:
         found, tested = _tested(search, task, best, found)
         if found.confirmed or tested is None or not tested.cycles:
             return found
-        # A family that the tests found bounds other places as well: all of them are asked anew.
+        # A family that the tests found bounds other places as well: all of them are computed anew.
         search.picks.clear()
         if not search.frontier.add(search.full(best.place, best.corner), tested.safe_value, tested.cycles):
             return found
@@ -310,7 +310,7 @@ def described(search: Search, task: Task, best: Pick) -> Optimum:
 
 
 def _at_end(search: Search, best: Pick) -> str:
-    """Which of the other parameters stand at an end of their ranges."""
+    """Which of the other parameters are at an end of their ranges."""
     told = []
     for share, name in zip(search.units(best.place)[0], search.others, strict=True):
         which = "lower" if share < _CLOSE else "upper" if share > 1.0 - _CLOSE else ""

@@ -118,7 +118,7 @@ class Kept(PlainData):
         return "at most" if self.measure.at_most else "at least"
 
     def slack(self, found: Margins) -> float:
-        """By what share the measure is better than asked for; negative where it is not kept."""
+        """By what share the measure is better than required; negative where it is not kept."""
         value = self.measure.of(found)
         ratio = self.limit / max(value, 1e-300) if self.measure.at_most else value / self.limit
         return min(ratio, 1e300) - 1.0
@@ -126,7 +126,7 @@ class Kept(PlainData):
 
 @dataclass(frozen=True)
 class Judged:
-    """A design before it is asked for cycles."""
+    """A design before cycles are searched in it."""
 
     worth: float  # of the objective: larger is better
     #: By what share the measure that is kept least well is above what is requested; infinite where none is kept.

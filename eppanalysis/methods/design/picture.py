@@ -1,4 +1,4 @@
-"""Picture of a design: the objective over the other parameter with its optimum, or over the parameter of the front."""
+"""Picture of a design: of two parameters the bound with the optimum, else their ranges; the objective of a front."""
 
 from __future__ import annotations
 
@@ -12,24 +12,33 @@ from matplotlib.figure import Figure
 from eppanalysis.errors import EppError
 from eppanalysis.methods.design.goal import Sense
 from eppanalysis.methods.design.result import Design
-from eppanalysis.plotting import BLUE, DARK_ORANGE, GREEN, SMALL, VERMILLION, place_of, put_legend
+from eppanalysis.plotting import BLUE, DARK_ORANGE, GREEN, GREY, SMALL, VERMILLION, place_of, put_legend
 from eppanalysis.readable import with_unit, words
+
+#: Offsets of texts from marks are in points.
+_POINTS: dict[str, Any] = {"textcoords": "offset points"}
 
 
 def plot_design(design: Design, ax: Axes | None = None) -> Figure:
-    """The exact bound over the other tuned parameter with the optimum; the front, where one was requested.
+    """The exact bound over the other of two tuned parameters with the optimum; else the range of each with the optimum.
+
+    Where a front was requested, that.
 
     Raises
     ------
     EppError
-        If no design is feasible, or there is nothing over which to draw it.
+        If no design is feasible.
     """
     if design.front:
         return _front(design, ax)
+    if not design.optimum.feasible:
+        raise EppError(f"{design.case}: no design is feasible, so there is nothing to draw.")
     others = [name for name in design.tune if name != design.limit]
-    if len(others) != 1 or not design.optimum.feasible:
-        raise EppError(f"{design.case}: the design has no row of values to draw; expected two parameters, or a front.")
-    (other,) = others
+    return _bound(design, others[0], ax) if len(others) == 1 else _ranges(design, ax)
+
+
+def _bound(design: Design, other: str, ax: Axes | None) -> Figure:
+    """The exact bound over the other parameter, with the optimum on it."""
     (x_unit, x), (y_unit, y) = design.readable[other], design.readable[design.limit]
     known, best = design.optimum.evaluated, design.optimum
     figure, ax = _axes(ax, with_unit(words(other), x_unit), with_unit(words(design.limit), y_unit))
@@ -44,6 +53,37 @@ def plot_design(design: Design, ax: Axes | None = None) -> Figure:
     ax.plot(at[0], safe, "o", color=GREEN, label=f"design, {100 * design.margin:g} % inside")
     if np.isfinite(best.first_order):
         ax.plot(at[0], y * best.first_order, "x", color=DARK_ORANGE, label="the describing function there")
+    put_legend(ax)
+    return figure
+
+
+def _ranges(design: Design, ax: Axes | None) -> Figure:
+    """The range of each tuned parameter with the optimum in it, and of the bounded one where it is free of cycles."""
+    best, names = design.optimum, [design.limit, *(name for name in design.tune if name != design.limit)]
+    figure, ax = place_of(ax, 1.2 + 0.6 * len(names))
+    free = "no limit cycle" if design.allowed is None else "none above the allowed size"
+    confirmed = f"optimum, {'confirmed' if best.confirmed else 'not confirmed'}"
+    for row, name in enumerate(names):
+        low, high = design.tune[name]
+        at, inside = ((value[name] - low) / (high - low) for value in (best.at, best.values))
+        ax.plot([0.0, 1.0], [row, row], color=GREY, alpha=0.3, linewidth=8, solid_capstyle="butt", label="range")
+        if name == design.limit:
+            safe = [(_safe_end(design) - low) / (high - low), at]
+            label = f"{free} (tested at the optimum)"
+            ax.plot(safe, [row, row], color=GREEN, alpha=0.4, linewidth=8, solid_capstyle="butt", label=label)
+            proposed = (best.first_order - low) / (high - low)
+            if 0.0 <= proposed <= 1.0:
+                ax.plot(proposed, row, "x", color=DARK_ORANGE, label="the describing function there")
+        ax.plot(inside, row, "o", color=GREEN, label=f"design, {100 * design.margin:g} % inside")
+        ax.plot(at, row, "D", color=VERMILLION, label=confirmed)
+        for place, value, side in ((0.0, low, "left"), (1.0, high, "right")):
+            ax.annotate(design.text(name, value), (place, row), (0, -8), fontsize=SMALL, ha=side, va="top", **_POINTS)
+        ax.annotate(design.inside(best, name), (at, row), (0, 8), fontsize=SMALL, ha="center", va="bottom", **_POINTS)
+    ax.set_yticks(range(len(names)), [words(name) for name in names])
+    ax.set_ylim(len(names) - 0.4, -0.6)
+    ax.set_xticks([])
+    ax.spines[["top", "right", "bottom", "left"]].set_visible(False)
+    ax.tick_params(left=False)
     put_legend(ax)
     return figure
 
@@ -71,12 +111,13 @@ def _front(design: Design, ax: Axes | None) -> Figure:
         mask = np.array([o.confirmed is confirmed for _, o in rows])
         if np.any(mask):
             ax.plot(places[mask], best[mask], "D", color=VERMILLION, markerfacecolor=face, label=text)
-    if design.optimum.feasible:
-        star: dict[str, Any] = {"markersize": 9, "markeredgecolor": "white"}
-        ax.plot(x * design.front_own, y * design.value_of(design.optimum), "*k", label="at its own value", **star)
+    if design.optimum.feasible:  # a ring, in which the mark of the optimum is seen
+        ring: dict[str, Any] = {"markersize": 13, "markerfacecolor": "none"}
+        label = f"own value of {words(design.front_over)}"
+        ax.plot(x * design.front_own, y * design.value_of(design.optimum), "ok", label=label, **ring)
     for place, value, (_, o) in zip(places, best, rows, strict=True):
         told = (f"{words(n)} {design.text(n, o.at[n])}" for n in design.tune if n != design.objective)
-        ax.annotate("\n".join(told), (place, value), fontsize=SMALL, xytext=(4, 4), textcoords="offset points")
+        ax.annotate("\n".join(told), (place, value), fontsize=SMALL, xytext=(8, 4), textcoords="offset points")
     put_legend(ax)
     return figure
 

@@ -16,7 +16,7 @@ from eppanalysis.methods.harmonic.loop import inputs_of
 
 Place = tuple[float, ...]
 
-#: Values of the range at which the DF is asked, and the reach of the programme from there.
+#: Values of the range at which the DF is evaluated, and the reach of the programme from there.
 N_SCAN, _FAR = 9, 0.7
 
 
@@ -28,7 +28,7 @@ class Programme:
     widths: dict[str, float]  # the parameters that run, and how far each does [SI]
     sign: float  # {1, -1}: 1 where the parameter is to be large
     written: Programmes = field(default_factory=Programmes)
-    folds: dict[Place, Fold | None] = field(default_factory=dict)  # what was asked already
+    folds: dict[Place, Fold | None] = field(default_factory=dict)  # what was computed already
     #: From what a place nearby begins, with the number of the loop's states.
     known: dict[Place, tuple[int, Fold]] = field(default_factory=dict)
 

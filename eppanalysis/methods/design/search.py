@@ -28,20 +28,20 @@ from eppanalysis.polynomials import polynomial_at
 
 #: Values of each parameter on the grid of the DF, by how many there are; places of a seeded sample for more.
 _LEVELS, _SAMPLE = {1: 7, 2: 5, 3: 3}, 32
-#: First reach of the climb, from a design nearby and from what is proposed; where it ends, and places that it asks at
+#: First reach of the climb, from a design nearby and from what is proposed; where it ends, and places that it tries at
 #: most; those of the programme.
 _REACH_NEAR, _REACH, _CLOSE, _MOST = 0.02, 0.1, 2e-4, 40
 _CLOSE_PROPOSED, _MOST_PROPOSED = 1e-2, 25
 #: Halvings of an interval whose one end keeps all.
 _HALVINGS = 40
-#: Share of an interval by which it is asked whether the goal is higher inside it.
+#: Share of an interval by which the goal is tested inside it.
 _ASIDE = 0.02
 #: How often a corner of the tolerances is added, and how many parameters are flipped to find a worse one.
 _MOST_CORNERS, _FLIPPED = 6, 3
 #: Ranges as wide as this are run through by ratios.
 _DECADE = 10.0
 
-#: Places at most at which exact bounds are asked where that which the DF proposes is not feasible.
+#: Places at most at which exact bounds are computed where that which the DF proposes is not feasible.
 _MOST_ALL = 7
 
 
@@ -320,7 +320,7 @@ class Search:
         return Slope(units, pick.worth, np.where(np.isfinite(by_units), by_units, 0.0))
 
     def grid(self) -> list[Place]:
-        """Places at which the DF is asked."""
+        """Places at which the DF is evaluated."""
         if not self.others:
             return [()]
         m = len(self.others)
@@ -335,7 +335,7 @@ class Search:
     def proposed(self) -> list[Place]:
         """The best place of the DF on the grid, and where the programme of the balance goes from there.
 
-        All places of the grid where the DF is not asked.
+        All places of the grid where the DF is not evaluated.
         """
         places = self.grid()
         if len(places) == 1 or not self.frontier.is_foretold:

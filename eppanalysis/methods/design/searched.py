@@ -1,7 +1,7 @@
 """The bound on a parameter as a function of others where no fold can be solved for, as in loops with samples.
 
 The search says it once. Everywhere else runs from the cycles that are known beyond it say where they come to rest, and
-how that moves with each parameter; the search is asked again at the optimum, and what it finds there is added to them.
+how that moves with each parameter; the search runs again at the optimum, and what it finds there is added to them.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ class SearchedFrontier(BoundCurve):
         return found
 
     def add(self, place: Place, value: float, cycles: Sequence[LimitCycle]) -> bool:
-        """Cycles that a test found; whether there are any. What was known is asked again."""
+        """Cycles that a test found; whether there are any. What was known is computed again."""
         self.cycles += cycles
         self.bounds.clear()
         return bool(cycles)

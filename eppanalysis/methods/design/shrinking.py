@@ -4,7 +4,7 @@ A per cent beside its fold a cycle is gone, but motions pass its ghost slowly, a
 is left decays like a power of time: no run of a finite length comes to rest. Such a run is looked at in windows, each
 twice as late as the one before, the last of which must be below the size of the cycle at the fold: the last three
 shrink, or none is larger than the one before and each smaller than that four times earlier (some motions shrink in
-steps, and stand for longer than twice the time between them).
+steps, and pause for longer than twice the time between them).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from eppanalysis.results import LimitCycle
 #: The first run in periods of the cycle, how often it is doubled; its windows: how late they end, how long they are.
 _FIRST, _DOUBLED = 800.0, 5
 _WINDOWS, _LENGTH, _SAMPLES = (0.125, 0.25, 0.5, 1.0), 2.5, 400
-#: A window must be smaller than the one four times earlier by this factor, and the last one than the cycle; what stands
-#: still does so to this.
+#: A window must be smaller than the one four times earlier by this factor, and the last one than the cycle; what is
+#: constant is so to this.
 _SHRINKS, _BELOW, _STANDS = 0.98**2, 0.8, 1.001
 
 

@@ -20,7 +20,7 @@ from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, st
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
-#: Amplitudes that the DF is asked at, relative to that of the cycle, and halvings between two of them.
+#: Amplitudes at which the DF is evaluated, relative to that of the cycle, and halvings between two of them.
 _ASKED, _HALVINGS = np.geomspace(0.05, 3.0, 10), 10
 #: Step between amplitudes that are run where runs and the DF differ, and how often.
 _STEP, _MOST_STEPS = 1.08, 20

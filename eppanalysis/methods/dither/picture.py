@@ -59,7 +59,7 @@ def _characteristic(found: Dither, ax: Axes) -> None:
 
 
 def _along(element: Nonlinearity, x: Array) -> Array:
-    """Outputs of an element whose input runs along `x` and has come there from where it stands at the begin."""
+    """Outputs of an element whose input runs along `x` and has come there from where it is at the begin."""
     _, memory = element.output(x[0])
     outputs = []
     for value in x:

@@ -34,7 +34,7 @@ _WHOLE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """A loop whose inputs stand still but for one: ``amplitude * sin(omega t)`` about where it is held."""
+    """A loop whose inputs are constant but for one: ``amplitude * sin(omega t)`` about where it is held."""
 
     system: LureSystem
     at: OperatingPoint  # where the inputs are held, the driven one included
@@ -84,7 +84,7 @@ class Drive:
 
     @property
     def sine(self) -> slice:
-        """Where sine and cosine of the input stand among the states."""
+        """Places of sine and cosine of the input among the states."""
         first = self.system.A.shape[0] + self.column
         return slice(first, first + 2)
 

@@ -58,7 +58,7 @@ class Entrainment:
         return omega * max(self.width, self.unseen) < _WEAK
 
     def is_told(self, omega: float) -> bool:
-        """Whether rounding, and the second order where the first is none, leave it to be told if the two keep step."""
+        """Whether keeping step is seen in spite of rounding, and of the second order where the first is none."""
         return omega * max(self.width, abs(self.late)) > _ROUNDING and not self.is_of_second_order(omega)
 
     def is_of_second_order(self, omega: float) -> bool:

@@ -83,7 +83,7 @@ def _distances(run: Trajectory, most: int) -> Iterator[tuple[int, float]]:
     """How far the last n periods are from the n before them, relative to the range of each signal, for n = 1, 2, ..."""
     signals = np.array(list(run.signals.values()))
     span = np.ptp(signals, axis=1, keepdims=True)
-    span = np.where(span > 1e-12 * np.abs(signals).max(initial=0.0), span, np.inf)  # what stands still repeats itself
+    span = np.where(span > 1e-12 * np.abs(signals).max(initial=0.0), span, np.inf)  # what is constant repeats itself
     for n in range(1, most + 1):
         last, before = signals[:, -n * _SAMPLES :], signals[:, -2 * n * _SAMPLES : -n * _SAMPLES]
         yield n, float(np.max(np.abs(last - before) / span, initial=0.0))

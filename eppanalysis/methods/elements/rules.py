@@ -126,7 +126,7 @@ class Rules:
         for row in (whole.row(g, place, leaves=True) for g in guards):
             face, rise = face.on(row), whole.rise(row)
             face = face if rise is None else face.within(rise)
-        # While it sticks the input stands on its level, and its rate is zero.
+        # While it sticks the input is on its level, and its rate is zero.
         if self._sticks(mode):
             still, rests = np.zeros((2, whole.scale.size + 1))
             still[0], still[-1], rests[self.automaton.n_inputs] = 1.0, -self.automaton.modes[mode].level, 1.0

@@ -1,4 +1,4 @@
-"""Cycles of the loop that stands for one with sampled controllers, told as cycles of that one."""
+"""Cycles of the averaged loop of one with sampled controllers, given as cycles of that one."""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ def harmonic_balance(
         found, log = _fixed(loop, start, int(order)) if order is not None else _automatic(loop, start)
         if found.converged:
             found = _compared(loop, found)
-        if order is None:  # an order that was not asked for has to settle (docs/theory/harmonic_balance.md)
+        if order is None:  # an order that was not given has to settle (docs/theory/harmonic_balance.md)
             found = replace(found, converged=found.converged and bool(np.isfinite(found.error)))
         try:
             cycle = replace(_cycle(system, loop, found, log), operating_point=at)

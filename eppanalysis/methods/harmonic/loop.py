@@ -88,7 +88,7 @@ class Loop:
 
     @cached_property
     def behind_jumps(self) -> list[bool]:
-        """Which elements with a memory of values stand straight behind one that jumps."""
+        """Which elements with a memory of values are straight behind one that jumps."""
         system = self.system
         slopes = [np.abs(e.slope_bounds()).max() for e in system.elements]
         jumping = np.repeat(np.isinf(slopes), [e.n_outputs for e in system.elements])
@@ -147,7 +147,7 @@ class Loop:
     def at_once(
         self, X: Array, n: int, linear: tuple[ComplexArray, ComplexArray], pivot: int, size: int
     ) -> tuple[Array, Array, ComplexArray, IntArray] | None:
-        """Jacobian and residual of so many equations, outputs and numbers of switches; None for what asks for more.
+        """Jacobian and residual of so many equations, outputs and numbers of switches; None for what needs more.
 
         The arguments are those of :func:`eppanalysis.engine.harmonics.equations`.
         """

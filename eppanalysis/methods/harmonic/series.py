@@ -1,6 +1,6 @@
 """Truncated Fourier series: values and all extrema.
 
-A series is a row of complex coefficients c[0..n], real c[0], and stands for ``Re(sum c[k] exp(j k phi))``.
+A series is a row of complex coefficients c[0..n], real c[0], and means ``Re(sum c[k] exp(j k phi))``.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from eppanalysis.readable import number
 
 #: Condition number from which an algebraic loop has no unique solution.
 _SINGULAR = 1e13
-#: Numbers whose squares can be told.
+#: Numbers whose squares are finite and not zero.
 _LARGEST = 1e150
 #: Share of the terms that a response is made of below which it is none.
 _NOTHING = 1e-11
@@ -154,7 +154,7 @@ def closed_size(L: ComplexArray) -> Array:
 
 
 def within_range(name: str, *parts: Array) -> None:
-    """Refuse a loop with numbers whose squares are infinite, of which nothing can be told.
+    """Refuse a loop with numbers whose squares are infinite, of which nothing can be computed.
 
     Raises
     ------
@@ -181,15 +181,15 @@ class Linearised:
     """A loop whose elements are gains."""
 
     system: LureSystem  # with its integrators apart
-    gains: Array  # (nw, nz): ``w = gains @ z``; zero for elements that no gain stands for
-    without: tuple[int, ...]  # elements that no gain stands for
-    executed: tuple[str, ...] = ()  # what stands for sampled controllers, a sentence each
+    gains: Array  # (nw, nz): ``w = gains @ z``; zero for elements that no gain replaces
+    without: tuple[int, ...]  # elements that no gain replaces
+    executed: tuple[str, ...] = ()  # what replaces sampled controllers, a sentence each
 
     @classmethod
     def of(cls, loop: LureSystem, place: str) -> Linearised:
         """The loop with every element as the gain that it names (`Nonlinearity.linear_gain`), to be cut at a place.
 
-        Sampled controllers stand with their hold and delay: exactly where the loop is cut at one of them.
+        Sampled controllers are taken with their hold and delay: exactly where the loop is cut at one of them.
 
         Raises
         ------
@@ -231,11 +231,11 @@ class Linearised:
         return cls(system, K, tuple(without))
 
     def rule(self) -> tuple[str, ...]:
-        """Which gain stands for each element, and why, a sentence each."""
+        """Which gain replaces each element, and why, a sentence each."""
         said = []
         for i, (name, element) in enumerate(zip(self.system.element_names, self.system.elements, strict=True)):
             if element == UNITY:
-                continue  # a dead time stands behind it, and nothing stands for it
+                continue  # a dead time is behind it, and nothing replaces it
             block = self.gains[self.system.output_slices[i], self.system.input_slices[i]]
             numbers = ", ".join(number(value) for value in block.ravel())
             none = "none (its output jumps, or its slope has no bound)"
@@ -356,7 +356,7 @@ class Linearised:
 
 
 def small_signal(system: LureSystem) -> LureSystem:
-    """The loop with what stands for elements that are described together with their own states."""
+    """The loop with gains in place of elements that are described together with their own states."""
     if system.given is None:
         return system
     elements = tuple(e.small_signal or e for e in system.given.elements)

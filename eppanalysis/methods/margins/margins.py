@@ -122,7 +122,7 @@ def _closed_by_itself(
 
 
 def _place(system: LureSystem, name: str) -> str:
-    """The place that a name stands for: its own, that of a part, or that of a signal which is taken there."""
+    """The place that a name means: its own, that of a part, or that of a signal which is taken there."""
     places, signals = system.places, system.signals
     if places.called(name) not in places.names and name in signals.names:
         i = signals.names.index(name)

@@ -2,7 +2,7 @@
 
 Duda, "Effects of rate limiting elements in flight control systems: a new PIO criterion", AIAA 95-3204 (1995), and
 "Prediction of pilot-in-the-loop oscillations due to rate saturation", J. Guidance 20 (1997) 581. Once a limiter is at
-its limit, it loses phase; the loop then runs away or not by where its open loop stands in Nichols' chart at that
+its limit, it loses phase; the loop then runs away or not by the place of its open loop in Nichols' chart at that
 frequency, and the boundary between the two is drawn from many loops.
 """
 

@@ -1,4 +1,4 @@
-"""Whether the elements of a loop can give what a state of rest, or the mean of a motion that stays, asks of them.
+"""Whether the elements of a loop can give what a state of rest, or the mean of a motion that stays, needs of them.
 
 The means of every motion that stays somewhere meet the static balance, and a mean output lies between the least and the
 greatest output of its element: where no such means meet it, the loop drifts away from wherever it is.
@@ -19,18 +19,18 @@ from eppanalysis.readable import listed, quantity
 
 #: Share of the terms of a static balance below which they balance.
 BALANCED = 1e-9
-#: Share of its range by which an element may miss what is asked of it, and the most modes of one that is asked.
+#: Share of its range by which an element may miss what it has to give, and the most modes of one that is tested.
 _JUST, _MOST_PIECES = 0.02, 100
 _NEITHER, _AWAY = "The loop has neither a state of rest nor a limit cycle", "; the loop drifts away."
 
 
 def out_of_reach(system: LureSystem, static: StaticBalance) -> Iterator[str]:
-    """Elements that cannot give, at rest or in the mean of a cycle, what integrators about them ask for.
+    """Elements that cannot give, at rest or in the mean of a cycle, what integrators about them need.
 
     Parameters
     ----------
     system : LureSystem
-        Its integrators stand apart.
+        Its integrators are apart.
     static : StaticBalance
         Of this system, at the inputs where it is held.
     """
@@ -50,7 +50,7 @@ def out_of_reach(system: LureSystem, static: StaticBalance) -> Iterator[str]:
 
 
 def _together(system: LureSystem, static: StaticBalance, reaches: dict[int, tuple[float, float]]) -> Iterator[str]:
-    """The same of all elements with a bound, in what the static balance asks of these alone."""
+    """The same of all elements with a bound, in what the static balance needs of these alone."""
     weak = [system.output_slices[i].start for i in reaches]
     others = np.delete(static.on_mean, weak, axis=1)
     rows = without(np.hstack([static.on_bias, others]))
@@ -109,7 +109,7 @@ def balances_of_one(system: LureSystem, static: StaticBalance, element: int) -> 
 
 
 def without(columns: Array) -> Array:
-    """Combinations of equations, as rows, in which some columns do not stand."""
+    """Combinations of equations, as rows, without some columns."""
     columns = columns[:, np.any(columns, 0)] / np.abs(columns).max(0)[np.any(columns, 0)]
     u, s, _ = np.linalg.svd(columns)
     rank = int(np.sum(s > BALANCED * s.max(initial=0.0)))

@@ -1,4 +1,4 @@
-"""What margins are: numbers that belong to a cut, and the gains that stand for the elements in them."""
+"""What margins are: numbers that belong to a cut, and the gains in place of the elements in them."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Loops with sampled controllers for margins: from sample to sample, where that is exact.
 
-Between two samples everything else is linear and what is held stands still, so that one turn of all clocks is a linear
+Between two samples everything else is linear and what is held is constant, so that one turn of all clocks is a linear
 map. Cut where a controller that is executed once a turn reads, or where nothing passes but what it holds, the loop is
 one in discrete time, exactly. Cut elsewhere it is no loop that the same sine comes back in; there the controllers are
 taken in the mean over where their samples fall (see `averaged`).

@@ -19,7 +19,7 @@ _ASIDE = 1e-7
 def is_stable(loop: Linear, rates: ComplexArray) -> bool | None:
     """Whether no pole of a closed loop grows; None where rounding does not tell.
 
-    Integrators that stand apart of the loop (a clock, a mass whose place nobody measures) neither grow nor decay and do
+    Integrators apart from the loop (a clock, a mass whose place nobody measures) neither grow nor decay and do
     not count; an integrator within the loop that the loop does not hold shows in its response at low frequencies.
 
     Parameters

@@ -119,7 +119,7 @@ class Arcs:
 
     @cached_property
     def memory(self) -> slice:
-        """Where the memory values of the loop stand in y (the delayed values follow)."""
+        """Places of the memory values of the loop in y (the delayed values follow)."""
         first = self.n_state + self.n_timers
         return slice(first, first + self.channels.smooth_H.shape[1])
 

@@ -1,4 +1,4 @@
-"""The orbit that a balance stands for, closed from its own switches: no run follows a very unstable cycle."""
+"""The orbit that a balance means, closed from its own switches: no run follows a very unstable cycle."""
 
 from __future__ import annotations
 

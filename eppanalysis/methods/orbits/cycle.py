@@ -18,7 +18,7 @@ from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
 from eppanalysis.results.events import Events
 from eppanalysis.results.provenance import Provenance
 
-#: The cycles of orbits, and of which loops: a search compares an orbit with what it asks for before it lists it.
+#: The cycles of orbits, and of which loops: a search compares an orbit with what it looks for before it lists it.
 _MADE: WeakKeyDictionary[Orbit, tuple[LureSystem, LimitCycle]] = WeakKeyDictionary()
 
 

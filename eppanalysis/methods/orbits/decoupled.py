@@ -1,7 +1,7 @@
 """A loop in states of its own, where those that it is given in mix what is stiff or large with what is not.
 
 A stiff contact makes entries of 1e8 in the matrix of its mode, of a position into a speed. In natural coordinates, and
-in any units of the states, they stand alone, and motions are known to the last digits. In turned ones they are
+in any units of the states, they are apart, and motions are known to the last digits. In turned ones they are
 everywhere, for all states mix positions with speeds, and as many digits are lost as the matrix is larger than its
 fastest pole. Likewise states of a chain of lags are of very different sizes, and in turned states all signals are small
 differences of the largest.
@@ -70,7 +70,7 @@ def unmixed(system: LureSystem) -> OtherStates | None:
 
 
 def integrators_apart(system: LureSystem) -> OtherStates | None:
-    """The loop in coordinates in which its integrators stand apart; None where they do as it is given.
+    """The loop in coordinates in which its integrators are apart; None where they do as it is given.
 
     Turned, they are slow motions by rounding, and each state drifts where one does: no bound shows that a guard is far.
 

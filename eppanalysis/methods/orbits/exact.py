@@ -37,7 +37,7 @@ from eppanalysis.results import LimitCycle
 
 #: Estimated error below which a balance may not be followed by another one of higher order.
 _TRUSTED = 0.05
-#: And below which what does not agree with it is not the orbit asked for.
+#: And below which what does not agree with it is not the orbit looked for.
 _REFUTES = 5e-3
 #: Steps of the engine, and what is worth as many, after which an orbit that has not been closed will not be.
 MOST_WORK = 1e7
@@ -51,7 +51,7 @@ def steady_hybrid(system: LureSystem, at: OperatingPoint | None = None, observed
     Raises
     ------
     EppError
-        For a discrete-time system, or an input that does not stand still.
+        For a discrete-time system, or an input that is not constant.
     ModelError
         If an input is unknown, or what is given names none.
     """
@@ -149,7 +149,7 @@ class Candidate:
     """An orbit that an approximate cycle led to."""
 
     orbit: Orbit
-    difference: str  # what tells it from the one asked for; empty for nothing
+    difference: str  # what distinguishes it from the one looked for; empty for nothing
     as_stable: bool  # whether it is as stable as was predicted, if anything was
 
 
@@ -170,7 +170,7 @@ def orbits_of(
 ) -> Iterator[Candidate]:
     """Closed orbits that an approximate cycle leads to, some of them several times; see :func:`asked_for`.
 
-    With `neighbours` runs from the cycle are tried to the end, although what is asked for has been found: there may be
+    With `neighbours` runs from the cycle are tried to the end, although the one looked for has been found: there may be
     others near.
     """
     hybrid = _seen(system, hybrid, start, at)
@@ -257,7 +257,7 @@ def _by_balance(asked: Target, hybrid: HybridSystem, met: list[Orbit], at: Opera
 def _balances(asked: Target, at: OperatingPoint) -> Iterator[LimitCycle]:
     """Balances of rising order, and where none of them leads to the orbit, that on the curve from the DF."""
     yield from balances_of(asked.system, asked.cycle, at)
-    # Low orders may stand far from both the DF and the cycle (docs/how_we_know.md, Does the error
+    # Low orders may be far from both the DF and the cycle (docs/how_we_know.md, Does the error
     # estimate cover the error?).
     straight = balance_on_curve(Loop.of(asked.system, at.vector(asked.system)), asked.cycle)
     if straight is not None and straight.error_estimate < _TRUSTED:

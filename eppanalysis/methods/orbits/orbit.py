@@ -112,7 +112,7 @@ class Orbit:
     @property
     def holds(self) -> bool:
         """Whether an element holds a value that no switch on the cycle renews (a play that stays within its gap)."""
-        # Behind the elements' values stand the slopes of inputs and a 1.
+        # The elements' values are followed by the slopes of inputs and a 1.
         first, count = self.arcs.memory.start, int(self.hybrid.model.first[-1, 2])
         idle = np.setdiff1d(np.arange(first, first + count), self.arcs.free)
         return bool(np.any(self.arcs.F[:, :, idle]))
@@ -128,7 +128,7 @@ class Orbit:
             return True
         if self.motion is not None:
             return False
-        # Scaled, or the smallest singular value would only show that angles stand beside seconds
+        # Scaled, or the smallest singular value would only show that angles are beside seconds
         # (docs/theory/exact_orbits.md, The search for all of them).
         A = evened(self.scaled)
         if not np.all(np.isfinite(A)):
@@ -177,7 +177,7 @@ class Orbit:
         if first == 0:
             return self
         arcs = Arcs.build(self.hybrid, self.arcs.event_sequence.rotated(first))
-        # Timers stand in the order of the delayed switches, which turns with the orbit.
+        # Timers are in the order of the delayed switches, which turns with the orbit.
         return evaluate(self.hybrid, arcs, self._turned(arcs, first), np.roll(self.tau, -first))
 
     def _turned(self, arcs: Arcs, first: int) -> Array:

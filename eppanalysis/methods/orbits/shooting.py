@@ -366,7 +366,7 @@ def is_met(orbit: Orbit) -> bool:
     met = 0 if orbit.arcs.n_timers else _met(orbit, begin)
     if met == orbit.arcs.n_arcs:
         return True
-    # From one arrival of a delayed switch to the next what is delayed stands still, so that a run over that stretch
+    # From one arrival of a delayed switch to the next what is delayed is constant, so that a run over that stretch
     # needs no more of the past than this value: that switches arrive in time the orbit's own timers say.
     model = orbit.hybrid.model
     late = np.full_like(model.smooth_delay, 2.0 * orbit.period)
@@ -479,7 +479,7 @@ class _Approach:
     made: list[tuple[Guess, float]] = field(default_factory=list)  # those that have been taken
 
     def best(self) -> Guess | None:
-        """The guess nearest to an orbit on so many steps; asked for again, on so many from there."""
+        """The guess nearest to an orbit on so many steps; called again, on so many from there."""
         self.made += islice(self.steps, _MOST_STEPS - len(self.made))
         if not self.made:
             return None
@@ -563,7 +563,7 @@ def orbits_near(
         for guess in recurrences(hybrid, run, (0.5 * period, 1.6 * period), 4):
             if guess.event_sequence.key in seen:
                 continue
-            # On the flow all of them are one: it asks for no sequence of events.
+            # On the flow all of them are one: it has no sequence of events.
             close_one = orbit_along if seen else close_orbit
             seen.add(guess.event_sequence.key)
             orbit = close_one(hybrid, guess, known)

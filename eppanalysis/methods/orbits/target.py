@@ -86,7 +86,7 @@ class Target:
         moving = [k for k, c in cycle.harmonics.items() if len(c) > 1 and found.peak_to_peak[k] > 0.0]
         names = [k for k in moving if abs(cycle.harmonics[k][1]) * abs(found.harmonics[k][1]) > 0.0]
         # The estimate holds for the first signal that moves, but that may be a difference of large parts, as what comes
-        # out of an element is the same at any size: the one that is asked for is as large in it or in most signals.
+        # out of an element is the same at any size: the one that is looked for is as large in it or in most signals.
         ratios = [abs(found.harmonics[k][1]) / abs(cycle.harmonics[k][1]) for k in names] or [1.0]
         if not any(_near(ratio, 1.0, self.tolerance) for ratio in (ratios[0], float(np.median(ratios)))):
             return f"has {100.0 * ratios[0]:.3g} % of the size ({number(found.frequency)} Hz)"

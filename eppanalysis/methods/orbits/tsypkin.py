@@ -32,8 +32,8 @@ Modes = NDArray[np.inexact]
 #: periods that are computed together.
 _SHORTEST, _LONGEST = 0.05, 30.0
 _LOGARITHMIC, _EVEN, _TO_A_TURN, _PULSES, _BLOCK = 400, 1200, 8, 200, 16
-#: How far beside a matrix the one is whose modes stand for its own where rounding shows in these by as much. Poles of a
-#: multiple one stand apart by a root of it, so that rounding in their modes is less than what the step aside changes.
+#: How far beside a matrix the one is whose modes replace its own where rounding shows in these by as much. Poles of a
+#: multiple one are apart by a root of it, so that rounding in their modes is less than what the step aside changes.
 _BESIDE = 1e-10
 #: Newton's method in both times: iterations, step for derivatives, and what a root leaves, relative to the guards.
 _ITERATIONS, _STEP, _ROOT = 20, 1e-6, 1e-9
@@ -94,7 +94,7 @@ class TsypkinLocus:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Shortest and longest half period that is asked for [s]."""
+        """Shortest and longest half period that is searched [s]."""
         return float(_SHORTEST / self.rates.max()), float(_LONGEST / self.rates.min())
 
     def guesses(self) -> Iterator[Guess]:

@@ -1,4 +1,4 @@
-"""Cycles that are one of a continuum, or stand at its border: what is between two of them is a cycle, too."""
+"""Cycles that are one of a continuum, or are at its border: what is between two of them is a cycle, too."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _closes(known: Orbit, y: Array) -> bool:
 
 
 def same_continuum(one: Orbit, other: Orbit) -> bool:
-    """Whether two orbits of continua pass through the same switches and are as stable: one then stands for both."""
+    """Whether two orbits of continua pass through the same switches and are as stable: one then represents both."""
     if not (other.one_of_many and has_switches_of(one, other.arcs.event_sequence.guards)):
         return False
     unstable = [int(np.sum(np.abs(o.multipliers) > 1.0 + 1e-4)) for o in (one, other)]

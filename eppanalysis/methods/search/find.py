@@ -282,12 +282,12 @@ class _Search(SearchReport):
         self.unclosed = self._not_among(led_to)
 
     def _close_all(self) -> list[int | None]:
-        """For each prediction the number of the orbit that it asks for, None for none."""
+        """For each prediction the number of the orbit that it means, None for none."""
         with budget(_FOR_PREDICTIONS * _MOST_WORK):
             return [self._close(cycle) for cycle in self.predicted]
 
     def _close(self, cycle: LimitCycle) -> int | None:
-        """Number of the orbit that a prediction asks for, None for none; all orbits that it leads to are kept."""
+        """Number of the orbit that a prediction means, None for none; all orbits that it leads to are kept."""
         if is_smooth_delayed(self.hybrid):
             self._close_behind_delay(cycle)
             return None
@@ -303,7 +303,7 @@ class _Search(SearchReport):
         return None if asked is None else self.add(asked)
 
     def _close_behind_delay(self, cycle: LimitCycle) -> None:
-        """Keep the cycle that a prediction asks for, or why it is not closed."""
+        """Keep the cycle that a prediction means, or why it is not closed."""
         try:
             with budget(FOR_ONE * _MOST_WORK):
                 closed, why = closed_behind_delay(self.system, self.hybrid, cycle, self.at)
@@ -320,7 +320,7 @@ class _Search(SearchReport):
         answers: dict[int, LimitCycle] = {}
         unclosed = []
         nearest = sorted(zip(led_to, self.predicted, strict=True), key=lambda pair: self._distance(*pair))
-        # Greedily by period: an orbit that is asked for twice answers the prediction that lies nearest to it.
+        # Greedily by period: an orbit that is meant twice answers the prediction that lies nearest to it.
         # Two predictions may lead to one orbit: it answers the one that says of it what is true.
         nearest.sort(key=lambda pair: not self._as_stable(*pair))
         for place, cycle in nearest:
@@ -340,7 +340,7 @@ class _Search(SearchReport):
         return number is not None and is_stable(self.orbits[number].multipliers) == cycle.stable
 
     def _other_answer(self, cycle: LimitCycle, answers: Mapping[int, LimitCycle]) -> int | None:
-        """Number of an orbit that no other prediction asks for and that this one may mean; -1 for a cycle of a run."""
+        """Number of an orbit that no other prediction means and that this one may mean; -1 for a cycle of a run."""
         asked = Target.of(self.system, self.hybrid, cycle).widened()
         for i, orbit in enumerate(self.orbits):
             if i not in answers and is_stable(orbit.multipliers) == cycle.stable and not asked.difference(orbit):

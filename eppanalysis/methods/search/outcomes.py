@@ -55,7 +55,7 @@ _REACHED, _MOST_LONGER, MOST_REACHED = 1e-9, 6, 12
 _SAME_CYCLE = 1e-6
 #: Estimated error above which a prediction is no measure of how long runs take.
 _DOUBTFUL = 1.0
-#: How far beside a start that is a state of rest another one is asked, relative to the motions in question.
+#: How far beside a start that is a state of rest another one is tried, relative to the motions in question.
 ASIDE = 1e-6
 #: Share of all work that one prediction, one start or one mirror image may take.
 FOR_ONE = 0.1
@@ -316,7 +316,7 @@ class RunOutcomes:
 
     @cached_property
     def _keeps_piled(self) -> bool:
-        """Whether a loop stays where its switches accumulate: what moves on there are the zeros, asked for of one
+        """Whether a loop stays where its switches accumulate: what moves on there are the zeros, computed for one
         element. With a zero that grows it leaves again, after more switches than any run has.
         """
         s = self.system

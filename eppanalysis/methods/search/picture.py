@@ -40,16 +40,16 @@ _STABLE, _UNSTABLE = (BLUE, GREEN, DARK_SKY, PURPLE), (VERMILLION, DARK_ORANGE, 
 #: Words in the middle of an empty panel, and the letters on a line of them.
 _MIDDLE: dict[str, Any] = {"ha": "center", "va": "center", "color": DARK, "fontsize": SMALL}
 _WIDTH = 60
-#: More than these are not told apart in one picture; what is left over is drawn thin.
+#: More than these are not distinguished in one picture; what is left over is drawn thin.
 _TOLD_APART = 4
-#: A line that is not told apart from others.
+#: A line like others.
 _THIN: dict[str, Any] = {"color": "#BBBBBB", "linewidth": 0.5}
 
 
 def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | None = None) -> Figure:
     """Every cycle's waveform over its own period, and the signal's rate over the signal; stable solid, unstable dashed.
 
-    Waveforms begin where their fundamental rises through zero. Of many cycles four are told apart, stable and large
+    Waveforms begin where their fundamental rises through zero. Of many cycles four are distinguished, stable and large
     ones first; of the others the orbits alone are drawn, thin. Predictions whose orbits were not found are dotted and
     grey.
 
@@ -96,7 +96,7 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
 
 
 def _lines_of(search: CycleSearch) -> list[tuple[LimitCycle, dict[str, Any], str]]:
-    """What is drawn, with its line and its words: the cycles told apart on top, stable before unstable ones and large
+    """What is drawn, with its line and its words: distinguished cycles on top, stable before unstable ones and large
     before small ones among them, others as thin lines that share their words.
     """
     told = [*search.stable[::-1], *search.unstable[::-1]][:_TOLD_APART]
@@ -111,7 +111,7 @@ def _lines_of(search: CycleSearch) -> list[tuple[LimitCycle, dict[str, Any], str
 
 
 def _listed(cycle: LimitCycle, used: dict[str, dict[str, Any]]) -> tuple[dict[str, Any], str]:
-    """Line and words of a cycle that is told apart; those of the same words, mirror images, have one line in `used`."""
+    """Line and words of a distinguished cycle; those of the same words, mirror images, have one line in `used`."""
     stable = bool(cycle.stable)
     text = f"{'stable' if stable else 'unstable'}, {number(cycle.frequency)} Hz"
     style = {"linestyle": "-" if stable else "--", "linewidth": 1.3}

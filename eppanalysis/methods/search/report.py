@@ -107,12 +107,12 @@ class SearchReport(RunOutcomes):
         """How completeness was sought."""
         ends = ", ".join(f"{n} {what}" for what, n in sorted(self.outcomes.items()))
         balance = ", by harmonic balance where needed" * self.by_balance
-        beside = ", from beside a state of rest" * bool(self.beside_rest())
+        beside = ", beside a state of rest" * bool(self.beside_rest())
         rests = f", and {self.n_towards} towards states of rest of single modes" if self.n_towards else ""
         return (
-            f"{count(len(self.predicted), 'predicted cycle')} as seeds{balance}; {count(self.n_runs, 'run')} "
-            f"along {len(SCALES)} scales of each predicted and found cycle{beside}, from the loop's own start and from "
-            f"{N_RANDOM} random starts{rests} ({ends}); "
+            f"{count(len(self.predicted), 'predicted cycle')} as seeds{balance}; runs from "
+            f"{count(sum(self.outcomes.values()), 'start')}: along {len(SCALES)} scales of each predicted and found "
+            f"cycle{beside}, the loop's own start and {N_RANDOM} random ones{rests} ({ends}); "
             f"{count(self.n_boundaries, 'basin boundary')} bisected for unstable cycles{self._tried()}. "
             "Cycles that no prediction is near, and neither a run nor a boundary leads to, may be missed."
             f"{self._pasts()}{self._continua()}{self._unclosed()}{self._left()}"
@@ -160,7 +160,7 @@ class SearchReport(RunOutcomes):
         return f" {left}: the starts of different outcomes are interwoven."
 
     def _continua(self) -> str:
-        """Sentence on cycles that stand for a continuum of cycles."""
+        """Sentence on cycles of a continuum of cycles."""
         many = sum(o.one_of_many for o in self.orbits)
         if not many:
             return ""

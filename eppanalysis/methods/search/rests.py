@@ -22,7 +22,7 @@ from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 #: By the bytes of its modes: state and memory values with which a combination was met.
 Met = dict[bytes, tuple[Array, Array]]
 
-#: Combinations that are asked, of those that were met.
+#: Combinations that are tried, of those that were met.
 _MOST = 64
 #: Rounding of rates and of distances to guards, relative to their terms.
 _ROUNDING = 1e-9

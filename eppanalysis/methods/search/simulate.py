@@ -1,4 +1,4 @@
-"""Event-exact simulation in time of any loop, as its user asks for it; beyond its end it is decided how it goes on."""
+"""Event-exact simulation in time of any loop, as its user calls it; beyond its end it is decided how it goes on."""
 
 from __future__ import annotations
 

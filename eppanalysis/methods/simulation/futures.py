@@ -100,7 +100,7 @@ class _Mode:
 
     @classmethod
     def of(cls, hybrid: HybridSystem) -> _Mode | None:
-        """Of the modes at its start; None where they have no unique law of motion, or its parts are not told apart."""
+        """Of the modes at its start; None where they have no unique law of motion, or its parts are not separated."""
         law, repeats = law_of(hybrid, hybrid.modes0), np.flatnonzero(hybrid.compared)
         if law is None or not repeats.size:
             return None
@@ -289,7 +289,7 @@ def _within(P: Array, away: Array, H: Array) -> Array:
 
 
 def _parts(A: Array) -> tuple[Array, Array, Array, slice, slice, slice, slice] | None:
-    """W, W^-1, L, and where the parts stand in L that drift, decay, swing and grow; None where that is unclear.
+    """W, W^-1, L, and the places in L of the parts that drift, decay, swing and grow; None where that is unclear.
 
     Eigenvalues of zero are found by ranks: rounding makes a ring of small ones of a chain of integrators.
     """
@@ -311,7 +311,7 @@ def _parts(A: Array) -> tuple[Array, Array, Array, slice, slice, slice, slice] |
         ends.append(ends[-1] + split[2])
     L = Wi @ balanced @ W
     drifts, decays, undamped, grows = (slice(a, b) for a, b in zip(ends, [*ends[1:], len(A)], strict=True))
-    # A real one that is neither zero by rank nor damped is told from neither.
+    # A real one that is neither zero by rank nor damped is distinct from neither.
     if np.any(np.linalg.eigvals(L[undamped, undamped]).imag == 0.0):
         return None
     W, Wi = _without_rounding(W), _without_rounding(Wi.T).T

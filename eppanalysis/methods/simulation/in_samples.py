@@ -36,7 +36,7 @@ class InSamples:
 
     @classmethod
     def at(cls, system: LureSystem, point: OperatingPoint) -> InSamples:
-        """That of a loop whose inputs stand at an operating point."""
+        """That of a loop whose inputs are at an operating point."""
         return cls(Clocked.of(system, point.vector(system)))
 
     @classmethod
@@ -94,7 +94,7 @@ class InSamples:
 
     @property
     def _outputs(self) -> slice:
-        """Where the states of the last sample stand among the memory values: behind the controller's own."""
+        """Places of the states of the last sample among the memory values: behind the controller's own."""
         return slice(self._own, self._own + len(self.clocked.given.A))
 
     def to_user(self, cycle: LimitCycle, start: HybridSystem | None = None) -> LimitCycle:

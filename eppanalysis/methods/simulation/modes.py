@@ -91,7 +91,7 @@ def _known_laws(hybrid: HybridSystem) -> dict[bytes, ModeLaw | None]:
 def on_levels(hybrid: HybridSystem, modes: IntArray) -> Array:
     """The matrix (N, N) of y that puts the inputs of all elements that stick on every arc on their levels.
 
-    On a cycle no event brings them there. That they stand there is an equation of its own, and a disturbance off a
+    On a cycle no event brings them there. That they are there is an equation of its own, and a disturbance off a
     level, which the element takes back at once, is none that lasts.
     """
     model = hybrid.model

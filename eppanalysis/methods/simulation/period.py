@@ -30,7 +30,7 @@ _USUAL, _SHORT, _MANY = (20, 33, 4), (8, 9, 1), 1000
 #: waited for longer than it takes.
 _ALONE = 2**18
 #: Pieces of a period to begin with (so many that every harmonic varies moderately on each), most of them, and how many
-#: times as many as the events ask for.
+#: times as many as the events need.
 _FEWEST, _MOST, _MORE = 32, 6000, 1.5
 _ROUNDS = 14
 #: Tails of the Legendre series, relative to the range of the signal: resolved, and where rounding may begin to show.
@@ -47,7 +47,7 @@ class PeriodShape:
 
     mean: dict[str, float]
     peak_to_peak: dict[str, float]
-    #: Most cycles are told by their size: these are computed when they are looked at.
+    #: Most cycles are known by their size: these are computed when they are looked at.
     harmonics: Mapping[str, ComplexArray]
     time: Array
     waveform: dict[str, Array]

@@ -26,7 +26,7 @@ BENEATH_ROUNDING = (
 )
 #: Samples of a period in which what the elements change is measured.
 SAMPLES = 512
-#: Stands for a channel without end.
+#: In place of a channel without end.
 _NO_END = 1e200
 #: Movement of an element's input that is rounding, relative to its thresholds and to its value; of a loop without any
 #: size of its own, relative to where the run has been.
@@ -69,7 +69,7 @@ class _Sizes:
             own, rows = m.guard_element == e, slice(int(m.mode_first[e]), int(m.mode_first[e + 1]))
             constant[rows] += np.abs(m.mode_wh[rows]) @ np.abs(m.reset_0[own]).max(axis=0, initial=0.0)
             modes.append((rows, w_end - w))
-            if e in sampled:  # what it holds stands straight before the elements behind it
+            if e in sampled:  # what it holds goes straight to the elements behind it
                 Kz[:, h:h_end] += m.D[:, w:w_end] @ m.mode_wh[rows.start, : w_end - w, : h_end - h]
             weight = np.abs(m.guard_z[own, : z_end - z]).max(axis=0, initial=0.0)
             if e in sampled or not own.any():
@@ -106,7 +106,7 @@ def left_by_rounding(
 ) -> tuple[bool, bool]:
     """Whether what the elements see of a motion is rounding of their thresholds and of where it takes place.
 
-    Besides whether their own sizes are so small beside the motion that :func:`is_lost` has to be asked.
+    Besides whether their own sizes are so small beside the motion that :func:`is_lost` has to decide.
 
     Parameters
     ----------

@@ -252,7 +252,7 @@ def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
     if status is Status.LIMIT_CYCLE:
         last = run.order[-int(found[0]) - 1 :]
         states = run.state[last]
-        # States are kept at events alone: how far they go between them is told by the rates there.
+        # States are kept at events alone: how far they go between them follows from the rates there.
         moves = np.ptp(states, axis=0) + np.abs(run.rate[last]).max(axis=0) * found[1]
         held = run.memory_values[last]
         reached = np.maximum(np.abs(run.low), np.abs(run.high))

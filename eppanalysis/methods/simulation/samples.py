@@ -65,7 +65,7 @@ def rows_of(strobe: Strobe, run: Run) -> Rows:
 def judge_samples(strobe: Strobe, run: Run, t_end: float) -> tuple[Status, Array]:
     """Status of a run, and for a cycle: its events, period, change over the last period, extrapolated change.
 
-    Where it is not locked, the shortest and the longest turn stand behind, and since when they are like that.
+    Where it is not locked, the shortest and the longest turn follow, and since when they are like that.
     """
     found = np.zeros(7)
     if run.n_kept == 0:
@@ -101,22 +101,22 @@ def extent_of(strobe: Strobe, run: Run, found: Array) -> Array:
 
 
 def locked_or_not(strobe: Strobe, found: Array) -> str:
-    """How a cycle stands to the samples, in words."""
+    """The relation of a cycle to the samples, in words."""
     n, sample_time = round(found[1] / strobe.period) * strobe.every if strobe.every else 0, _slowest(strobe)
     if is_locked(found):
         return f"locked to the samples: {n} of {sample_time:g} s"
     return (
-        f"not locked to the samples of {sample_time:g} s: its turns took {_from_to(found[4], found[5])}, and its "
+        f"not locked to the samples of {sample_time:g} s: its periods are {_from_to(found[4], found[5])}, and its "
         f"states returned to within {100.0 * found[2]:.2g} % of their motion"
     )
 
 
 def _from_to(least: float, most: float) -> str:
-    """How long turns took, in four digits, or in seven where four do not tell them apart."""
+    """Lengths of periods, in four digits, or in seven where four do not tell them apart."""
     for digits in (4, 7):
         if (shown := [f"{turn:.{digits}g}" for turn in (least, most)])[0] != shown[1]:
             return f"{shown[0]} to {shown[1]} s"
-    return f"{least:.4g} s each"
+    return f"{least:.4g} s"
 
 
 def _slowest(strobe: Strobe) -> float:
@@ -135,7 +135,7 @@ def _turns(strobe: Strobe, run: Run, rows: Rows, t_end: float) -> tuple[NDArray[
         values, scale = rows.values[at], spans[at[-_TURNS - 1]]
         scale = np.where(scale > _REST * rows.size, scale, np.inf)
         if not np.isfinite(scale).any():
-            continue  # all of it stands still: what is left of a decay has no turns
+            continue  # all of it is constant: what is left of a decay has no turns
         back = np.max(np.abs(values - values[-1]) / scale, axis=1) <= _DIFFER
         places, values = at[back], values[back]
         length = np.diff(time[places])

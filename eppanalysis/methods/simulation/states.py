@@ -1,6 +1,6 @@
 """A loop in other states than its user's, and its cycles in these: without those that nothing drives.
 
-An integrator without an input keeps its start: a disturbance, a set point. It is a held input that stands among the
+An integrator without an input keeps its start: a disturbance, a set point. It is a held input among the
 states, and no unknown of a cycle. One without a reader (an angle under control of speed) may go on for ever.
 """
 
@@ -260,7 +260,7 @@ def elements_apart(system: LureSystem) -> OtherStates | None:
     between = reached(np.array(acts))
     if np.array_equal(between, _reach(system)[n:, n:]):
         return None
-    # What an element drives of its own stands behind all that those drive on which it acts, and acts on nothing else.
+    # What an element drives of its own comes behind all that those drive on which it acts, and acts on nothing else.
     basis = np.zeros((n, 0))
     for e in np.argsort(np.sum(between | np.eye(len(between), dtype=bool), axis=0), kind="stable"):
         basis = np.hstack([basis, _beyond(driven[e], basis)])

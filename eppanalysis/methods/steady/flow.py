@@ -55,7 +55,7 @@ class Pass:
 
     @property
     def rows(self) -> Array:
-        """What stands behind the start and behind each event, its clocks as they are there, shape (events + 1, N)."""
+        """What follows the start and each event, its clocks as they are there, shape (events + 1, N)."""
         rows = np.empty((self.events.size + 1, self.y.size))
         n = self.start.x0.size
         rows[0], rows[1:, :n], rows[1:, n:] = self.y, self.run.state[self.events], self.run.memory_values[self.events]

@@ -154,7 +154,7 @@ class Diagram:
 
     @cached_property
     def idle_inputs(self) -> tuple[str, ...]:
-        """External inputs that drive nothing and stand in no signal."""
+        """External inputs that drive nothing and are in no signal."""
         sums = [*self.wires.values(), *self.named.values()]
         used = {port for terms in sums for _, port in terms}
         return tuple(name for name in self.levels if (name, "") not in used)
@@ -183,7 +183,7 @@ class Diagram:
 
     @property
     def operating_point(self) -> OperatingPoint:
-        """The external inputs where they are before the start; with :meth:`to_system`, all that analyses ask for."""
+        """The external inputs where they are before the start; with :meth:`to_system`, all that analyses need."""
         return OperatingPoint.of(self._system)
 
     @cached_property

@@ -21,7 +21,7 @@ Wires = Mapping[Port, list[tuple[float, Port]]]
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """A linear block as it stands in a network."""
+    """A linear block as it is in a network."""
 
     system: StateSpace
     input_ports: tuple[Port, ...]

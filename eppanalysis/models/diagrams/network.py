@@ -2,8 +2,8 @@
 
 A loop knows dead time at the outputs of its elements only. A block with states and nothing that goes straight through
 is the same behind a delay as in front of it, so the delay is put at its inputs; else at its outputs. So are blocks
-that elements drive and that feed nothing else: an element that switches is as late as they are, and its output stands
-still between switches. Where no element stands there, one that hands its input on is put in.
+that elements drive and that feed nothing else: an element that switches is as late as they are, and its output is
+constant between switches. Where there is no element, one that hands its input on is put in.
 
 All blocks that are executed together become one sampled controller: within one sample they act on one another at once.
 Where nothing linear is left beside them, the loop is one of discrete time instead.
@@ -39,7 +39,7 @@ class Network:
     who: str
     time_step: float | None = None  # of all that is linear, where the diagram is one of discrete time
     original: tuple[Port, ...] = ()  # ports that the diagram itself has
-    #: Where ports of the diagram stand that have another place here.
+    #: Places of ports of the diagram that have another one here.
     moved: dict[Port, Port] = field(default_factory=dict)
     shown: frozenset[Port] = frozenset()  # outputs that signals of the diagram name
     #: Ports of the diagram whose place carries what the port carries at another time.
@@ -122,7 +122,7 @@ class Network:
     def _stages(self, blocks: Mapping[str, Linear], delay: float) -> list[tuple[dict[str, Linear], float]]:
         """Blocks that are executed together, in the order in which elements between them hand on; each with its delay.
 
-        What stands before an element, such as the limit of a speed that is commanded, is computed first, and what
+        What is before an element, such as the limit of a speed that is commanded, is computed first, and what
         reads the element then: all within one sample, so that the last stage alone waits for the end of the
         computation. Around a loop through an element nothing comes first.
         """
@@ -218,7 +218,7 @@ class Network:
                 self._rewire(consumers, port, late)
 
     def _delay_alone(self, name: str, delay: float) -> None:
-        """Put a dead time that stands alone where a loop can have it: before what is in front of it, or behind."""
+        """Put a dead time that is alone where a loop can have it: before what is in front of it, or behind."""
         entry, out = (name, "in"), (name, "out")
         terms, behind, before = self.wires[entry], self._consumers(out), self._handing_on([entry])
         blocks = {source[0] for _, source in terms if source not in self.constants}

@@ -134,7 +134,7 @@ def _plain(name: str) -> str:
 
 
 def _different(names: Iterable[str]) -> list[str]:
-    """The same names with numbers behind those that stand twice."""
+    """The same names with numbers behind those that occur twice."""
     found: list[str] = []
     for name in names:
         found.append(free_name(name, found))

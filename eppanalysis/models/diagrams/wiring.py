@@ -28,7 +28,7 @@ _TERM = re.compile(rf"\s*([+-]?)\s*({_NAME}(?:\.{_NAME})?)\s*")
 _PORT = re.compile(rf"{_NAME}(?:\.{_NAME})?")
 #: What parts and external inputs may be called, so that connections can name them.
 NAME = re.compile(_NAME)
-#: What may stand in place of a sum: an input that is left at zero on purpose.
+#: Allowed in place of a sum: an input that is left at zero on purpose.
 NOTHING = "0"
 
 
@@ -58,22 +58,22 @@ class Ports:
         return _all(self.inputs)
 
     def source(self, text: str, field: str) -> Port:
-        """The output, or the external input, that a name stands for."""
+        """The output, or the external input, that a name means."""
         return (text, "") if text in self.external else self._port(text, self.outputs, "output", field)
 
     def target(self, text: str, field: str) -> Port:
-        """The input that a name stands for."""
+        """The input that a name means."""
         return self._port(text, self.inputs, "input", field)
 
     def either(self, text: str, field: str) -> Port:
-        """The output or input that a name stands for; of a bare name the output."""
+        """The output or input that a name means; of a bare name the output."""
         part, _, port = text.partition(".")
         if port and port in self.inputs.get(part, ()):
             return part, port
         return self.source(text, field)
 
     def terms(self, text: str, field: str) -> list[tuple[float, Port]]:
-        """The signed sum of sources that a text stands for.
+        """The signed sum of sources that a text means.
 
         Raises
         ------
@@ -151,7 +151,7 @@ def free_name(name: str, taken: Iterable[str]) -> str:
 
 
 class Drawn(Protocol):
-    """What the closing of a diagram needs of it; the diagram itself stands above."""
+    """What the closing of a diagram needs of it; the diagram itself is in a higher layer."""
 
     @property
     def parts(self) -> Mapping[str, Any]:

@@ -158,7 +158,7 @@ def sticking(
     law : tuple of Smooth
         The last of them is what falls with speed; or nothing.
     creep : Creep, optional
-        What stands for all of them at small velocities.
+        The line in place of all of them at small velocities.
     """
     build, falls = AutomatonBuilder(smooth=law), np.eye(1, len(law), len(law) - 1)[0]
     stick = build.mode("stuck", sticking=True)
@@ -349,7 +349,7 @@ def nordin_shaft(gap: float, stiffness: float, damping: float) -> Automaton:
     """Shaft with inner damping behind a gap: inputs (delta, delta_rate, contact angle), outputs (torque, its rate).
 
     The contact angle leaves a side as its drift there turns inwards, and does not come back before that, the drift at
-    the side, has turned outwards again. Until then the side is not looked for, on which the angle still stands but for
+    the side, has turned outwards again. Until then the side is not looked for, on which the angle still is but for
     rounding.
     """
     b = gap / 2
@@ -402,7 +402,7 @@ def parking(
 def sampled(breakpoints: ArrayLike, slopes: ArrayLike, intercepts: ArrayLike, period: float) -> Automaton:
     """Static map with inputs (x, clock) that is read every `period` and held: memory values (output, next reading).
 
-    A reading walks from piece to piece at one instant until it stands in the one that holds the input.
+    A reading walks from piece to piece at one instant until it is in the one that holds the input.
     """
     x, a, b = (np.atleast_1d(np.asarray(v, float)) for v in (breakpoints, slopes, intercepts))
     build = AutomatonBuilder(n_inputs=2, n_memory=2)
@@ -412,7 +412,7 @@ def sampled(breakpoints: ArrayLike, slopes: ArrayLike, intercepts: ArrayLike, pe
     for i, edge in enumerate(x):
         build.guard("reads higher", i, i + 1, on_input=[1.0, 0.0], constant=float(-edge))
         build.guard("reads lower", i + 1, i, on_input=[-1.0, 0.0], constant=float(edge))
-    # Behind the passages between pieces: of guards that stand above zero the first one goes, so that only the piece
+    # Behind the passages between pieces: of guards above zero the first one goes, so that only the piece
     # that holds the input reads it.
     for i, (slope, intercept) in enumerate(zip(a, b, strict=True)):
         build.guard(

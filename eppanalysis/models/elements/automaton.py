@@ -441,7 +441,7 @@ class AutomatonBuilder:
 def slopes_of(automaton: Automaton) -> tuple[Array, Array]:
     """Least and greatest slope of each output over each input, shapes (n_outputs, n_inputs); infinite at a jump.
 
-    In a mode the slopes stand in `from_input`. At an event the output jumps where it differs, by what the reset writes,
+    In a mode the slopes are in `from_input`. At an event the output jumps where it differs, by what the reset writes,
     from what it was, and not just by a multiple of the guard, which is zero there. Where the sign of a jump depends on
     inputs or memory values, for smooth functions of the inputs, and of an output with impulses, nothing is known.
     """

@@ -294,7 +294,7 @@ class Nonlinearity(ABC):
         return float(y)
 
     def _isstatic(self) -> bool:
-        """Whether it has no memory, which python-control asks before it samples the calls."""
+        """Whether it has no memory, which python-control reads before it samples the calls."""
         return self.output(0.0, None)[1] is None
 
     @abstractmethod

@@ -1,6 +1,6 @@
 """What an element does in exact numbers, as certificates state it: in pieces or by a name, rational numbers alone.
 
-Which rational number a field of an element stands for is the reader's to say: it is handed in as a function.
+The reader decides which rational number a field of an element means: it is handed in as a function.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 from typing import NamedTuple
 
-#: The rational number that a field stands for.
+#: The rational number that a field means.
 Reading = Callable[[float], Fraction]
 Place = tuple[Fraction, Fraction]
 

@@ -23,7 +23,7 @@ POSITIVE, NOT_NEGATIVE, NOT_ZERO = "a positive number", "zero or more", "a numbe
 _HOLDS = {POSITIVE: operator.gt, NOT_NEGATIVE: operator.ge, NOT_ZERO: operator.ne}
 #: Steps of a quantiser on each side: each is a piece of its table, and a mode of the loop.
 _MOST_LEVELS = 100_000
-#: Stands for an amplitude of zero, so that quotients by the amplitude keep their limit.
+#: In place of an amplitude of zero, so that quotients by the amplitude keep their limit.
 SMALLEST_AMPLITUDE = 1e-150
 #: Nodes of Gauss's rule on each panel: no pole is nearer to one than its own length.
 _PLACE, _WEIGHT = np.polynomial.legendre.leggauss(14)
@@ -97,7 +97,7 @@ def require_steps(element: Any, width: str = "step", number: str = "levels") -> 
 
 
 def _numbers(value: ArrayLike, name: str) -> Array:
-    # Balances ask a hundred thousand times, with what needs no conversion.
+    # Balances call it a hundred thousand times, with what needs no conversion.
     if type(value) is np.ndarray and value.dtype is _FLOAT:
         return value
     return floats(value, f"describing_function: {name}")

@@ -12,7 +12,7 @@ from eppanalysis.errors import AlgebraicLoop, ModelError
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.signals import slices
 
-#: What stands for the slope of a jump, relative to what it is compared with.
+#: In place of the slope of a jump, relative to what it is compared with.
 _STEEP = 1e9
 _MOST = 10
 

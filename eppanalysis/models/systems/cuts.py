@@ -197,7 +197,7 @@ class Cuts:
 
 
 def _check_shape(name: str, values: Array, k: int) -> None:
-    """Whether numbers are finite and stand in as many rows or columns as there are places."""
+    """Whether numbers are finite and have as many rows or columns as there are places."""
     whole = {"B": 1, "E": 1}.get(name, 0)
     fits = values.ndim == (1 if name in ("F", "delays") else 2) and values.shape[whole] == k
     if not fits:

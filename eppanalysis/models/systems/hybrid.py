@@ -97,11 +97,11 @@ class HybridSystem:
 
     @property
     def held(self) -> HybridSystem:
-        """The same system, its inputs going on as they stand at its start."""
+        """The same system, with its inputs held as at its start."""
         return replace(self, model=_without_breakpoints(self)) if self.model.breakpoint_time.size else self
 
     def at(self, x0: Array, H0: Array, modes0: IntArray) -> HybridSystem:
-        """The same system, begun elsewhere; runs ask for it so often that `replace` would take as long as they do."""
+        """The same system, begun elsewhere; runs need it so often that `replace` would take as long as they do."""
         return HybridSystem(
             self.model, x0, H0, modes0, self.n_plant, self.compared, self.element_names, self.time_scale,
             self.elements, self.automata,
@@ -145,8 +145,8 @@ class HybridSystem:
     def _packed(cls, system: LureSystem, input_signals: Mapping[str, InputSignal], observed: bool) -> HybridSystem:
         automata = [automaton_of(e) for e in system.elements]
         names = list(system.element_names)
-        # A run is judged by its events (docs/theory/simulation.md, Verdict): where no element can switch, extrema stand
-        # for them.
+        # A run is judged by its events (docs/theory/simulation.md, Verdict): where no element can switch, extrema
+        # take their place.
         if observed or not any(a.guards for a in automata):
             automata.append(_observer())
             names.append("observer")
@@ -283,7 +283,7 @@ class _Packer:
         )
 
     def _sample_time(self) -> float:
-        """How long what stands still between samples does [s]; without samples one second is as good as any."""
+        """The time between samples [s]; without samples one second is as good as any."""
         times = [e.sample_time for e in self.system.elements if isinstance(e, SampledController)]
         return max(times, default=1.0)
 

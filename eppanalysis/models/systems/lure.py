@@ -378,12 +378,12 @@ class LureSystem(Responses):
 
     @cached_property
     def input_slices(self) -> tuple[slice, ...]:
-        """Where each element's inputs stand in ``z``."""
+        """Places of each element's inputs in ``z``."""
         return slices([e.n_inputs for e in self.elements])
 
     @cached_property
     def output_slices(self) -> tuple[slice, ...]:
-        """Where each element's outputs stand in ``w``."""
+        """Places of each element's outputs in ``w``."""
         return slices([e.n_outputs for e in self.elements])
 
     @cached_property
@@ -413,7 +413,7 @@ class LureSystem(Responses):
 
 
 def _require_room_for_own_states(system: LureSystem, outputs: Sequence[slice]) -> None:
-    """No element with states of its own has a dead time behind it or stands in discrete time."""
+    """No element with states of its own has a dead time behind it or is in discrete time."""
     for element, label, place in zip(system.elements, system.element_names, outputs, strict=True):
         late = np.any(system.delays[place]) and not passes_outputs(element)
         if element.own_states is not None and (system.time_step or late):
@@ -433,7 +433,7 @@ def with_own_states(system: LureSystem) -> LureSystem:
     Raises
     ------
     ModelError
-        If an element with states of its own has a dead time behind it or stands in discrete time, or the algebraic
+        If an element with states of its own has a dead time behind it or is in discrete time, or the algebraic
         loop through one has no solution.
     """
     first = slices([ports(e)[1] for e in system.elements])

@@ -74,7 +74,7 @@ def static_balance(system: LureSystem, value: Array) -> StaticBalance:
     A = system.A - (np.eye(n) if system.time_step else 0.0)
     state = np.hstack([A.T, system.C[rows].T]).T
     # Combinations of rates and inputs in which the state cancels: rates vanish at rest, and what these rows say of
-    # means is all that is asked of them.
+    # means is the only condition on them.
     left = _left_null(state, A, system.C[rows])
     if left.shape[0] != m:
         raise ModelError(f"{system.name}: the static balance has {left.shape[0]} equations for {m} means.")

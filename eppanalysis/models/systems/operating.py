@@ -17,7 +17,7 @@ from eppanalysis.models.systems.inputs import InputSignal, Sine, input_signals_b
 if TYPE_CHECKING:
     from eppanalysis.models.systems.lure import LureSystem
 
-#: Why an input that is one does not stand still.
+#: Why such an input is not constant.
 _SINE = "is a sine"
 
 
@@ -33,7 +33,7 @@ class OperatingPoint:
     inputs : mapping of str to float
         The inputs by name [SI]; those not named stay where the loop has them before its start.
     moving : mapping of str to str
-        What keeps an input from standing still, by its name ("is a sine").
+        Why an input is not constant, by its name ("is a sine").
 
     Raises
     ------
@@ -129,7 +129,7 @@ class OperatingPoint:
         return {"inputs": dict(self.inputs), "moving": dict(self.moving)}
 
     def __str__(self) -> str:
-        """The inputs, or why they do not stand still."""
+        """The inputs, or why they are not constant."""
         if self.moving:
             return " and ".join(f"input {name!r} {text}" for name, text in self.moving.items())
         return ", ".join(f"{name} = {value:.6g}" for name, value in self.inputs.items()) or "no inputs"
@@ -139,12 +139,12 @@ def _offset(input_signal: InputSignal, time: float) -> float:
     """What a signal adds to its input at a time; the middle of a sine."""
     if isinstance(input_signal, Sine):
         return 0.0
-    # Behind its last breakpoint it stays where it is there, or never comes to stand.
+    # Behind its last breakpoint it stays where it is there, or is never constant.
     return float(input_signal.value(time if isfinite(time) else float(input_signal.breakpoints()[0][-1])))
 
 
 def _moves(input_signal: InputSignal, time: float) -> str:
-    """Why an input does not stand still at a time, in words; empty where it does."""
+    """Why an input is not constant at a time, in words; empty where it does."""
     if isinstance(input_signal, Sine):
         return _SINE if input_signal.amplitude else ""
     times, _, slopes = input_signal.breakpoints()

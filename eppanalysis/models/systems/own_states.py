@@ -69,7 +69,7 @@ def _fitting(element: Nonlinearity) -> OwnStates:
 
 
 def side_by_side(parts: Sequence[OwnStates]) -> dict[str, Array]:
-    """Several such parts as one system, by the signals that its matrices stand between."""
+    """Several such parts as one system, by the signals between which its matrices act."""
     blocks: dict[str, list[Array]] = {}
     for own in parts:
         x, z = own.n_before, len(own.C) - own.n_behind

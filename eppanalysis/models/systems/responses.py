@@ -97,7 +97,7 @@ class Responses(ABC):
         return np.asarray(self._place(s)[0][..., None, None] * np.eye(len(self.A)) - self._rates, complex)
 
     def _place(self, s: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
-        """What stands for the rate (in discrete time a step's change) at complex frequencies s [1/s], and its slope."""
+        """The factor of the rate (in discrete time a step's change) at complex frequencies s [1/s], and its slope."""
         s = np.asarray(s, complex)
         if not self.time_step:
             return s, np.ones(s.shape, complex)

@@ -103,7 +103,7 @@ def _unique(names: list[str]) -> list[str]:
 
 
 def slices(sizes: Sequence[int], first: int = 0) -> tuple[slice, ...]:
-    """Places of parts of given sizes that stand behind each other, from the first place on."""
+    """Places of parts of given sizes one behind the other, from the first place on."""
     ends = first + np.cumsum([0, *sizes])
     return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
 

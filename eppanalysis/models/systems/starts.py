@@ -90,7 +90,7 @@ def starting_values(hybrid: Hybrid, state: Array, memory: Sequence[Any]) -> tupl
 
 
 def _beside_level(hybrid: Hybrid, e: int, mode: int, x: Array) -> int:
-    """A sticking mode only where the loop admits it and the input stands on the level, else that on its side."""
+    """A sticking mode only where the loop admits it and the input is on the level, else that on its side."""
     model, automaton = hybrid.model, hybrid.automata[e]
     start, row = automaton.modes[mode], model.first[e, 0]
     z = float(model.C[row] @ x + model.Kz[row, -1])

@@ -1,4 +1,4 @@
-"""What the methods need of a case: the case layer stands above them, so that they know it by these members only."""
+"""What the methods need of a case: the case layer is above them, so that they know it by these members only."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from eppanalysis.models.systems.sampled.strobe import instead_of, refuse_samples
 
 
 class CaseLike(Protocol):
-    """What the methods need of a case (the case layer stands above them)."""
+    """What the methods need of a case (the case layer is above them)."""
 
     @property
     def name(self) -> str:
@@ -31,7 +31,7 @@ class CaseLike(Protocol):
 
     @property
     def operating_point(self) -> OperatingPoint:
-        """Where the inputs stand at the end of the run."""
+        """Values of the inputs at the end of the run."""
 
     def to_system(self) -> LureSystem:
         """The system."""
@@ -99,7 +99,7 @@ def standing(
     Raises
     ------
     EppError
-        If it is neither a case nor a loop, an input does not stand still, or the analysis does not cover sampled
+        If it is neither a case nor a loop, an input is not constant, or the analysis does not cover sampled
         controllers and there are some.
     ModelError
         If there is no input of that name.

@@ -14,6 +14,7 @@ from eppanalysis.methods.bounds import searched
 from eppanalysis.methods.bounds.balanced import BoundProblem
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
 from eppanalysis.methods.bounds.searched import Answer, SearchedProblem, searched_cell
+from eppanalysis.tables.designs import bounds_table
 from studies.virtual_spring import Haptic, comes_to_rest
 from tests.sampled_relay import patterns, sampled_relay
 
@@ -62,6 +63,14 @@ def test_what_the_search_does_not_cover_is_said_everywhere(case: epp.Case, bound
     assert said in " ".join(" ".join(t.get_text() for t in ax.texts).split())
     legend = [text.get_text() for text in ax.get_legend().get_texts()]
     assert "by search" in legend and "exact fold" not in legend and "free of limit cycles" not in legend
+
+
+def test_a_table_names_what_was_found_in_a_column_of_its_own(bounds: epp.DesignBounds) -> None:
+    for finding in (Finding.BOUND, Finding.ALWAYS):
+        columns = bounds_table(replace(bounds, cells=(replace(bounds[0], finding=finding),))).columns
+        shown = {str(column.header): next(column.cells) for column in columns}
+        assert shown["finding"] == finding
+        assert (shown["frequency [Hz]"] == "-") is (finding is Finding.ALWAYS)
 
 
 def test_a_bound_by_harmonic_balance_alone_is_refused(case: epp.Case) -> None:

@@ -373,6 +373,8 @@ def test_what_the_search_leaves_open_is_said_beside_what_it_finds() -> None:
     """That it finds "this cycle and no other" is no news where runs of it were left undecided."""
     found = epp.ladder(epp.case("relay_ideal_khalil79"))
     assert "this limit cycle and no other" in str(found) and "open" not in str(found)
+    by_runs = [replace(cycle, method="simulation") for cycle in found.search]
+    assert "The search by runs finds" in str(replace(found, search=replace(found.search, cycles=by_runs)))
     left = replace(found.search, status=Status.UNDECIDED, left_open=("2 runs neither settled nor repeated themselves",))
     for told in (str(replace(found, search=left)), _sentence(left, "")):
         assert "The search leaves something open: 2 runs neither settled nor repeated themselves." in told

@@ -72,7 +72,8 @@ def test_the_bandwidth_is_that_of_the_bound_and_falls_with_the_backlash(servo: e
     assert front.to_frame().attrs["units"]["bandwidth"] == "rad/s"
     ax = front.plot()
     assert "bandwidth [Hz]" in ax.get_ylabel()
-    # What the verdict above the picture says is of the case's own backlash: it stands in the picture.
-    (star,) = [line for line in ax.lines if line.get_label() == "at its own value"]
-    assert star.get_ydata()[0] == pytest.approx(front.value_of(best) / (2.0 * np.pi))
-    assert star.get_xdata()[0] == pytest.approx(np.degrees(front.front_own))
+    # What the verdict above the picture says is of the case's own backlash: it is in the picture.
+    (ring,) = [line for line in ax.lines if line.get_label() == "own value of gap"]
+    assert ring.get_markerfacecolor() == "none"  # the mark of the optimum is seen within
+    assert ring.get_ydata()[0] == pytest.approx(front.value_of(best) / (2.0 * np.pi))
+    assert ring.get_xdata()[0] == pytest.approx(np.degrees(front.front_own))

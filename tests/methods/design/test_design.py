@@ -121,6 +121,10 @@ def test_one_parameter_is_a_bound_that_is_confirmed() -> None:
     assert best.confirmed, best.message
     assert design.status.ok and design.values[GAIN] == pytest.approx(0.99 * made_bounds.GAIN, rel=1e-6)
     assert "Confirmed 1 % to both sides" in design.sentence
+    ax = design.plot()
+    assert [text.get_text() for text in ax.texts] == ["0.7", "1", "0.8462"]  # ends of the range, optimum
+    (free,) = [line for line in ax.lines if str(line.get_label()).startswith("no limit cycle")]
+    assert list(free.get_xdata()) == pytest.approx([0.0, (made_bounds.GAIN - 0.7) / 0.3])
 
 
 @pytest.fixture
@@ -227,7 +231,8 @@ def test_a_free_end_is_the_optimum_though_cycles_exist_at_the_other() -> None:
 
 
 def test_the_frame_and_the_file_are_one_table_and_name_si_units() -> None:
-    best = Optimum({"lock_pin.backlash": 0.01}, kind=Turn.FOLD, first_order=0.02, frequency=2.0, confirmed=True)
+    at, inside = {"lock_pin.backlash": 0.01}, {"lock_pin.backlash": 0.0099}
+    best = Optimum(at, inside, kind=Turn.FOLD, first_order=0.02, frequency=2.0, confirmed=True)
     readable = {"lock_pin.backlash": ("deg", 180 / np.pi)}
     units = {"lock_pin.backlash": "rad"}
     made = epp.Design(

@@ -4,6 +4,8 @@ solves stick and slip in turn, each in closed form.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -30,28 +32,29 @@ def _servo(coulomb: float, setpoint: float, controller: object) -> epp.CycleSear
     return epp.find_limit_cycles(loop.to_system())
 
 
+def _slide(state: NDArray[np.float64], friction: float) -> Callable[[float], NDArray[np.float64]]:
+    """The motion from a state under a constant force of friction."""
+    law = np.array([
+        [0.0, -1.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0],
+        [_KI, -_KP, -_DAMPING, friction],
+        [0.0, 0.0, 0.0, 0.0],
+    ])  # fmt: skip
+    return lambda t: np.asarray(expm(law * t) @ np.append(state, 1.0))
+
+
 def _last_period(coulomb: float, state: NDArray[np.float64], slips: int) -> float:
     """Time between the last slips to one side of a motion from (integral of the error, position, speed), at setpoint 0.
 
     It begins with a slip; the force of the controller is `_KP` and `_KI` on the error and its integral.
     """
-    law = np.array([
-        [0.0, -1.0, 0.0, 0.0],
-        [0.0, 0.0, 1.0, 0.0],
-        [_KI, -_KP, -_DAMPING, 0.0],
-        [0.0, 0.0, 0.0, 0.0],
-    ])  # fmt: skip
     now, times = 0.0, []
     for _ in range(slips):
         side = np.sign(_KI * state[0] - _KP * state[1])
-        law[2, 3] = -side * coulomb
-
-        def slid(t: float, law=law.copy(), begin=np.append(state, 1.0)) -> NDArray[np.float64]:
-            return np.asarray(expm(law * t) @ begin)
-
+        slid = _slide(state, -side * coulomb)
         steps = np.arange(1, 1000) * 1e-2
         end = next(t for t in steps if side * slid(t)[2] <= 0.0)
-        t = brentq(lambda t: slid(t)[2], end - 1e-2, end, xtol=1e-15)
+        t = brentq(lambda t, slid=slid: slid(t)[2], end - 1e-2, end, xtol=1e-15)
         state = np.append(slid(t)[:2], 0.0)
         # Stuck, the integral of the error goes on until the force breaks it away.
         force, rate = _KI * state[0] - _KP * state[1], -_KI * state[1]

@@ -26,7 +26,7 @@ double even_jump(Vector breakpoints, Vector jumps, i64 first, i64 last) {
 
 /// Whether a piece slopes, and the jump at all breakpoints where they are those of an even staircase, else zero.
 ///
-/// Asked once for many chunks: an encoder has ten thousands of levels.
+/// Computed once for many chunks: an encoder has ten thousands of levels.
 std::tuple<bool, double> shape_of(Vector breakpoints, Vector slopes, Vector jumps) {
     bool sloped = false;
     for (const auto& slope : slopes) {
@@ -84,7 +84,7 @@ std::tuple<double, double, double, double> reach(Vector amplitude, Vector bias) 
     return {bottom, top, lowest, highest};
 }
 
-/// As many inputs as a register holds, from one on; fewer at the end, where amplitudes of zero stand for more.
+/// As many inputs as a register holds, from one on; fewer at the end, where amplitudes of zero fill the rest.
 struct Some {
     i64 first, count;
 

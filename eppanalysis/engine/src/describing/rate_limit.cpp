@@ -30,7 +30,7 @@ Ramp ramp_of(double half, double rest, double kappa) {
     double over = above_sine(half) / half;
     double mean = 1.0 - over;  // of the cosine over the ramp, in its middle
     double above = 2.0 * whole_power(std::sin(0.5 * half), 2) - over;  // that mean over the cosine at its ends
-    // Half a period later the error has to stand at the other limit (docs/theory/rate_limit.md, The answer).
+    // Half a period later the error has to be at the other limit (docs/theory/rate_limit.md, The answer).
     double up = above + (mean / kappa + r.tanh * r.sine) / kappa;
     double down = r.tanh * r.sine + r.cosine / kappa;
     r.tangent = up / down;

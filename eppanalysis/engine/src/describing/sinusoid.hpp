@@ -1,7 +1,7 @@
 #pragma once
 // The describing function of any automaton by quadrature, its switches located.
 //
-// The input is ``b + a sin(phi)``; peaks stand on the grid of phases, between which guards on the input alone are
+// The input is ``b + a sin(phi)``; peaks are on the grid of phases, between which guards on the input alone are
 // monotone. Within a step the first guard that rises is located, and the output is integrated on either side: in closed
 // form where it is affine in a sinusoid, else by Gauss's rule of four points, in as many panels as smooth functions need.
 // Periods follow each other until what the element remembers repeats.

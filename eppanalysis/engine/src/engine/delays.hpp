@@ -2,7 +2,7 @@
 // The memory of dead times, a ring buffer of Taylor series of each delayed output.
 //
 // Every step that a run makes leaves the series of the delayed outputs behind; a later step reads them back, shifted to
-// where it stands, and counts no further than the segment that it reads. Such an end would come back after each dead time,
+// where it is, and counts no further than the segment that it reads. Such an end would come back after each dead time,
 // with those that were there before, for ever. So a step is expanded beyond it, as far as the series that it reads holds,
 // and where the next one only continues it (there was no switch, or its echo has become too faint) both are one segment.
 

@@ -158,7 +158,7 @@ inline std::tuple<i64, i64, i64> _fast_steps(Matrix T, Matrix bound, Matrix Y, M
 
 /// Fraction of the step that surely holds the first event, by the guards' cubics: how far the series need reach.
 ///
-/// Guards that stand at zero are left to the rules of the series.
+/// Guards at zero are left to the rules of the series.
 inline double predicted(const Combinations& compiled, i64 q, Vector g0, Vector g1, Vector tol, double h, Vector end) {
     double a{}, b{}, c{}, d{}, u{}, w{}, v{};
     double first = 1.0;

@@ -78,7 +78,7 @@ i64 _letting_go(const Model& model, const Combinations& compiled, i64 e, i64 mod
     return -1;
 }
 
-/// Whether a guard on inputs, memory values and outputs stands clearly above zero: a jump has passed it.
+/// Whether a guard on inputs, memory values and outputs is clearly above zero: a jump has passed it.
 bool clearly_above(const Combinations& compiled, i64 q, i64 i, Vector x, Vector recent, Vector H, Matrix Sg, i64 last,
     double u) {
     double c{};
@@ -116,7 +116,7 @@ i64 passed(const Combinations& compiled, i64 q, const Workspace& workspace) {
     return -1;
 }
 
-/// Place in combination q of a guard of an element that stands clearly above zero; -1 for none.
+/// Place in combination q of a guard of an element that is clearly above zero; -1 for none.
 i64 _passed(const Model& model, const Combinations& compiled, i64 q, i64 e, Vector x, Vector recent, Vector H,
     Matrix Sg, i64 last, double u) {
     for (i64 i = 0, i_end = compiled.n_guards(q); i < i_end; ++i) {

@@ -27,7 +27,7 @@ void _lines_before(const Model& model, const Combinations& compiled, const Works
         workspace.line_n);
 }
 
-/// Clear what an earlier run left, and stand at the start; False where its modes have no solution.
+/// Clear what an earlier run left, and begin at the start; False where its modes have no solution.
 bool _begin(const Model& model, const Combinations& compiled, const Work& work, const Workspace& workspace,
     const Samples& samples, Progress& now) {
     i64 n = model.S.shape(0);
@@ -233,7 +233,7 @@ bool _happen(const Model& model, const Combinations& compiled, const Work& work,
         return false;
     }
     now.guard = compiled.guard(now.q, now.which);
-    // The state jumps: its extremes may stand before the event.
+    // The state jumps: its extremes may be before the event.
     if (jumps_state(model, now.guard)) {
         lower_to(workspace.low, workspace.x);
         raise_to(workspace.high, workspace.x);
@@ -269,7 +269,7 @@ void _enter_event(const Model& model, const Workspace& workspace, const Samples&
     }
 }
 
-/// Signals at the samples that are left, and the rate of the state, where the run stands.
+/// Signals at the samples that are left, and the rate of the state, at the state of the run.
 void _finish(const Model& model, const Combinations& compiled, const Workspace& workspace, const Samples& samples,
     Progress& now) {
     i64 first{};
@@ -279,7 +279,7 @@ void _finish(const Model& model, const Combinations& compiled, const Workspace& 
         }
     }
     read_lines(model, workspace, now.t, 0.0);
-    // Before the samples: it takes the smooth channels to where the run stands.
+    // Before the samples: it takes the smooth channels to the time of the run.
     if (now.code != SINGULAR) {
         rate_at_end(model, compiled, now.q, workspace);
     }
@@ -310,7 +310,7 @@ void _finish(const Model& model, const Combinations& compiled, const Workspace& 
 /// buffer : EventBuffer
 ///     Keeps the last events.
 /// now : record of PROGRESS
-///     From `make_progress`: what is asked for, where the run stands, and what it has counted.
+///     From `make_progress`: the request, the state of the run, and what it has counted.
 ///
 /// Returns
 /// -------

@@ -1,7 +1,7 @@
 #pragma once
 // The run of a hybrid system through its modes, exact between events.
 //
-// Two ways of advancing, one result. Where no smooth channel acts and the state stands on the step grid of its mode, the
+// Two ways of advancing, one result. Where no smooth channel acts and the state is on the step grid of its mode, the
 // *fast step* multiplies by precomputed matrices and proves that no guard is reached (`fast`). Where it can't prove that,
 // off the grid of the samples, and for smooth channels, the *series step* expands the state to rounding and looks for the
 // first rise of every guard (`series_step`). See docs/theory/engine.md.
@@ -44,7 +44,7 @@ void step_at_start(const Model& model, const Combinations& compiled, const Work&
     const Samples& none, const EventBuffer& buffer, const Progress& now, Vector x0, Indices modes0, Vector H0,
     Flags without_memory);
 
-/// Put external inputs where they stand behind all their breakpoints from i on that are due.
+/// Give external inputs their values behind all their breakpoints from i on that are due.
 inline void _put_inputs(const Model& model, i64 i, double t, Vector x) {
     while (i < model.breakpoint_time.size() && model.breakpoint_time(i) <= t) {
         x(model.breakpoint_state(i)) = model.breakpoint_value(i);

@@ -1,7 +1,7 @@
 #pragma once
 // A step by series, from any state and with smooth channels: its length, the guard that rises first, its end.
 //
-// Rules at its start, for a guard that stands within rounding of zero: the sign of its first derivative that is above
+// Rules at its start, for a guard within rounding of zero: the sign of its first derivative that is above
 // rounding decides; rising fires at once, falling arms it for its next rise. One that stays on zero behind an event leads to the mode
 // for that, where it has one (docs/theory/engine.md, "Rules at a switch").
 

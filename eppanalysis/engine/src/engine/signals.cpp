@@ -3,7 +3,7 @@
 namespace epp {
 inline namespace EPP_ARCH {
 
-/// Rate of the state where a run stands; one that is rounding of what it was added up from is none.
+/// Rate of the state of a run; one that is rounding of what it was added up from is none.
 void rate_at_end(const Model& model, const Combinations& compiled, i64 q, const Workspace& workspace) {
     Vector rate = workspace.rate;
     Matrix Sg = workspace.Sg;

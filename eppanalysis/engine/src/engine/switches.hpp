@@ -180,7 +180,7 @@ inline double rise_from_start(const Combinations& compiled, i64 q, i64 g, Matrix
     double d, Vector recent, double clock, Matrix Y, Vector wide, Vector p, bool forced) {
     double noise{};
     i64 terms = least_of<i64>(6, last - 1);
-    // A guard that stands on zero goes where its first derivative above rounding points. Where it falls, the zero is
+    // A guard at zero goes where its first derivative above rounding points. Where it falls, the zero is
     // divided out, so that the next rise is found however soon it comes (docs/theory/engine.md, Rules at a switch).
     for (i64 k = 0, k_end = greatest_of<i64>(1, terms); k < k_end; ++k) {
         // Two terms decide nearly always; more are wanted only where the guard touches.

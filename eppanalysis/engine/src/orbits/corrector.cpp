@@ -5,7 +5,7 @@ inline namespace EPP_ARCH {
 
 namespace orbits_corrector {
 
-/// The arcs whose numbers stand in a vector.
+/// The arcs whose numbers are in a vector.
 Chain chain_of(const Chain& like, Vector numbers) {
     i64 a = like.F.size();
     i64 b = a + like.S.size();
@@ -18,7 +18,7 @@ Chain chain_of(const Chain& like, Vector numbers) {
         like.duration};
 }
 
-/// The smooth channels whose numbers stand in a vector, behind those of the arcs.
+/// The smooth channels whose numbers are in a vector, behind those of the arcs.
 None channels_of(None like, const Chain& chain, Vector numbers) {
     return {};
 }
@@ -72,7 +72,7 @@ bool bordered(const Motion& here, const Plane& plane, Vector u, Vector columns, 
     return orbits_newton::solved(scaled, right, columns, places, matrix, change);
 }
 
-/// The smooth channels whose numbers stand in a vector, behind those of the arcs.
+/// The smooth channels whose numbers are in a vector, behind those of the arcs.
 Channels channels_of(const Channels& like, const Chain& chain, Vector numbers) {
     i64 a = chain.F.size() + chain.S.size() + chain.g.size() + chain.gs.size() + chain.J.size() + chain.shift.size();
     i64 b = a + like.smooth_x.size();
@@ -90,9 +90,9 @@ Channels channels_of(const Channels& like, const Chain& chain, Vector numbers) {
 /// channels, chain : Channels or None, Chain
 ///     Of the same arcs at any value.
 /// curve : Curve
-///     Their numbers, in the order of Chain, then of Channels, then where the loop's inputs stand.
+///     Their numbers, in the order of Chain, then of Channels, then the places of the loop's inputs.
 /// input_place, n_inputs : int
-///     Where in y the inputs stand.
+///     Places of the inputs in y.
 /// effort, plane : Effort, Plane
 /// step : array (m + p + 1,)
 ///     The first step; empty where there is none yet.

@@ -24,7 +24,7 @@ Matrices room(Matrices F) {
     return zeros<double>(8, padded(moving), padded(moving));
 }
 
-/// The numbers of an arc; where no derivative by a parameter is asked for they stand in for it, unread.
+/// The numbers of an arc; where no derivative by a parameter is wanted they are in its place, unread.
 None numbers_of(None channels, Matrix F, Matrix S) {
     return {};
 }
@@ -112,7 +112,7 @@ void rate_at(Matrix F, Matrix S, Vector y, Vector sigma, Vector rate) {
     }
 }
 
-/// The numbers of an arc; where no derivative by a parameter is asked for they stand in for it, unread.
+/// The numbers of an arc; where no derivative by a parameter is wanted they are in its place, unread.
 Numbers numbers_of(const Channels& channels, Matrix F, Matrix S) {
     return Numbers{F, S, channels.smooth_x, channels.smooth_H, channels.smooth_s, channels.smooth_scale};
 }
@@ -453,7 +453,7 @@ void channels_at(None model, i64 arc, Vector x, Vector H, Vector sigma, Vector s
 /// Change of the state along an affine arc with a parameter, from that at its begin; `by` holds the derivatives.
 ///
 /// The rate of change moves with the state's rate by the exponential of [[F, 0], [by, F]], which holds the Frechet
-/// derivative of the exponential of F. Where the parameter moves constants alone, F stands there by itself.
+/// derivative of the exponential of F. Where the parameter moves constants alone, F is alone there.
 void affine_change(Matrix F, Matrix by, Vector y, double tau, Vector change, Vector end) {
     Scope scope;
     i64 n = F.shape(0);

@@ -159,7 +159,7 @@ def _passage(
     limits = min(value, end), max(value, end)
     family = Family(lambda v: steady_case(question.case_at(v)), limits)
 
-    @cache  # each point is asked several times on its way
+    @cache  # each point is needed several times on its way
     def excess(point: BranchPoint) -> float:
         return allowed.of_orbit(system, point.orbit) / allowed.size - 1.0
 

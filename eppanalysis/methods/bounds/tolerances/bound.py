@@ -71,7 +71,7 @@ def half_widths_of(case: CaseLike, given: Mapping[str, object] | None) -> dict[s
 
 
 def check_tolerances(question: BoundProblem, tolerances: Mapping[str, object] | None) -> dict[str, float]:
-    """Half-widths of the tolerances [SI], if a bound under them can be asked for.
+    """Half-widths of the tolerances [SI], if a bound under them can be computed.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ class ExactBox(Box[Place]):
     def worst(self) -> tuple[Place, str, int]:
         """The corner with the worst bound, what is missing, and the number of corners checked besides."""
         # Where the bound is monotone in each parameter it is worst at the corner to which its slopes point; they are
-        # asked for anew at every corner, until it points to itself.
+        # computed anew at every corner, until it points to itself.
         here, seen = self.centre, set()
         for _ in range(_MOST_CORNERS):
             corner = self._downhill(here)
@@ -136,6 +136,6 @@ class ExactBox(Box[Place]):
 
 
 def _slopes(question: BoundProblem, point: BranchPoint | None, names: Iterable[str]) -> Mapping[str, float]:
-    """Derivative of an exact bound by parameters [SI]; most corners are asked for their bound alone."""
+    """Derivative of an exact bound by parameters [SI]; at most corners the bound alone is computed."""
     sizes = {name: abs(question.case.value(name)) for name in names}
     return {} if point is None else Deferred(partial(exact_slopes, question, point, sizes))

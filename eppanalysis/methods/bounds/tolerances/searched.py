@@ -1,8 +1,8 @@
 """Bounds in a box of tolerances where the search for limit cycles says them, as in loops with samples.
 
-Such a bound has no derivative. How it moves with each parameter is told by runs from the cycles that are known beyond
+Such a bound has no derivative. How it moves with each parameter is shown by runs from the cycles that are known beyond
 the nominal bound, to both ends of its tolerance; with them the corners in the most influential parameters are ranked,
-the search is asked for the bound at the worst one, and at the others whether nothing but rest is found there.
+the search gives the bound at the worst one, and says of the others whether nothing but rest is found there.
 """
 
 from __future__ import annotations

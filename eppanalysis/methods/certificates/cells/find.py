@@ -114,7 +114,7 @@ class Graph:
         """A number for each group, smaller than those of all groups that lead to it."""
         rows, columns = self.label[self.pairs]
         pairs = np.unique(np.stack([rows, columns], axis=1)[rows != columns], axis=0)
-        # From the cells that lead nowhere upwards: the checker asks
+        # From the cells that lead nowhere upwards: the checker tests
         # that every image has a smaller number (docs/theory/proofs.md).
         left = np.bincount(pairs[:, 0], minlength=self.count)
         before: list[list[int]] = [[] for _ in range(self.count)]

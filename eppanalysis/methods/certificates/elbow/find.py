@@ -1,6 +1,6 @@
 """Finds the weights with which a small gap of the elbow's lock pin is proved to start no limit cycle.
 
-What is sought are two polynomials n, d and two numbers; whether they prove anything is asked of the checker alone.
+What is sought are two polynomials n, d and two numbers; the checker alone decides whether they prove anything.
 Theory: docs/theory/proofs.md, whose letters are used.
 """
 

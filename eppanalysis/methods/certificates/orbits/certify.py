@@ -305,7 +305,7 @@ def _evidence(orbit: Orbit, axes: OwnAxes, shooting: Shooting, enclosure: Enclos
 
 
 def _fractions(values: NDArray[Any]) -> Any:
-    """Nested lists of the fractions that floats stand for, as texts."""
+    """Nested lists of the fractions that floats mean, as texts."""
     return [_fractions(v) for v in values] if values.ndim else str(rational(values.item()))
 
 

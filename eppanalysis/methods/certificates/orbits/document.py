@@ -106,7 +106,7 @@ def _own_arcs(given: Mapping[str, Any], hybrid: HybridSystem) -> list[dict[str, 
     modes, guards = np.array(told["modes"], np.int64), np.array(told["guards"], np.int64)
     held, unknown = dict(told["held"]), told["unknown"]
     places = sorted([*held, *unknown])
-    own = range(n, n + int(hybrid.model.first[-1, 2]))  # where the memory values of the elements stand
+    own = range(n, n + int(hybrid.model.first[-1, 2]))  # places of the memory values of the elements
     known = set(own) <= set(places) <= {*range(n), *own} and not any(place < n for place in held)
     counts = [len(automaton.modes) for automaton in hybrid.automata]
     if not known or len(set(places)) != len(places) or guards.min() < 0 or modes.min() < 0 or (modes >= counts).any():

@@ -42,7 +42,7 @@ def starts_of(path: ExactPath, arc: int, state: Any) -> dict[int, Start]:
     Raises
     ------
     NotCovered
-        Where a guard stands so near zero that the ball holds it, and no equation of the orbit says that it is zero.
+        Where a guard is so near zero that the ball holds it, and no equation of the orbit says that it is zero.
     """
     from flint import arb_mat
 
@@ -89,7 +89,7 @@ def require_at_once(path: ExactPath, arc: int, starts: dict[int, Start]) -> None
 
 
 def _passed(path: ExactPath, guard: int, start: Start) -> bool:
-    """Whether a guard that is not on rates stands above zero."""
+    """Whether a guard that is not on rates is above zero."""
     return start.rises and start.order == 0 and not np.any(path.hybrid.model.guard_rate[guard])
 
 

@@ -1,6 +1,6 @@
 """The affine modes of a loop in exact rational arithmetic: rates, guards and maps of events.
 
-The engine has these tables in floats (``engine/src/engine/modes.cpp``). Here every float stands for a rational
+The engine has these tables in floats (``engine/src/engine/modes.cpp``). Here every float means a rational
 number, and from there on nothing is rounded: that a guard is zero behind an event, or that a stuck input does not
 creep, is an identity of rows and not a matter of tolerances.
 """
@@ -22,7 +22,7 @@ Row = list[Any]
 
 
 def rational(value: float) -> Any:
-    """The rational number (fmpq) that a float stands for; see `numbers.number_of`.
+    """The rational number (fmpq) that a float means; see `numbers.number_of`.
 
     Raises
     ------
@@ -145,7 +145,7 @@ class ExactModes:
         return sum((c[i] * b[i][w] for i in range(self.n)), rational(0.0))
 
     def _outputs(self, modes: tuple[int, ...]) -> Any:
-        """Outputs of the elements on y: of each its mode's equation, where it sticks that its input stands still."""
+        """Outputs of the elements on y: of each its mode's equation, where it sticks that its input is constant."""
         from flint import fmpq_mat
 
         on_state, B, on_input, D = self._tables
@@ -155,7 +155,7 @@ class ExactModes:
         for e, mode in enumerate(modes):
             m = int(model.mode_first[e]) + mode
             (z0, w0, h0), (z1, w1, h1) = (tuple(int(v) for v in model.first[k]) for k in (e, e + 1))
-            # What sticks holds its input still: c (A x + B w) = 0 stands in place of the mode's own equation.
+            # What sticks holds its input still: c (A x + B w) = 0 replaces the mode's own equation.
             if model.mode_stick[m]:
                 if np.any(model.D[z0]):
                     raise NotCovered("An element sticks whose input another one acts straight on.")

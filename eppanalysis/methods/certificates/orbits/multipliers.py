@@ -32,7 +32,7 @@ def return_map(shooting: Shooting, enclosure: Enclosure) -> Any:
     """Derivative of the map from behind an event to behind the same event one period later (arb_mat, m x m).
 
     Behind an event the direction of the flow is mapped to zero, so that the multiplier 1 of the motion along the orbit
-    stands in it as 0.
+    is 0 in it.
     """
     from flint import arb_mat
 
@@ -81,7 +81,7 @@ def _point(value: complex) -> Any:
 
 
 def _beside(row: list[Any], i: int, weights: Array) -> Any:
-    """Sum of what stands beside the diagonal, in the scaled basis."""
+    """Sum of the entries beside the diagonal, in the scaled basis."""
     from flint import arb
 
     others = (abs(v) * float(weights[j] / weights[i]) for j, v in enumerate(row) if j != i)
@@ -96,7 +96,7 @@ def _disc(diagonal: Any, radius: Any) -> Disc:
 
 
 def _weights(sizes: Array) -> Array:
-    """Scaling, in powers of two, in which what stands beside the diagonal has rows and columns of about equal size."""
+    """Scaling, in powers of two, in which the entries beside the diagonal have rows and columns of about equal size."""
     beside = sizes - np.diag(np.diag(sizes))
     beside = beside + 1e-18 * max(float(beside.max(initial=0.0)), 1e-300)
     _, (weights, _) = linalg.matrix_balance(beside, permute=False, separate=True)

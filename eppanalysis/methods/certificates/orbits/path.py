@@ -167,7 +167,7 @@ class ExactPath:
     def _find_vanishing(self) -> None:
         """Rows of guards that fired, and of stuck inputs as far as they can be traced back to the event they stuck at.
 
-        A stuck input stands on its level at the end of an arc if it does so at its start and its rate is the zero row.
+        A stuck input is on its level at the end of an arc if it does so at its start and its rate is the zero row.
         """
         for a in self.timed:
             self.vanishing[a] = [self.stages[a].fired_row]

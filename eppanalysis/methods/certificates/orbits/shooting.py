@@ -1,7 +1,7 @@
 """Multiple shooting in ball arithmetic: Newton's method at high precision, and one step of Krawczyk's test.
 
 Unknown are the states v at the start of every arc that takes time, and the lengths of these arcs. The equations are:
-every arc ends on the guard that fires, and behind the event stands the start of the next one. With x the last iterate,
+every arc ends on the guard that fires, and the event leads to the start of the next one. With x the last iterate,
 Y an approximate inverse of the derivative and X a box about x, the operator
 
     K(X) = x - Y r(x) + (I - Y r'(X)) (X - x)

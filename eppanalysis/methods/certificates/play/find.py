@@ -1,6 +1,6 @@
 """Finds a certificate that loops with play have no periodic motion but rest: a function that falls along every motion.
 
-Few sectors are tried first, then more and more; whether one proves anything is asked of the checker's own function.
+Few sectors are tried first, then more and more; the checker's own function decides whether one proves anything.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ def continued(first: Any, steps: Any, borders: Matrix) -> list[Any]:
 
 @dataclass(frozen=True)
 class _Unknowns:
-    """The forms that a vector of unknowns stands for; linear in it, so that it serves floats and batches alike."""
+    """The forms of a vector of unknowns; linear in it, so that it serves floats and batches alike."""
 
     n: int
     n_sectors: int

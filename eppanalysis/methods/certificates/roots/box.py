@@ -21,7 +21,7 @@ from eppanalysis.models.systems.operating import OperatingPoint
 
 #: Factor by which the default box reaches beyond the least and the greatest scale of a loop.
 REACH = 1024
-#: What stands for pi: in the ends of default boxes, and where a box may end at most.
+#: In place of pi: in the ends of default boxes, and where a box may end at most.
 _PI, _MOST_PI = Fraction("3.14"), Fraction("3.14159265358979")
 #: How far a side reaches beyond a predicted cycle where it would end before it.
 _ROOM = Fraction(9, 8)
@@ -32,7 +32,7 @@ _BITS = 256
 def box_of(
     system: LureSystem, stated: Mapping[str, Any], given: Mapping[str, Sequence[float]] | None, at: OperatingPoint
 ) -> Box:
-    """The box asked for, as far as it is, and else the default one, in which all predicted cycles lie.
+    """The requested box, as far as it is given, and else the default one, in which all predicted cycles lie.
 
     Parameters
     ----------

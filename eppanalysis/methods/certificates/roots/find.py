@@ -1,7 +1,7 @@
 """Finds a certificate of all roots of the describing-function balance in a box: a cover, and an enclosure of each root.
 
-Boxes are cut until each is certainly empty or lies in a region that certainly holds one root. Whether it is so is asked
-of the checker's own functions, so that what is found here is what the checker sees.
+Boxes are cut until each is certainly empty or lies in a region that certainly holds one root. The checker itself
+decides that, so that what is found here is what the checker sees.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ def rational_ring(system: LureSystem, inputs: Array) -> tuple[dict[str, Any], fl
 
 
 def _means(system: LureSystem, link: dict[str, Any], inputs: Array) -> list[Fraction]:
-    """Balance of the means: what stands before the bias and before the mean output, and their sum."""
+    """Balance of the means: the factors of the bias and of the mean output, and their sum."""
     polynomials = ([Fraction(c) for c in link[name]] for name in ("den", "num"))
     on_bias, on_mean = (c[-1] for c in polynomials)
     if not (on_bias or on_mean):

@@ -34,7 +34,7 @@ _MOST_ITERATIONS = 10
 _STEP, _LARGEST, _CONVERGED = 1e-6, 0.1, 1e-10
 #: What two refinements may differ in the motion, relative to its size, and in the multipliers.
 _AGREE, _AGREE_MULTIPLIERS = 1e-8, 1e-5
-#: What is taken for the multiplier 1 of a shift along the orbit; and how many are told, the largest ones.
+#: What is taken for the multiplier 1 of a shift along the orbit; and how many are given, the largest ones.
 _ALONG, _MULTIPLIERS = 1e-4, 6
 #: What another guard may rise above zero, relative to the size of its terms.
 _PASSED = 1e-8
@@ -294,7 +294,7 @@ def _begun(mesh: Mesh, arcs: Arcs, y: Array, lines: tuple[IntArray, Array]) -> A
     whole[:, :, fixed] = y[fixed]
     M = vstack([equations.around[free][:, free], equations.guards[:, free]])
     right = -np.concatenate(DelayedMotion(arcs, mesh.tau, mesh, whole, lines).residual)
-    # More equations than unknowns, as dwell times are given: least squares as one sparse system in which M stands as it
+    # More equations than unknowns, as dwell times are given: least squares as one sparse system in which M is as it
     # is.
     normal: Any = [[eye_array(M.shape[0]), M], [M.T, None]]
     try:
@@ -323,7 +323,7 @@ class _Equations:
         self.matrices = by_turns(self.entries, mesh.n_pieces * (mesh.degree + 1) * arcs.size)
 
     def places(self, of_y: IntArray) -> IntArray:
-        """Where places of y stand among the unknowns."""
+        """Places of those of y among the unknowns."""
         first = np.arange(self.mesh.n_pieces * (self.mesh.degree + 1)) * self.arcs.size
         return np.asarray((first[:, None] + of_y).ravel(), np.int64)
 

@@ -50,7 +50,7 @@ _STEP = 1e-6
 _MOST_UNKNOWNS, _UNKNOWN = 12_000, 10.0
 #: Corners nearer than this to each other, of a period, are one.
 _SAME = 1e-7
-#: Where an output is asked beside a corner, of a turn; and the share of its size by which it jumps there.
+#: Where an output is evaluated beside a corner, of a turn; and the share of its size by which it jumps there.
 _BESIDE, _JUMP = 1e-9, 1e-6
 
 
@@ -63,7 +63,7 @@ def is_smooth_delayed(hybrid: HybridSystem) -> bool:
 def closed_behind_delay(
     system: LureSystem, hybrid: HybridSystem, start: LimitCycle, at: OperatingPoint
 ) -> tuple[LimitCycle | None, str]:
-    """The exact cycle that an approximate one asks for, and where it is not closed how far a balance came."""
+    """The exact cycle that an approximate one leads to, and where it is not closed how far a balance came."""
     asked, best, loop = Target.of(system, hybrid, start), None, None
     with suppress(ModelError):
         loop = Loop.of(system, at.vector(system))
@@ -79,8 +79,7 @@ def closed_behind_delay(
             closed = _closed(loop, best)
     if closed is not None and not Target.of(system, hybrid, best).shape_difference(closed):
         return closed, ""
-    method = best.method.replace("harmonic balance,", "balanced at")
-    return None, f"{method}, not closed: {best.size}, within {percent(best.error_estimate)}"
+    return None, f"{best.method}, not closed: {best.size}, within {percent(best.error_estimate)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,7 +311,7 @@ def _told(
     error = max(float(np.max(away)), abs(rough.mesh.period / period - 1.0))
     if values is None or first is None or not agrees(error, first, values):
         return None
-    # Between the points at which they were solved, the equations are asked anew.
+    # Between the points at which they were solved, the equations are evaluated anew.
     finer = course.on(replace(course.mesh, degree=course.mesh.degree + 5))
     residual = float(np.max(np.abs(finer.residual(finer.values)) / (size / period)))
     system = loop.system

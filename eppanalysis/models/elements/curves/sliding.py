@@ -30,7 +30,7 @@ from eppanalysis.models.elements.static import Coulomb
 #: Largest exponent of a Stribeck curve, parts of a panel of one that falls steeply, and how much shorter panels are at
 #: rest where the exponent makes a root there.
 _STEEPEST, _PARTS, _ROOT = 6, 4, 2.0**30
-#: Velocity over the Stribeck velocity below which a line stands for a curve that has no Taylor series at rest.
+#: Velocity over the Stribeck velocity below which a line replaces a curve that has no Taylor series at rest.
 _CREEP = 1e-10
 
 
@@ -250,7 +250,7 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
 
 
 def _line(shape: float) -> tuple[float, float]:
-    """Line on [0, 1] that stands for ``u**shape`` there: its value at zero, and how much it rises.
+    """Line on [0, 1] in place of ``u**shape``: its value at zero, and how much it rises.
 
     It has the mean of the power, and of its reciprocal, so that a body is as long on its way whether it is pulled or
     lets go by itself (docs/theory/friction.md).

@@ -57,7 +57,7 @@ class BoucWenLaw(PreslidingLaw):
         slow = self.coulomb * omega / self.stiffness
         a = np.maximum(amplitude, np.maximum(_LEAST * slow, SMALLEST_AMPLITUDE))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
-            # Turned about zero it is the same: a bias upward stands for either.
+            # Turned about zero it is the same: a bias upward covers either.
             sine = np.minimum(np.abs(bias) / a, 1.0)
             beta, cosine = np.arcsin(sine), np.sqrt((1 - sine) * (1 + sine))
             reach = np.minimum(a / slow, _MOST)

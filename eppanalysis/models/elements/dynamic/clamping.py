@@ -153,7 +153,7 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
         eta = np.full(some.size, ahead / (self.kp + ahead))
         describe_clamped(low[moves], high[moves], kappa[moves], eta, tau[moves], some, them)
         whole[moves], wave[moves] = some, them
-        # Beyond a limit throughout it stands there; so slow a motion it follows.
+        # Beyond a limit throughout it is held there; so slow a motion it follows.
         level = np.clip(b, self.lower, self.upper)
         follows = (low < 1) & (high > -1) & ~moves
         slow = Saturation(self.lower, self.upper).describing_function(a, b)
@@ -164,7 +164,7 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
     def _integrator(self, a: Array, b: Array, w: Array) -> Answer:
         """Mean of the integrator's state, and its fundamental over the amplitude.
 
-        As ``ki e = (v - s) ki/kp`` it follows v with the time constant kp/ki while v is within the limits, and stands
+        As ``ki e = (v - s) ki/kp`` it follows v with the time constant kp/ki while v is within the limits, and is held
         still while v is beyond one (docs/theory/anti_windup.md).
         """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

@@ -123,7 +123,7 @@ def _answer(a: Array, b: Array, w: Array, stiffness: float, coulomb: float) -> A
         gained = [
             -np.expm1(-reach * (s * length + 2 * cosine)) for s, length in zip((sine, -sine), lengths, strict=True)
         ]
-        # Of a period: where the force stands as it turns forward and backward, over the Coulomb friction.
+        # Of a period: the force as it turns forward and backward, over the Coulomb friction.
         whole = gained[0] + gained[1] - gained[0] * gained[1]
         low = -(gained[1] - (1 - gained[1]) * gained[0]) / whole
         high = low + (1 - low) * gained[0]

@@ -95,7 +95,7 @@ def _answer(a: Array, b: Array, w: Array, k: float, pole: float, n: int = 1) -> 
     """Mean and n-th harmonic of ``dy/dt = -pole y + k u``, reset where ``u = b + a sin(w t)`` passes through zero.
 
     With ``sin(beta) = b/a`` the input is positive over ``L = pi + 2 beta`` and negative over ``pi - 2 beta``; what the
-    output has reached at the end of either is lost there, and stands in every harmonic as an impulse.
+    output has reached at the end of either is lost there, and is in every harmonic as an impulse.
     """
     a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

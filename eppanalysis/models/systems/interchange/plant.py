@@ -134,7 +134,7 @@ def _cuts(ports: Ports, rows: Sequence[int], driven: Sequence[int], late: Array)
 
 
 def _place(plant: Plant, key: Any, element: Nonlinearity, taken: dict[int, str]) -> Place:
-    """Where an element stands; `taken` has the inputs that are driven already."""
+    """The place of an element; `taken` has the inputs that are driven already."""
     names = (key, key) if isinstance(key, str) else tuple(key)
     n_fed, n_driven = ports(element)
     if len(names) != n_fed + n_driven:

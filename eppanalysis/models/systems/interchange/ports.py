@@ -1,6 +1,6 @@
 """Names of what goes into the elements of a loop and comes out of them, and its linear part with these names.
 
-A loop here is a LureSystem, which stands above this module.
+A loop here is a LureSystem, which is in a layer above this module.
 """
 
 from __future__ import annotations

@@ -135,7 +135,7 @@ def _linear(system: Any, name: str) -> Plant:
 
 
 def _cut(system: Any, elements: Mapping[Any, Nonlinearity], name: str) -> tuple[Plant, dict[str, tuple[str, ...]]]:
-    """An interconnection with its nonlinear subsystems cut out, and between which signals each of them stood.
+    """An interconnection with its nonlinear subsystems cut out, and the signals before and behind each of them.
 
     With all inputs u and outputs y of the subsystems, ``u = M y + N v``; of the linear ones ``y = C x + D u``, and
     those of the others are inputs now: w.
@@ -233,7 +233,7 @@ def _stacked(parts: Sequence[Any]) -> tuple[Array, ...]:
 
 
 def _hold_against(part: Any, elements: Mapping[Any, Nonlinearity], name: str) -> None:
-    """Refuse a nonlinear subsystem that no element stands for, or that gives something else than its element."""
+    """Refuse a nonlinear subsystem without an element of its kind, or that gives something else than its element."""
     what = f"{name}: subsystem {part.name!r} is nonlinear"
     if part.name not in elements:
         raise ModelError(what, expected=f"an element in its place: elements={{{part.name!r}: ...}}")

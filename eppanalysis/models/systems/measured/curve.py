@@ -2,7 +2,7 @@
 
 Without a standard deviation the curve passes through every point (a cubic interpolating spline). With one it is a cubic
 spline fitted by least squares, with so few knots, and these where the response bends, that the points scatter about it
-as their deviation says: what is between two neighbours is then told by all the points around. Either way the curve is
+as their deviation says: what is between two neighbours then follows from all the points around. Either way the curve is
 linear in the data, so that its own standard deviation is known.
 """
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _FEWEST_SPANS, _POINTS_EACH = 3, 2
 #: Share of the spans that are halved at once, and halvings without a better fit after which there is none.
 _WORST, _PATIENCE = 0.4, 6
-#: Points on either side from which the error between two points is told.
+#: Points on either side that give the error between two points.
 _BESIDE = 4
 #: Deviations of the mean square of the scatter that a value rests on, from which it is not by chance.
 _BY_CHANCE = 4.0

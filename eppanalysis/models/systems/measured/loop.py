@@ -1,6 +1,6 @@
-"""The loop of a measured linear part and its elements, and what stands for it where methods take a loop.
+"""The loop of a measured linear part and its elements, and its substitute where methods take a loop.
 
-The methods ask a loop for its frequency response, for the balance of its means and for its named signals. All three are
+The methods need of a loop its frequency response, for the balance of its means and for its named signals. All three are
 known without a state: the first is measured, the second follows from the static gains. Linear states that elements
 bring themselves are known, and are closed around the measured response frequency by frequency.
 """
@@ -30,7 +30,7 @@ from eppanalysis.models.systems.signals import element_signals, labels_of, slice
 #: Matrices of means on inputs and on outputs, and what they are balanced with.
 Means = tuple[ArrayLike, ArrayLike, ArrayLike]
 
-#: Amplitudes, over the spread of an element's thresholds, at which it is asked for a mean of its own.
+#: Amplitudes, over the spread of an element's thresholds, at which its own mean is evaluated.
 _AMPLITUDES = np.geomspace(1e-2, 1e3, 60)
 #: Nodes a decade of a response that is a smooth curve.
 _PER_DECADE = 60
@@ -154,7 +154,7 @@ class MeasuredLoop:
             return on_bias, on_mean, prescribed
         gain, rows = self.matrix.static_gain, self.matrix.shape[0]
         on_bias, on_mean = np.eye(rows), -self.feedback * np.where(np.isfinite(gain), gain, 0.0)
-        # An integrator leaves its input's mean open, and asks instead that what it integrates has none.
+        # An integrator leaves its input's mean open, and requires instead that what it integrates has none.
         for i in np.flatnonzero((np.isinf(gain).sum(1) == 1) & ~np.isnan(gain).any(1)):
             on_bias[i, i], on_mean[i] = 0.0, self.feedback * np.isinf(gain[i])
         return on_bias, on_mean, np.zeros(rows)
@@ -175,10 +175,9 @@ class MeasuredLoop:
         return DataSystem(**values, matrix=self.matrix, feedback=self.feedback, outer=elements, means_known=known)
 
     def _means_as_states(self) -> tuple[Array, Array, Array, Array]:
-        """Matrices of a loop whose states are the means b and their rates: means that stand still are balanced.
+        """Matrices of a loop whose states are the means b and their rates: constant means are balanced.
 
-        No more of these states is ever seen. Behind them are contact angles, of which rest asks that their rates have
-        no mean, and a clock.
+        No more of these states is seen. Behind them are contact angles, whose rates have no mean at rest, and a clock.
         """
         (on_bias, on_mean, prescribed), (rows, columns) = self._balance_of_means(), self._places
         ways = [way for e in self.elements for way in ways_of(e)]
@@ -267,7 +266,7 @@ class DataSystem(LureSystem):
 
     @property
     def with_integrators_apart(self) -> tuple[LureSystem, Array]:
-        """Itself: what stands for its states has no poles that show."""
+        """Itself: the substitute of its states has no poles that show."""
         return self, np.eye(len(self.A))
 
     def frequency_response(self, omega: ArrayLike) -> ComplexArray:

@@ -10,14 +10,14 @@ from eppanalysis.models.systems.measured.matrix import MeasuredMatrix
 from eppanalysis.models.systems.measured.response import MeasuredResponse
 from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, Axes, Figure, places_of, put_legend
 
-#: Of paths that stand beside each other, in this order; what follows repeats the colours with the next style.
+#: Of paths beside each other, in this order; what follows repeats the colours with the next style.
 _COLOURS, _STYLES = (BLUE, VERMILLION, GREEN, ORANGE, SKY), ("-", "--", ":", "-.")
 #: Points of the curve between two that were measured.
 _BETWEEN = 8
 
 
 def plot_response(response: MeasuredResponse, ax: Axes | None = None) -> Figure:
-    """Magnitude and phase of the points, with the curve that stands for the response between them."""
+    """Magnitude and phase of the points, with the curve that interpolates the response between them."""
     figure, panels = places_of(ax, 2)
     _draw(panels, response, "curve through them" if response.deviation is None else "curve fitted to them")
     return _finished(figure, panels)

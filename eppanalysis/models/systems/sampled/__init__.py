@@ -1,1 +1,1 @@
-"""Loops with sampled controllers: when they are looked at, and what stands for them in continuous time."""
+"""Loops with sampled controllers: when they are observed, and their equivalents in continuous time."""

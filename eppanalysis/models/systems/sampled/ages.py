@@ -26,7 +26,7 @@ _MOST_SAMPLES = 512
 
 
 def turn_of(times: Sequence[float]) -> float | None:
-    """After which time clocks of these sample times all stand as before [s]; None where that is too long."""
+    """Time after which all clocks of these sample times are as before [s]; None where that is too long."""
     exact = [Fraction(repr(float(t))) for t in times]
     over = math.lcm(*(t.denominator for t in exact))
     turn = Fraction(math.lcm(*(int(t * over) for t in exact)), over)

@@ -37,14 +37,14 @@ class AveragedSystem(LureSystem):
     Attributes
     ----------
     sampled : LureSystem
-        The loop that it stands for.
+        The loop that it replaces.
     """
 
     sampled: LureSystem | None = None
 
     @property
     def origin(self) -> LureSystem:
-        """The loop that it stands for."""
+        """The loop that it replaces."""
         return self if self.sampled is None else self.sampled
 
     @property
@@ -54,7 +54,7 @@ class AveragedSystem(LureSystem):
 
     @cached_property
     def layout(self) -> Places:
-        """Where its parts stand in the loop that it stands for."""
+        """Places of its parts in the loop that it replaces."""
         return Places.of(self.origin)
 
     def frequency_response(self, omega: ArrayLike) -> ComplexArray:
@@ -115,7 +115,7 @@ class AveragedSystem(LureSystem):
         return np.where(w == 0.0, 1e-12 / max(c.sample_time for c in self.layout.controllers), w)
 
     def started(self, state: Array, memory: tuple) -> tuple[Array, tuple]:
-        """State and memory of the loop that it stands for at a state of its own, with a sample to come at once."""
+        """State and memory of the loop that it replaces at a state of its own, with a sample to come at once."""
         p, n = self.layout, len(self.layout.plant)
         x = np.zeros(len(self.origin.A))
         x[p.plant] = state[:n]
@@ -133,7 +133,7 @@ class AveragedSystem(LureSystem):
 
 
 def averaged(system: LureSystem) -> LureSystem:
-    """The loop in continuous time that stands for one with sampled controllers; a loop without any as it is.
+    """The loop in continuous time that replaces one with sampled controllers; a loop without any as it is.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""A loop in discrete time as a sampled controller round a plant that stands still.
+"""A loop in discrete time as a sampled controller round a constant plant.
 
 What moves from sample to sample is the controller's state: the states of the loop, and outputs of elements on their
-way through dead times, each a whole number of samples. The elements stand round it as round any sampled controller, so
+way through dead times, each a whole number of samples. The elements are round it as round any sampled controller, so
 that runs, orbits, branches and searches know loops with samples alone.
 """
 
@@ -45,7 +45,7 @@ class Clocked:
 
     @classmethod
     def of(cls, system: LureSystem, inputs: Array | None = None) -> Clocked:
-        """The loop begun at its own start, by default with its inputs where they stand."""
+        """The loop begun at its own start, by default with its inputs as they are."""
         return cls(system, system.v0 if inputs is None else inputs)
 
     @property

@@ -1,4 +1,4 @@
-"""Where sampled controllers and other elements stand in a loop, and what the controllers make of a sine."""
+"""Places of sampled controllers and other elements in a loop, and what the controllers make of a sine."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from eppanalysis.models.systems.sampled.strobe import clock_in
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Where controllers and other elements stand in a loop."""
+    """Places of controllers and other elements in a loop."""
 
     controllers: tuple[SampledController, ...]
     plant: NDArray[np.intp]  # states but the clock

@@ -117,7 +117,7 @@ class Reads:
     """What the controllers read, where some of it comes from one another's holds at ages of their own."""
 
     rows: Array  # on plant states, controllers, outputs of the others, external inputs and one
-    solved: Array  # what stands for 1, as what is read at once takes part in what is read
+    solved: Array  # in place of 1, as what is read at once takes part in what is read
     gains: Array  # from what is held, each at its age
 
     @classmethod

@@ -19,7 +19,7 @@ from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 def sampled_among(elements: Iterable[Nonlinearity]) -> dict[int, SampledController]:
     """The sampled controllers among the elements of a loop, by their places."""
-    # Asked at every run: `isinstance` of an abstract class takes five times as long.
+    # Called at every run: `isinstance` of an abstract class takes five times as long.
     return {i: e for i, e in enumerate(elements) if SampledController in type(e).__mro__}  # type: ignore[misc]
 
 
