@@ -30,7 +30,7 @@ def mirror(hybrid: HybridSystem) -> Array | None:
     """The map of y = (state, memory values) to its mirror image, shape (N, N).
 
     None where constants act on the loop, whose state is not counted from its centre then or has none, and for loops
-    with clocks or dead time. Whether the elements are odd is not tested: an orbit that was closed by way of the image is
+    with clocks or dead time. That the elements are odd is not tested: an orbit that was closed by way of the image is
     tested against the engine.
     """
     model, n = hybrid.model, hybrid.n_plant
