@@ -67,7 +67,7 @@ class BoundProblem:
         unit, factor = self.case.readable(self.limit)
         return ", ".join(f"{factor * value:.4g} {unit}".rstrip() for value in values)
 
-    def numbers(self) -> ParametricModel:
+    def model(self) -> ParametricModel:
         """The loop's numbers over the limiting parameter."""
         return ParametricModel(lambda v: steady_loop(self.case_at(v)), self.low, self.high)
 
@@ -297,21 +297,21 @@ class BalancedSweep:
 
     def bound_of(self, question: BoundProblem) -> BalancedBound:
         """The bound of a question like the sweep's own, at one value of the parameter that runs."""
-        numbers = question.numbers()
-        if not self._ready(question, numbers):
+        model = question.model()
+        if not self._ready(question, model):
             assert self.outlook is not None
             return BalancedBound(self.outlook.finding, self.outlook.sign, message=self.outlook.note)
         assert self.outlook is not None
         sign, note = self.outlook.sign, self.outlook.note
-        fold = self._farthest(numbers, sign)
+        fold = self._farthest(model, sign)
         finding = Finding.FAILED if fold is None else Finding.BEYOND if fold.at_end else Finding.BOUND
         return BalancedBound(finding, sign, fold, self.far, note)
 
-    def _ready(self, question: BoundProblem, numbers: ParametricModel) -> bool:
+    def _ready(self, question: BoundProblem, model: ParametricModel) -> bool:
         """Cycles to begin from: carried over from the last value, or sought anew."""
         # Newton's method from the last value's cycles is cheap; the exact
         # search over the range is asked again only where all are lost.
-        carried = tuple(c for c in (balanced(numbers, c.value, c) for c in self.far) if c is not None)
+        carried = tuple(c for c in (balanced(model, c.value, c) for c in self.far) if c is not None)
         if carried and self.outlook is not None:
             self.far = carried
             return True
@@ -320,12 +320,12 @@ class BalancedSweep:
         self.far = self.outlook.cycles
         return self.outlook.finding is Finding.BOUND and bool(self.far)
 
-    def _farthest(self, numbers: ParametricModel, sign: float) -> Fold | None:
+    def _farthest(self, model: ParametricModel, sign: float) -> Fold | None:
         """The farthest of the last folds of all families; where one is lost, and now and then, also from far away."""
-        found = [extreme(numbers, self.programmes, f, sign) for f in self.families]
+        found = [extreme(model, self.programmes, f, sign) for f in self.families]
         # A family that appears on the way has no last fold to be followed from, and is only found from afar.
         if self.done % _AFRESH == 0 or not found or None in found:
-            found += [extreme(numbers, self.programmes, c, sign, _FAR) for c in self.far]
+            found += [extreme(model, self.programmes, c, sign, _FAR) for c in self.far]
         self.done += 1
         self.families = tuple({f"{f.cycle.value:.6e}": f for f in found if f is not None}.values())
         return min(self.families, key=lambda f: sign * f.cycle.value, default=None)

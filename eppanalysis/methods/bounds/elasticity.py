@@ -73,15 +73,13 @@ def harmonic_slopes(
         The parameters, and what counts as a large change of each [SI].
     """
     value = fold.cycle.value
-    numbers = question.numbers()
-    dependence = numbers.dependence(fold.plan, value)
+    model = question.model()
+    numbers = model.numbers(fold.plan, value)
     _, pivot = anchored(fold.cycle.Z)
-    expressions = programmes.expressions(fold.plan, numbers.loop(value), dependence, pivot)
-    used = dependence.used
+    expressions = programmes.expressions(fold.plan, model.loop(value), numbers, pivot)
+    used = numbers.used
     gradient = np.zeros(used.size)
-    gradient[used] = np.array(
-        expressions.by_numbers(fold.unknowns, dependence.at(value)[used], fold.multipliers)
-    ).ravel()
+    gradient[used] = np.array(expressions.by_numbers(fold.unknowns, numbers.at(value)[used], fold.multipliers)).ravel()
     case, out = question.case_at(value), {}
     for name, size in sizes.items():
         slope = _slope(case, name, fold.plan, size)

@@ -30,10 +30,11 @@ from numpy.typing import NDArray
 
 from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.bounds.numbers import DEGREE, Dependence, ElementNumbers, LoopNumbers, Plan
+from eppanalysis.methods.bounds.numbers import ElementNumbers, LoopNumbers, Plan
 from eppanalysis.methods.harmonic.series import TURN
 from eppanalysis.models.elements.automaton import LEAST
 from eppanalysis.models.systems.signals import slices
+from eppanalysis.polynomials import Polynomial
 
 _NODES_MOST = 40
 
@@ -393,21 +394,21 @@ _FUNCTIONS: dict[str, Callable[[Any, Any], Any]] = {
 }
 
 
-def polynomials(dependence: Dependence, used: BoolArray, u: Any, constants: Any, coefficients: Any) -> Any:
+def at_symbols(numbers: Polynomial, u: Any, constants: Any, coefficients: Any) -> Any:
     """The used numbers as expressions in u (the parameter, scaled to -1 .. 1), by Clenshaw's sum.
 
     Parameters
     ----------
     constants : SX, shape (n_used,)
-        The numbers that stand still (zero in the places of the others).
-    coefficients : SX, shape (k, DEGREE + 1)
+        The numbers that stand still (anything in the places of the others).
+    coefficients : SX, shape (degree + 1, k)
     """
-    ahead = behind = ca.SX(coefficients.shape[0], 1)
-    for d in range(DEGREE, 0, -1):
-        ahead, behind = coefficients[:, d] + 2.0 * u * ahead - behind, ahead
-    values = coefficients[:, 0] + u * ahead - behind
-    place = np.cumsum(used) - 1
+    ahead = behind = ca.SX(1, coefficients.shape[1])
+    for d in range(coefficients.shape[0] - 1, 0, -1):
+        ahead, behind = coefficients[d, :] + 2.0 * u * ahead - behind, ahead
+    values = coefficients[0, :] + u * ahead - behind
+    place = np.cumsum(numbers.used) - 1
     out = ca.SX(constants)
-    for row, where in enumerate(dependence.places):
-        out[int(place[where])] = values[row]
+    for column, where in enumerate(numbers.places):
+        out[int(place[where])] = values[column]
     return out

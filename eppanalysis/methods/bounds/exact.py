@@ -205,8 +205,8 @@ def _last_turn(
 
 def _cycles_inside(question: BoundProblem, near: Cycle, value: float) -> Iterator[LimitCycle]:
     """Cycles of the balance at a value inside its bound, carried there from the bound at once, else in steps."""
-    numbers = question.numbers()
-    here = _carried(numbers, near, [value]) or _carried(numbers, near, np.geomspace(near.value, value, 4)[1:].tolist())
+    model = question.model()
+    here = _carried(model, near, [value]) or _carried(model, near, np.geomspace(near.value, value, 4)[1:].tolist())
     if here is None or here.value != value:
         # What does not balance may still be near enough to the exact orbit.
         here = Cycle(value, *((near.Z, near.omega) if here is None else (here.Z, here.omega)))
@@ -219,9 +219,9 @@ def _as_cycle(question: BoundProblem, cycle: Cycle) -> Iterator[LimitCycle]:
         yield cycle_of(steady_loop(question.case_at(cycle.value)), cycle.Z, cycle.omega)
 
 
-def _carried(numbers: ParametricModel, near: Cycle, values: Iterable[float]) -> Cycle | None:
+def _carried(model: ParametricModel, near: Cycle, values: Iterable[float]) -> Cycle | None:
     """A cycle carried to one value after the other, as far as Newton's method gets; None where it gets to none."""
     here = None
     for v in values:
-        here = balanced(numbers, v, here or near) or here
+        here = balanced(model, v, here or near) or here
     return here

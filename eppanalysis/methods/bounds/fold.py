@@ -21,13 +21,14 @@ from scipy.sparse.linalg import splu
 
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.equations import Expressions, polynomials, write
-from eppanalysis.methods.bounds.numbers import Dependence, ParametricModel, Plan, gather, plan_of
+from eppanalysis.methods.bounds.equations import Expressions, at_symbols, write
+from eppanalysis.methods.bounds.numbers import ParametricModel, Plan, gather, plan_of
 from eppanalysis.methods.harmonic.balance import settled
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop
 from eppanalysis.methods.harmonic.series import TURN, anchored, orders
 from eppanalysis.models.systems.means import mean_state
+from eppanalysis.polynomials import Polynomial
 
 _MOST_PROGRAMMES, _MOST_HOPS = 40, 3
 _GENUINE = 1e-6
@@ -92,32 +93,32 @@ class Programmes:
     _expressions: dict[Any, Expressions] = field(default_factory=dict)
     _solvers: dict[Any, Any] = field(default_factory=dict)
 
-    def expressions(self, plan: Plan, loop: Loop, dependence: Dependence, pivot: int) -> Expressions:
+    def expressions(self, plan: Plan, loop: Loop, numbers: Polynomial, pivot: int) -> Expressions:
         """The equations of a plan."""
-        key = plan, pivot, dependence.used.tobytes()
+        key = plan, pivot, numbers.used.tobytes()
         if key not in self._expressions:
             kinds = tuple(tuple(s.kind for s, _ in e.smooth) for e in loop.elements)
-            self._expressions[key] = write(plan, gather(loop, plan), dependence.used, kinds, pivot)
+            self._expressions[key] = write(plan, gather(loop, plan), numbers.used, kinds, pivot)
         return self._expressions[key]
 
-    def solver(self, expressions: Expressions, dependence: Dependence, pivot: int) -> Any:
+    def solver(self, expressions: Expressions, numbers: Polynomial, pivot: int) -> Any:
         """IPOPT for a plan and the places of the numbers that depend on the parameter."""
-        on = dependence.used.tobytes(), dependence.places.tobytes(), dependence.coefficients.shape
+        on = numbers.used.tobytes(), numbers.places.tobytes(), numbers.coefficients.shape
         key = expressions.plan, pivot, on
         if key not in self._solvers:
-            self._solvers[key] = _solver(expressions, dependence)
+            self._solvers[key] = _solver(expressions, numbers)
         return self._solvers[key]
 
 
-def _solver(expressions: Expressions, dependence: Dependence) -> Any:
+def _solver(expressions: Expressions, numbers: Polynomial) -> Any:
     layout = expressions.layout
     V = ca.SX.sym("V", layout.size + 1)
     constants = ca.SX.sym("constants", int(np.sum(expressions.used)))
-    coefficients = ca.SX.sym("coefficients", *dependence.coefficients.shape)
+    coefficients = ca.SX.sym("coefficients", *numbers.coefficients.shape)
     scales = ca.SX.sym("scales", layout.size)
     sizes = ca.SX.sym("sizes", expressions.residual.size1_out(0))
     sign = ca.SX.sym("sign")
-    theta = polynomials(dependence, expressions.used, V[-1], constants, coefficients)
+    theta = at_symbols(numbers, V[-1], constants, coefficients)
     equations = expressions.residual(V[:-1] * scales, theta) / sizes
     # Switches of an element stay in their order: for another order these equations do not hold.
     dwells = [_dwells(V[s] * scales[s]) for s in layout.phases if s.stop > s.start]
@@ -134,20 +135,20 @@ def _dwells(phi: Any) -> Any:
     return ca.vertcat(phi[1:] - phi[:-1], phi[0] + TURN - phi[-1])
 
 
-def balanced(numbers: ParametricModel, value: float, near: Cycle) -> Cycle | None:
+def balanced(model: ParametricModel, value: float, near: Cycle) -> Cycle | None:
     """The cycle of the balance at a value to which Newton's method comes from one that is near; None where it fails."""
-    true = settled(numbers.loop(value), near.Z, near.omega)
+    true = settled(model.loop(value), near.Z, near.omega)
     return None if true is None else Cycle(value, *true)
 
 
 def extreme(
-    numbers: ParametricModel, programmes: Programmes, start: Cycle | Fold, sign: float, reach: float = 0.25
+    model: ParametricModel, programmes: Programmes, start: Cycle | Fold, sign: float, reach: float = 0.25
 ) -> Fold | None:
     """The least (sign 1) or largest (sign -1) parameter of the family of cycles that holds (or is near) `start`.
 
     Parameters
     ----------
-    numbers : Numbers
+    model : ParametricModel
         The loop over the parameter's range.
     programmes : Programmes
         What has been written before.
@@ -166,7 +167,7 @@ def extreme(
     shortest = _SHORTEST if known is None else _SHORTEST_KNOWN
     path = _Path(start.cycle if isinstance(start, Fold) else start, reach, shortest)
     for _ in range(_MOST_PROGRAMMES):
-        step = _Step.of(numbers, programmes, path.here, sign, path.width, known)
+        step = _Step.of(model, programmes, path.here, sign, path.width, known)
         beside = None if step is None or known is None else step.followed(known)
         known = None
         found = beside or (None if step is None else step.solve())
@@ -239,11 +240,11 @@ class _Path:
 class _Step:
     """One programme made ready: from a cycle, with the switches that the elements make there."""
 
-    numbers: ParametricModel
+    model: ParametricModel
     loop: Loop
     plan: Plan
     expressions: Expressions
-    dependence: Dependence
+    numbers: Polynomial
     solver: Any
     start: Array
     scales: Array
@@ -254,14 +255,14 @@ class _Step:
     @classmethod
     def of(
         cls,
-        numbers: ParametricModel,
+        model: ParametricModel,
         programmes: Programmes,
         here: Cycle,
         sign: float,
         width: float,
         known: Fold | None,
     ) -> _Step | None:
-        loop = numbers.loop(here.value)
+        loop = model.loop(here.value)
         Z, pivot = anchored(here.Z)
         try:
             if known is None:
@@ -269,16 +270,16 @@ class _Step:
                 start = unknowns_of(loop, Z, here.omega, phases, memory)
             else:
                 plan, start = known.plan, known.unknowns
-            dependence = numbers.dependence(plan, here.value)
-            expressions = programmes.expressions(plan, loop, dependence, pivot)
+            numbers = model.numbers(plan, here.value)
+            expressions = programmes.expressions(plan, loop, numbers, pivot)
         except (Unsettled, EppError):
             return None
-        low, high = dependence.low, dependence.high
+        low, high = numbers.middle - numbers.half, numbers.middle + numbers.half
         window = max(low, here.value - width * abs(here.value)), min(high, here.value + width * abs(here.value))
-        solver = programmes.solver(expressions, dependence, pivot)
+        solver = programmes.solver(expressions, numbers, pivot)
         begin, scales = np.append(start, here.value), expressions.scales(start)
         sizes = np.ones(expressions.residual.size1_out(0))
-        step = cls(numbers, loop, plan, expressions, dependence, solver, begin, scales, sizes, window, sign)
+        step = cls(model, loop, plan, expressions, numbers, solver, begin, scales, sizes, window, sign)
         return replace(step, sizes=step._sizes())
 
     def _sizes(self) -> Array:
@@ -293,8 +294,7 @@ class _Step:
         return np.append(self.start[:-1] / self.scales, self._scaled(self.start[-1]))
 
     def _scaled(self, value: float) -> float:
-        d = self.dependence
-        return (2.0 * value - d.low - d.high) / (d.high - d.low)
+        return (value - self.numbers.middle) / self.numbers.half
 
     def solve(self) -> Fold | None:
         """The solution for these switches; None where IPOPT fails."""
@@ -327,21 +327,19 @@ class _Step:
 
     def _parameters(self) -> Array:
         """What the programme is given besides its unknowns."""
-        d, used = self.dependence, self.expressions.used
+        d, used = self.numbers, self.expressions.used
         return np.concatenate([d.base[used], d.coefficients.ravel(order="F"), self.scales, self.sizes, [self.sign]])
 
     def _fold(self, v: Array, g: Array, weights: Array, iterations: int) -> Fold:
         """A solution of the programme in the units of the loop."""
-        layout, d, n_equations = self.expressions.layout, self.dependence, self.sizes.size
+        layout, n_equations, ends = self.expressions.layout, self.sizes.size, (self.model.low, self.model.high)
         unknowns = v[:-1] * self.scales
-        value = 0.5 * (d.low + d.high) + 0.5 * (d.high - d.low) * float(v[-1])
-        value = float(np.clip(value, self.numbers.low, self.numbers.high))
+        value = float(np.clip(self.numbers.middle + self.numbers.half * float(v[-1]), *ends))
         series = unknowns[: layout.n_inputs * layout.width].reshape(layout.n_inputs, layout.width)
         Z = series[:, : layout.order + 1].astype(complex)
         Z[:, 1:] += 1j * series[:, layout.order + 1 :]
         # d(bound)/d(equation), in the units of both.
-        multipliers = weights[:n_equations] / self.sizes * 0.5 * (d.high - d.low) * self.sign
-        ends = (self.numbers.low, self.numbers.high)
+        multipliers = weights[:n_equations] / self.sizes * self.numbers.half * self.sign
         at_end = min(abs(value - e) for e in ends) < 1e-6 * (ends[1] - ends[0])
         return Fold(
             Cycle(value, Z, float(unknowns[layout.omega])),
@@ -378,11 +376,11 @@ class _Step:
 
     def _by_newton(self, near: Fold, reach: float) -> Fold | None:
         """The extremum that Newton's method comes to without a step beyond `reach`; None where there is none."""
-        d, n, p = self.dependence, self.sizes.size, self._parameters()
+        n, p = self.sizes.size, self._parameters()
         slope, curvature = (self.solver.get_function(name) for name in ("nlp_jac_g", "nlp_hess_l"))
         v = np.append(near.unknowns / self.scales, self._scaled(near.cycle.value))
         weights = np.zeros(n + sum(self.expressions.layout.switches))
-        weights[:n] = near.multipliers * self.sizes / (0.5 * (d.high - d.low) * self.sign)
+        weights[:n] = near.multipliers * self.sizes / (self.numbers.half * self.sign)
         across = np.cos(np.arange(v.size + n))
         across[v.size :] = 0.0
         for _ in range(_MOST_STEPS):
@@ -420,7 +418,7 @@ class _Step:
     def genuine(self, found: Fold) -> float:
         """Residual of the balance with what the elements really do, relative to the motion; infinite if they do not."""
         cycle = found.cycle
-        equations = Equations(self.numbers.loop(cycle.value), cycle.order, 0, np.ones(cycle.order))
+        equations = Equations(self.model.loop(cycle.value), cycle.order, 0, np.ones(cycle.order))
         loop = equations.loop
         try:
             # The programme solves its own equations whatever the
@@ -441,20 +439,20 @@ class _Step:
         """A true solution a little further on, where the solution is only one for its switches."""
         for share in _BEYOND:
             value = found.cycle.value - self.sign * share * abs(found.cycle.value)
-            if self.numbers.low <= value <= self.numbers.high:
+            if self.model.low <= value <= self.model.high:
                 true = self._at(value, found.cycle)
                 if true is not None:
                     return true
         return None
 
     def _at(self, value: float, near: Cycle) -> Cycle | None:
-        true = balanced(self.numbers, value, near)
+        true = balanced(self.model, value, near)
         return None if true is None or abs(true.omega / near.omega - 1.0) > 0.1 else true
 
     def same_switches(self, found: Fold) -> bool:
         """Whether the elements make just these switches at the solution."""
         cycle = found.cycle
-        return plan_of(self.numbers.loop(cycle.value), cycle.Z, cycle.omega)[0] == self.plan
+        return plan_of(self.model.loop(cycle.value), cycle.Z, cycle.omega)[0] == self.plan
 
 
 def unknowns_of(
