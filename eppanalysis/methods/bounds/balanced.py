@@ -19,12 +19,10 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.methods.bounds.fold import Cycle, Fold, Programmes, balanced, extreme
+from eppanalysis.methods.bounds.fold import Cycle, Fold, Programmes, balanced, extreme, missed
 from eppanalysis.methods.bounds.numbers import ParametricModel, loop_of
 from eppanalysis.methods.bounds.result import Finding
-from eppanalysis.methods.harmonic.balance import settled
-from eppanalysis.methods.harmonic.elements import Unsettled
-from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of
+from eppanalysis.methods.harmonic.loop import Loop, inputs_of
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.search.find import find_limit_cycles, seeds_of
 from eppanalysis.methods.simulation.in_samples import InSamples
@@ -230,23 +228,17 @@ def scales(question: BoundProblem, cycle: Cycle) -> bool:
 
     True of loops in which the parameter is the only length: play in an otherwise linear loop, say.
     """
-    true = settled(steady_loop(question.case_at(cycle.value)), cycle.Z, cycle.omega)
+    model = question.model()
+    true = balanced(model, cycle.value, cycle)
     if true is None:
         return False
-    cycle = Cycle(cycle.value, *true)
     # The enlarged motion is put into the balance and not searched for: what scales leaves no residual at all.
     for factor in _SCALED:
-        value = cycle.value * factor
+        larger = Cycle(true.value * factor, true.Z * factor, true.omega)
         try:
-            loop = steady_loop(question.case_at(value))
-            equations = Equations(loop, cycle.order, 0, np.ones(cycle.order))
-            Z = cycle.Z * factor
-            W, _ = loop.answers(Z, cycle.omega)
-        except (EppError, Unsettled):
-            return False
-        r = equations.residual(Z, W, loop.linear(cycle.omega, cycle.order))[:-1]
-        _, rows = equations.scales(equations.pack(Z, cycle.omega), W)
-        if not float(np.abs(r / rows[:-1]).max()) < 1e-8:
+            if not missed(model.loop(larger.value), larger) < 1e-8:
+                return False
+        except EppError:
             return False
     return True
 

@@ -81,6 +81,7 @@ class Expressions:
     """The balance of one plan as a CasADi function."""
 
     plan: Plan
+    pivot: int  # input whose fundamental is a sine
     layout: Layout
     residual: Any  # from (unknowns, numbers) to the equations
     used: BoolArray  # which numbers are not structurally zero
@@ -136,32 +137,25 @@ def write(
     )
     X = ca.SX.sym("X", layout.size)
     theta = ca.SX.sym("theta", int(np.sum(used)))
-    numbers = _Symbols.of(shape, used, theta)
-    equations = _Writer(layout, plan, X, numbers, kinds, pivot).equations()
-    return Expressions(plan, layout, ca.Function("residual", [X, theta], [equations]), used)
+    equations = _Writer(layout, plan, X, _symbols(shape, used, theta), kinds, pivot).equations()
+    return Expressions(plan, pivot, layout, ca.Function("residual", [X, theta], [equations]), used)
 
 
-@dataclass(frozen=True, eq=False)
-class _Symbols:
-    """The arrays of LoopNumbers as expressions: zeros where nothing is, symbols elsewhere."""
+def _symbols(shape: LoopNumbers, used: BoolArray, theta: Any) -> LoopNumbers:
+    """The numbers as expressions: zeros where nothing is, symbols elsewhere."""
+    symbols = np.zeros(used.size, dtype=object)
+    symbols[used] = ca.vertsplit(theta)
+    place = 0
 
-    arrays: list[NDArray[Any]]
-    elements: list[list[NDArray[Any]]]
+    def take(like: Array) -> NDArray[Any]:
+        nonlocal place
+        part = symbols[place : place + like.size].reshape(like.shape)
+        place += like.size
+        return part
 
-    @classmethod
-    def of(cls, shape: LoopNumbers, used: BoolArray, theta: Any) -> _Symbols:
-        symbols = np.zeros(used.size, dtype=object)
-        symbols[used] = ca.vertsplit(theta)
-        place = 0
-
-        def take(like: Array) -> NDArray[Any]:
-            nonlocal place
-            part = symbols[place : place + like.size].reshape(like.shape)
-            place += like.size
-            return part
-
-        arrays = [take(a) for a in shape[:-1]]
-        return cls(arrays, [[take(a) for a in e] for e in shape.elements])
+    arrays: list[Any] = [take(a) for a in shape[:-1]]
+    arrays.append(tuple(ElementNumbers(*map(take, e)) for e in shape.elements))
+    return LoopNumbers(*arrays)
 
 
 def _matrix(array: NDArray[Any]) -> Any:
@@ -183,7 +177,7 @@ class _Writer:
     """The equations under construction; lives for one call."""
 
     def __init__(
-        self, layout: Layout, plan: Plan, X: Any, numbers: _Symbols, kinds: tuple[tuple[str, ...], ...], pivot: int
+        self, layout: Layout, plan: Plan, X: Any, numbers: LoopNumbers, kinds: tuple[tuple[str, ...], ...], pivot: int
     ) -> None:
         self.layout, self.plan, self.numbers, self.kinds, self.pivot = layout, plan, numbers, kinds, pivot
         n, width = layout.order, layout.width
@@ -199,7 +193,7 @@ class _Writer:
     def equations(self) -> Any:
         """All equations in one column."""
         n = self.layout.order
-        A, B, C, D, state, inputs, delays = (_matrix(a) if a.ndim == 2 else a for a in self.numbers.arrays)
+        A, B, C, D, state, inputs, delays = (_matrix(a) if a.ndim == 2 else a for a in self.numbers[:-1])
         outputs, rest = [], []
         for e in range(self.layout.n_inputs):
             w, more = _Element(self, e).answer()
@@ -242,7 +236,7 @@ class _Element:
 
     def __init__(self, owner: _Writer, number: int) -> None:
         self.owner, self.layout = owner, owner.layout
-        self.numbers = ElementNumbers(*owner.numbers.elements[number])
+        self.numbers = owner.numbers.elements[number]
         self.z = owner.z[number, :]
         self.phi, self.memory = owner.phases[number], owner.memory[number]
         self.steps = owner.plan.sequences[number].steps

@@ -24,8 +24,9 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.equations import Expressions, at_symbols, write
 from eppanalysis.methods.bounds.numbers import ParametricModel, Plan, gather, plan_of
 from eppanalysis.methods.harmonic.balance import settled
+from eppanalysis.methods.harmonic.coefficients import stacked
 from eppanalysis.methods.harmonic.elements import Unsettled
-from eppanalysis.methods.harmonic.loop import Equations, Loop
+from eppanalysis.methods.harmonic.loop import Equations, Loop, unstacked
 from eppanalysis.methods.harmonic.series import TURN, anchored, orders
 from eppanalysis.models.systems.means import mean_state
 from eppanalysis.polynomials import Polynomial
@@ -101,10 +102,9 @@ class Programmes:
             self._expressions[key] = write(plan, gather(loop, plan), numbers.used, kinds, pivot)
         return self._expressions[key]
 
-    def solver(self, expressions: Expressions, numbers: Polynomial, pivot: int) -> Any:
-        """IPOPT for a plan and the places of the numbers that depend on the parameter."""
-        on = numbers.used.tobytes(), numbers.places.tobytes(), numbers.coefficients.shape
-        key = expressions.plan, pivot, on
+    def solver(self, expressions: Expressions, numbers: Polynomial) -> Any:
+        """IPOPT for equations and the places of the numbers that depend on the parameter."""
+        key = expressions, numbers.places.tobytes(), numbers.coefficients.shape
         if key not in self._solvers:
             self._solvers[key] = _solver(expressions, numbers)
         return self._solvers[key]
@@ -141,6 +141,18 @@ def balanced(model: ParametricModel, value: float, near: Cycle) -> Cycle | None:
     return None if true is None else Cycle(value, *true)
 
 
+def missed(loop: Loop, cycle: Cycle) -> float:
+    """Residual of the balance with what the elements really do, relative to the motion; infinite if nothing settles."""
+    equations = Equations(loop, cycle.order, 0, np.ones(cycle.order))
+    X = equations.pack(cycle.Z, cycle.omega)
+    try:
+        here = equations.at(X)
+    except Unsettled:
+        return float("inf")
+    _, rows = equations.scales(X, here.W)
+    return float(np.abs(here.residual / rows)[:-1].max())
+
+
 def extreme(
     model: ParametricModel, programmes: Programmes, start: Cycle | Fold, sign: float, reach: float = 0.25
 ) -> Fold | None:
@@ -173,7 +185,8 @@ def extreme(
         found = beside or (None if step is None else step.solve())
         if found is None or step is None:
             path.back()
-        elif step.genuine(found) < _GENUINE:
+        # The programme solves its own equations whatever the elements do, so these are asked what they make of it.
+        elif missed(model.loop(found.cycle.value), found.cycle) < _GENUINE:
             # A true solution ends the way, unless it lies at the rim of its trust region, or switches merge or differ
             # there: then the next programme begins beyond it.
             smooth = not found.merging and step.same_switches(found)
@@ -241,12 +254,10 @@ class _Step:
     """One programme made ready: from a cycle, with the switches that the elements make there."""
 
     model: ParametricModel
-    loop: Loop
-    plan: Plan
     expressions: Expressions
     numbers: Polynomial
     solver: Any
-    start: Array
+    start: Array  # unknowns, and the parameter
     scales: Array
     sizes: Array
     window: tuple[float, float]
@@ -276,10 +287,10 @@ class _Step:
             return None
         low, high = numbers.middle - numbers.half, numbers.middle + numbers.half
         window = max(low, here.value - width * abs(here.value)), min(high, here.value + width * abs(here.value))
-        solver = programmes.solver(expressions, numbers, pivot)
+        solver = programmes.solver(expressions, numbers)
         begin, scales = np.append(start, here.value), expressions.scales(start)
         sizes = np.ones(expressions.residual.size1_out(0))
-        step = cls(model, loop, plan, expressions, numbers, solver, begin, scales, sizes, window, sign)
+        step = cls(model, expressions, numbers, solver, begin, scales, sizes, window, sign)
         return replace(step, sizes=step._sizes())
 
     def _sizes(self) -> Array:
@@ -304,7 +315,7 @@ class _Step:
         low[-1], high[-1] = self._scaled(self.window[0]), self._scaled(self.window[1])
         low[layout.omega], high[layout.omega] = 0.2, 5.0
         # A waveform must not shrink to rest, which solves the equations of a loop that is linear at small amplitude.
-        pivot = self._pivot_sine()
+        pivot = self.expressions.pivot * layout.width + layout.order + 1
         amplitude = v0[pivot]
         low[pivot], high[pivot] = (0.05 * amplitude, np.inf) if amplitude > 0 else (-np.inf, 0.05 * amplitude)
         n_equations = self.sizes.size
@@ -335,15 +346,13 @@ class _Step:
         layout, n_equations, ends = self.expressions.layout, self.sizes.size, (self.model.low, self.model.high)
         unknowns = v[:-1] * self.scales
         value = float(np.clip(self.numbers.middle + self.numbers.half * float(v[-1]), *ends))
-        series = unknowns[: layout.n_inputs * layout.width].reshape(layout.n_inputs, layout.width)
-        Z = series[:, : layout.order + 1].astype(complex)
-        Z[:, 1:] += 1j * series[:, layout.order + 1 :]
+        Z = unstacked(unknowns[: layout.n_inputs * layout.width + 1], layout.order)
         # d(bound)/d(equation), in the units of both.
         multipliers = weights[:n_equations] / self.sizes * self.numbers.half * self.sign
         at_end = min(abs(value - e) for e in ends) < 1e-6 * (ends[1] - ends[0])
         return Fold(
             Cycle(value, Z, float(unknowns[layout.omega])),
-            self.plan,
+            self.expressions.plan,
             unknowns,
             multipliers,
             at_end,
@@ -404,36 +413,14 @@ class _Step:
                 return self._fold(v, np.array(slope(v, p)[0]).ravel(), weights, near.iterations) if is_least else None
         return None
 
-    def _pivot_sine(self) -> int:
-        series = self.start[: self.expressions.layout.omega].reshape(-1, self.expressions.layout.width)
-        moves = np.abs(series[: self.expressions.layout.n_inputs, self.expressions.layout.order + 1])
-        pivot = int(np.argmax(moves > 0))
-        return pivot * self.expressions.layout.width + self.expressions.layout.order + 1
-
     def at_rim(self, found: Fold) -> bool:
         """Whether the solution is where the trust region ends, and not the range."""
         rim = self.window[0] if self.sign > 0 else self.window[1]
         return not found.at_end and abs(found.cycle.value - rim) < 1e-6 * abs(rim)
 
-    def genuine(self, found: Fold) -> float:
-        """Residual of the balance with what the elements really do, relative to the motion; infinite if they do not."""
-        cycle = found.cycle
-        equations = Equations(self.model.loop(cycle.value), cycle.order, 0, np.ones(cycle.order))
-        loop = equations.loop
-        try:
-            # The programme solves its own equations whatever the
-            # elements do, so these are asked for their true switches.
-            W, _ = loop.answers(cycle.Z, cycle.omega)
-        except Unsettled:
-            return float("inf")
-        r = equations.residual(cycle.Z, W, loop.linear(cycle.omega, cycle.order))[:-1]
-        _, rows = equations.scales(equations.pack(cycle.Z, cycle.omega), W)
-        return float(np.abs(r / rows[:-1]).max())
-
     def settled(self, found: Fold) -> Cycle | None:
         """The true solution at the same value, if Newton's method comes to one that is not far off."""
-        cycle = found.cycle
-        return self._at(cycle.value, cycle)
+        return self._at(found.cycle.value, found.cycle)
 
     def beyond(self, found: Fold) -> Cycle | None:
         """A true solution a little further on, where the solution is only one for its switches."""
@@ -452,7 +439,7 @@ class _Step:
     def same_switches(self, found: Fold) -> bool:
         """Whether the elements make just these switches at the solution."""
         cycle = found.cycle
-        return plan_of(self.model.loop(cycle.value), cycle.Z, cycle.omega)[0] == self.plan
+        return plan_of(self.model.loop(cycle.value), cycle.Z, cycle.omega)[0] == self.expressions.plan
 
 
 def unknowns_of(
@@ -464,6 +451,4 @@ def unknowns_of(
     x = np.zeros((loop.system.A.shape[0], n + 1), complex)
     x[:, 0] = mean_state(loop.system, loop.value, Z[:, 0].real, W[:, 0].real)
     x[:, 1:] = (loop.system.state_response(omega * orders(n)[1:]) @ W.T[1:, :, None])[..., 0].T
-    series = np.concatenate([Z, x])
-    rows = np.concatenate([series.real, series.imag[:, 1:]], 1)
-    return np.concatenate([rows.ravel(), [omega], *phases, *(h.ravel() for h in memory)])
+    return np.concatenate([stacked(np.concatenate([Z, x])).ravel(), [omega], *phases, *(h.ravel() for h in memory)])
