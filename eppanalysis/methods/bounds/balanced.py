@@ -43,7 +43,7 @@ Each = Callable[[Callable[[float], Any], Iterable[float]], Iterable[Any]]
 
 @dataclass(frozen=True, eq=False)
 class BoundProblem:
-    """A case with the parameter that runs and the one that is bounded."""
+    """A case with the parameter that runs and the one that is bounded; functions take it at one value of the first."""
 
     case: CaseLike
     limit: str  # the parameter that is bounded
@@ -132,16 +132,7 @@ def look(question: BoundProblem, n_scan: int = N_SCAN, each: Each = map) -> Scan
     """Scan the range of the limiting parameter for cycles.
 
     Whether a cycle exists at a value is what the exact search says of it: the DF sees some cycles that are not
-    there, and misses others (friction with integral action, jumps).
-
-    Parameters
-    ----------
-    question : Question
-        At one value of the parameter that runs.
-    n_scan : int
-        Number of values.
-    each : callable
-        How one function is called with many values: ``map``, or that of a pool of processes.
+    there, and misses others (friction with integral action, jumps). `each` is ``map``, or that of a pool of processes.
     """
     values = spread(question.low, question.high, n_scan)
     if idle(question, values):
@@ -290,27 +281,23 @@ class BalancedSweep:
     def bound_of(self, question: BoundProblem) -> BalancedBound:
         """The bound of a question like the sweep's own, at one value of the parameter that runs."""
         model = question.model()
-        if not self._ready(question, model):
-            assert self.outlook is not None
-            return BalancedBound(self.outlook.finding, self.outlook.sign, message=self.outlook.note)
-        assert self.outlook is not None
-        sign, note = self.outlook.sign, self.outlook.note
-        fold = self._farthest(model, sign)
+        outlook = self._outlook(question, model)
+        if outlook.finding is not Finding.BOUND or not self.far:
+            return BalancedBound(outlook.finding, outlook.sign, message=outlook.note)
+        fold = self._farthest(model, outlook.sign)
         finding = Finding.FAILED if fold is None else Finding.BEYOND if fold.at_end else Finding.BOUND
-        return BalancedBound(finding, sign, fold, self.far, note)
+        return BalancedBound(finding, outlook.sign, fold, self.far, outlook.note)
 
-    def _ready(self, question: BoundProblem, model: ParametricModel) -> bool:
-        """Cycles to begin from: carried over from the last value, or sought anew."""
+    def _outlook(self, question: BoundProblem, model: ParametricModel) -> ScanResult:
+        """Where cycles exist, with those to begin from: carried over from the last value, or sought anew."""
         # Newton's method from the last value's cycles is cheap; the exact
         # search over the range is asked again only where all are lost.
         carried = tuple(c for c in (balanced(model, c.value, c) for c in self.far) if c is not None)
-        if carried and self.outlook is not None:
-            self.far = carried
-            return True
-        # A pool that is at work already is asked for nothing more.
-        self.outlook = look(question, each=map if self.pool is None or self.outlook is not None else self.pool.map)
-        self.far = self.outlook.cycles
-        return self.outlook.finding is Finding.BOUND and bool(self.far)
+        if not carried or self.outlook is None:
+            # A pool that is at work already is asked for nothing more.
+            self.outlook = look(question, each=map if self.pool is None or self.outlook is not None else self.pool.map)
+        self.far = carried or self.outlook.cycles
+        return self.outlook
 
     def _farthest(self, model: ParametricModel, sign: float) -> Fold | None:
         """The farthest of the last folds of all families; where one is lost, and now and then, also from far away."""

@@ -1,9 +1,9 @@
 """Bounds of a design: how far one parameter may go at each value of another before any limit cycle exists.
 
 Each bound is found by describing functions, corrected to the exact fold, put to the test on both sides, and comes with
-its elasticities. The parts are in ``harmonic`` (search and
-sweep), ``fold`` (the nonlinear programme), ``equations`` (its equations), ``exact``, ``verify`` and ``elasticity``.
-Where a size of cycles is allowed, exact orbits alone are asked (``sizes``), of a sampled loop ``searched``.
+its elasticities. The parts are in ``balanced`` (search and sweep), ``fold`` (the nonlinear programme), ``equations``
+(its equations), ``exact``, ``verify`` and ``elasticity``. Where a size of cycles is allowed, exact orbits alone are
+asked (``sizes``), of a sampled loop ``searched``.
 """
 
 from __future__ import annotations
@@ -402,10 +402,8 @@ def bound_of_branch(question: BoundProblem, value: float, branch: Branch, settin
 
     Parameters
     ----------
-    question : Question
-        At one value of the parameter that runs.
     value : float
-        That value [SI].
+        Of the parameter that runs [SI].
     branch : Branch
         Over the limiting parameter, from cycles above their bound.
 

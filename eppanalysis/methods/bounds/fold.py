@@ -162,7 +162,7 @@ def extreme(
     ----------
     model : ParametricModel
         The loop over the parameter's range.
-    programmes : Programmes
+    programmes
         What has been written before.
     start : Cycle or Fold
         A fold of a loop whose numbers were a little different is solved for again with the switches that it had.

@@ -36,18 +36,7 @@ class OwnRuns:
 
 
 def own_runs(question: BoundProblem, bound: float, sign: float, allowed: Allowed | None = None) -> OwnRuns:
-    """What the case's own run does from a bound to the end of the range.
-
-    Parameters
-    ----------
-    question : Question
-        At one value of the parameter that runs.
-    bound : float
-        Where cycles begin to exist [SI].
-    sign : {1, -1}
-        1 where they exist above it.
-    allowed : Allowed, optional
-        A cycle up to this size is as good as rest.
+    """What the case's own run does from a bound to the end of the range; a cycle that is allowed is as good as rest.
 
     Raises
     ------

@@ -115,8 +115,6 @@ def verify(
 
     Parameters
     ----------
-    question : Question
-        At one value of the parameter that runs.
     value : float
         The bound [SI].
     sign : {1, -1}

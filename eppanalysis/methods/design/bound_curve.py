@@ -333,8 +333,6 @@ def first_turn(question: BoundProblem, value: float, cycle: LimitCycle, sign: fl
 
     Parameters
     ----------
-    question : Question
-        At one value of the parameter that runs.
     value : float
         Where the cycle is [SI].
     cycle : LimitCycle

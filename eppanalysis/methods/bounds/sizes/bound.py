@@ -57,13 +57,7 @@ _Seen = tuple[float, tuple[LimitCycle, ...], bool]
 
 
 def scan(question: BoundProblem, allowed: Allowed) -> Scan:
-    """Search the range of the limiting parameter for stable cycles that are larger than allowed.
-
-    Parameters
-    ----------
-    question : Question
-        At one value of the parameter that runs.
-    """
+    """Search the range of the limiting parameter for stable cycles that are larger than allowed."""
     values = tried_values(question)
     if idle(question, values):
         return Scan(Finding.IDLE, note=Finding.IDLE.sentence)

@@ -6,7 +6,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -35,17 +34,14 @@ class Place:
     slopes: Mapping[str, float]
 
 
-P = TypeVar("P", bound=Place)
-
-
 @dataclass(eq=False)
-class Box(ABC, Generic[P]):
+class Box(ABC):
     """The box of tolerances round a case, and the bounds in it; lives for one call."""
 
     question: BoundProblem
     widths: dict[str, float]
     sign: float
-    centre: P
+    centre: Place
 
     @property
     def not_covered(self) -> str:
@@ -53,7 +49,7 @@ class Box(ABC, Generic[P]):
         return ""
 
     @abstractmethod
-    def worst(self) -> tuple[P, str, int]:
+    def worst(self) -> tuple[Place, str, int]:
         """The corner with the worst bound, what is missing, and the number of corners checked besides."""
 
     @abstractmethod

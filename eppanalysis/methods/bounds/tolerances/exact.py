@@ -30,7 +30,7 @@ _SIZES, _POINTS = (1.0, 1.3, 1.8, 2.5), 2
 
 
 @dataclass(eq=False)
-class ExactBox(Box[Place]):
+class ExactBox(Box):
     """Exact bounds in the box: each place of it is a question like the nominal one."""
 
     sweep: BalancedSweep

@@ -24,7 +24,7 @@ from eppanalysis.results import LimitCycle
 
 
 @dataclass(eq=False)
-class SearchedBox(Box[Place]):
+class SearchedBox(Box):
     """Bounds in the box that the search says."""
 
     asking: SearchedProblem
