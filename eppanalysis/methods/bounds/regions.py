@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.balanced import BoundProblem, spread
-from eppanalysis.methods.bounds.sizes.allowed import Allowed
+from eppanalysis.methods.bounds.sizes.allowed import Allowed, ends_of
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.trigger import Trigger, trigger
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
@@ -70,12 +70,7 @@ def _ends(question: BoundProblem, values: Sequence[float], allowed: Allowed | No
         case = question.case_at(value)
         system = case.to_system()
         hybrids.append(HybridSystem.from_lure(system, input_signals_by_name(system.input_names, case.input)))
-    result = simulate_batch(HybridStack.of(hybrids, system.signals.names), question.case.t_end)
-    if allowed is None:
-        return list(result.status)
-    within = ~allowed.too_large(result)
-    cycling = Status.LIMIT_CYCLE
-    return [Status.SETTLED if s is cycling and w else s for s, w in zip(result.status, within, strict=True)]
+    return ends_of(simulate_batch(HybridStack.of(hybrids, system.signals.names), question.case.t_end), allowed)
 
 
 def smallest_trigger(question: BoundProblem, value: float, allowed: Allowed | None = None) -> Trigger | None:
