@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +23,7 @@ ROUNDS = _ENDS + _HALVINGS
 #: Length of a run in periods of the orbit at the nominal bound.
 PERIODS = 40.0
 #: Most influential parameters, in all corners of which the worst case is checked.
-CHECKED = 3
+_CHECKED = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +74,11 @@ class Box(ABC):
             out.append(-math.copysign(1.0, slope) if math.isfinite(slope) and slope else place)
         return tuple(out)
 
-    def _most_influential(self) -> list[int]:
-        """Numbers of the parameters that move the bound most at the centre."""
+    def _corners(self, place: tuple[float, ...]) -> Iterator[tuple[float, ...]]:
+        """A place with all combinations of the ends of those parameters that move the bound most at the centre."""
         influence = [abs(self.centre.slopes.get(n, 0.0)) * w for n, w in self.widths.items()]
-        return sorted(range(len(influence)), key=lambda i: -influence[i])[:CHECKED]
+        most = sorted(range(len(influence)), key=lambda i: -influence[i])[:_CHECKED]
+        return itertools.product(*((-1.0, 1.0) if i in most else (end,) for i, end in enumerate(place)))
 
     def draws(self, spread: Array, threads: int, tell: Progress) -> tuple[Array, float]:
         """Bounds of draws (n, parameters) by runs, and how far the runs are off at the centre."""
