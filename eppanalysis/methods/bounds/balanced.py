@@ -56,6 +56,10 @@ class BoundProblem:
         """The same question at a value of the parameter that runs."""
         return self if self.over is None else replace(self, case=self.case.with_values({self.over: value}), over=None)
 
+    def ends(self, sign: float) -> tuple[float, float]:
+        """The end of the range that is safe, if any is, and the other one; sign 1 where cycles are at large values."""
+        return (self.low, self.high) if sign > 0 else (self.high, self.low)
+
     def case_at(self, value: float) -> CaseLike:
         """The case with a value of the limiting parameter."""
         return self.case.with_values({self.limit: value})

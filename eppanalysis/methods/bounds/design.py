@@ -386,8 +386,7 @@ def _check(question: BoundProblem, bound: BalancedBound, settings: Settings) -> 
         found = ExactBound() if near is None else of_balance(question, bound)
         # Describing functions may see no cycle at all, as with hunting.
         if found.cycle is None:
-            end = question.low if sign > 0 else question.high
-            other = searched(question, end if near is None else near, sign)
+            other = searched(question, question.ends(sign)[0] if near is None else near, sign)
             found = other if other.cycle is not None or other.kind or near is None else found
         return checked_bound(question, found, sign, settings)
     except (EppError, np.linalg.LinAlgError) as error:

@@ -101,7 +101,7 @@ def of_balance(question: BoundProblem, bound: BalancedBound) -> ExactBound:
 
 def searched(question: BoundProblem, near: float, sign: float) -> ExactBound:
     """The exact bound of the cycles that the exact search finds next to a value `near`, on the side that has cycles."""
-    end, far = (question.low, question.high) if sign > 0 else (question.high, question.low)
+    end, far = question.ends(sign)
     if find_limit_cycles(question.case_at(end)):
         return ExactBound(kind=Turn.END)
     with_cycles, without = set[float](), {end}
@@ -146,7 +146,7 @@ def turn_of(
 
 def farthest_turn(question: BoundProblem, value: float, cycles: Iterable[LimitCycle], sign: float) -> ExactBound | None:
     """The farthest bound of families of which cycles at a value are known; None where none ends within the range."""
-    end = question.low if sign > 0 else question.high
+    end, _ = question.ends(sign)
     branches = (_branch(question, value, end, cycle) for cycle in cycles)
     turns = [turn_of(question, branch, end, sign, _ENDS) for branch in branches if branch is not None]
     return min((t for t in turns if t is not None), key=lambda t: sign * t.value, default=None)

@@ -76,7 +76,7 @@ def _over_range(
     question: BoundProblem, sign: float, free: float, absence: Certificate | None
 ) -> tuple[float, Certificate | None]:
     """The proof of absence from the free end of the range to the value where it is proved, if there is one for all."""
-    end = question.low if sign > 0.0 else question.high
+    end, _ = question.ends(sign)
     if absence is None or end == free:
         return free, absence
     found = certify(question.case, "absence", within={question.limit: (min(end, free), max(end, free))})

@@ -43,7 +43,7 @@ def own_runs(question: BoundProblem, bound: float, sign: float, allowed: Allowed
     EppError
         If the loop has no form that is run in batches, as one with sampled controllers.
     """
-    inside, outside = bound, question.high if sign > 0 else question.low
+    inside, outside = bound, question.ends(sign)[1]
     rests_to = math.nan
     for halving in range(_HALVINGS):
         values = spread(inside, outside, _GRID if halving == 0 else 8)

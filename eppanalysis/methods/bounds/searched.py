@@ -144,7 +144,7 @@ def bound_by_runs(
         The end of the range that is safe where such a run oscillates down to there, else the last value at which none
         does; and the cycle that is nearest to it.
     """
-    safe, beyond = (question.low, question.high) if sign > 0 else (question.high, question.low)
+    safe, beyond = question.ends(sign)
     least, last = _SMALL * (question.high - question.low), None
     while abs(beyond - safe) > close * max(abs(safe), abs(beyond), least):
         middle = 0.5 * (safe + beyond)

@@ -101,8 +101,7 @@ class BoundCurve:
     @property
     def ends(self) -> tuple[float, float]:
         """The end of the range that is safe, if any is, and the end that is wanted."""
-        low, high = self.question.low, self.question.high
-        return (low, high) if self.sign > 0 else (high, low)
+        return self.question.ends(self.sign)
 
     def here(self, place: Place) -> BoundProblem:
         """The question at values of the parameters that run."""
@@ -345,7 +344,7 @@ def first_turn(question: BoundProblem, value: float, cycle: LimitCycle, sign: fl
     ExactBound or None
         Of kind END where the branch goes on to the safe end.
     """
-    end = question.low if sign > 0 else question.high
+    end, _ = question.ends(sign)
     limits = min(value, end), max(value, end)
     if limits[0] == limits[1]:
         return None

@@ -66,7 +66,7 @@ class Programme:
 
     def _starts(self, here: BoundProblem) -> list[Cycle]:
         """The cycles of the DF at the first value, from the safe end on, that has any."""
-        safe, wanted = (here.low, here.high) if self.sign > 0 else (here.high, here.low)
+        safe, wanted = here.ends(self.sign)
         for value in spread(safe, wanted, N_SCAN)[1:]:
             case = here.case_at(value)
             try:

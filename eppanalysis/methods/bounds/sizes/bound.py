@@ -112,7 +112,7 @@ def first_order_bound(question: BoundProblem, allowed: Allowed, found: Scan) -> 
     It is sought over the whole range, from the far end of it, by halving: where cycles of the DF are too large
     there and not at the safe end.
     """
-    safe, far = (question.low, question.high) if found.sign > 0 else (question.high, question.low)
+    safe, far = question.ends(found.sign)
 
     def too_large(value: float) -> bool:
         try:
@@ -148,8 +148,8 @@ def _passage(
     question: BoundProblem, allowed: Allowed, value: float, cycle: LimitCycle, sign: float
 ) -> ExactBound | None:
     """Where the family of one cycle begins to be too large; None where its branch does not show it."""
-    end = question.low if sign > 0 else question.high
-    case, system = question.case, question.case_at(value).to_system()
+    end, _ = question.ends(sign)
+    system = question.case_at(value).to_system()
     limits = min(value, end), max(value, end)
     family = Family(lambda v: steady_case(question.case_at(v)), limits)
 
@@ -162,7 +162,7 @@ def _passage(
         orbit = next(orbits_near(hybrid, *start_of(hybrid, cycle), cycle.period), None)
         if orbit is None or orbit.motion is not None:
             return None
-        walk = Continuation(case, question.limit, family, limits, _MOST, _STEP, passes=excess)
+        walk = Continuation(question.case, question.limit, family, limits, _MOST, _STEP, passes=excess)
         begin = make_point(family, value, orbit, None, -sign)
         points, _ = walk.along(begin, _MOST)
     except (EppError, np.linalg.LinAlgError):
