@@ -40,6 +40,8 @@ _BEYOND = (1e-4, 1e-3, 5e-3)
 _CLOSE = 1e-2
 #: Most steps of Newton's method to an extremum, its longest one from a neighbour's, and the size of the last one.
 _MOST_STEPS, _NEAR, _ARRIVED = 8, 1.0, 1e-11
+#: What IPOPT says of a solution, and how it is set.
+_SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 _OPTIONS: dict[str, Any] = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
@@ -84,7 +86,6 @@ class Fold:
     multipliers: Array
     at_end: bool  # the bound is the end of the range: the family goes on beyond it
     merging: bool  # two switches come together there: the family may go on with others
-    iterations: int  # of IPOPT, all programmes together
 
 
 @dataclass(eq=False)
@@ -176,8 +177,7 @@ def extreme(
         None where the programme has no solution near the start.
     """
     known = start if isinstance(start, Fold) else None
-    shortest = _SHORTEST if known is None else _SHORTEST_KNOWN
-    path = _Path(start.cycle if isinstance(start, Fold) else start, reach, shortest)
+    path = _Path(start, reach, _SHORTEST) if isinstance(start, Cycle) else _Path(start.cycle, reach, _SHORTEST_KNOWN)
     for _ in range(_MOST_PROGRAMMES):
         step = _Step.of(model, programmes, path.here, sign, path.width, known)
         beside = None if step is None or known is None else step.followed(known)
@@ -192,10 +192,10 @@ def extreme(
             smooth = not found.merging and step.same_switches(found)
             beyond = found.cycle if step.at_rim(found) else None if smooth else step.beyond(found)
             if beyond is None:
-                return path.counted(beside or step.polished(found))
-            path.arrive(found, beyond)
+                return beside or step.polished(found)
+            path.arrive(beyond)
         else:
-            path.hop(found, step.settled(found))
+            path.hop(found.cycle, step.settled(found.cycle.value, found.cycle))
         if path.lost:
             return None
     return None
@@ -213,7 +213,6 @@ class _Path:
     width: float
     shortest: float
     hops: int = 0
-    iterations: int = 0
 
     def __post_init__(self) -> None:
         self.here, self.longest = self.base, self.width
@@ -227,26 +226,20 @@ class _Path:
         """The programme had no solution."""
         self.here, self.hops, self.width = self.base, 0, 0.4 * self.width
 
-    def hop(self, found: Fold, true: Cycle | None) -> None:
+    def hop(self, found: Cycle, true: Cycle | None) -> None:
         """The switches change on the way: on from the true solution beside it, or some times from where it led."""
-        self.iterations += found.iterations
         self.hops += 1
         if true is not None:
-            self.arrive(found, true)
+            self.arrive(true)
         elif self.hops > _MOST_HOPS:
             self.back()
         else:
-            self.here = found.cycle
+            self.here = found
 
-    def arrive(self, found: Fold, true: Cycle) -> None:
+    def arrive(self, true: Cycle) -> None:
         """A true solution on the way."""
-        self.iterations += found.iterations
         self.base = self.here = true
         self.hops, self.width = 0, min(1.5 * self.width, self.longest)
-
-    def counted(self, found: Fold) -> Fold:
-        """The bound, with the iterations of all programmes."""
-        return replace(found, iterations=self.iterations + found.iterations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,20 +321,16 @@ class _Step:
             lbg=np.zeros(n_equations + n_dwells),
             ubg=np.concatenate([np.zeros(n_equations), np.full(n_dwells, np.inf)]),
         )
-        stats = self.solver.stats()
         v, g, weights = (np.array(found[name]).ravel() for name in ("x", "g", "lam_g"))
-        closed = np.abs(g[:n_equations]).max() < 1e-7 and stats["return_status"] in (
-            "Solve_Succeeded",
-            "Solved_To_Acceptable_Level",
-        )
-        return self._fold(v, g, weights, int(stats["iter_count"])) if closed else None
+        closed = np.abs(g[:n_equations]).max() < 1e-7 and self.solver.stats()["return_status"] in _SOLVED
+        return self._fold(v, g, weights) if closed else None
 
     def _parameters(self) -> Array:
         """What the programme is given besides its unknowns."""
         d, used = self.numbers, self.expressions.used
         return np.concatenate([d.base[used], d.coefficients.ravel(order="F"), self.scales, self.sizes, [self.sign]])
 
-    def _fold(self, v: Array, g: Array, weights: Array, iterations: int) -> Fold:
+    def _fold(self, v: Array, g: Array, weights: Array) -> Fold:
         """A solution of the programme in the units of the loop."""
         layout, n_equations, ends = self.expressions.layout, self.sizes.size, (self.model.low, self.model.high)
         unknowns = v[:-1] * self.scales
@@ -357,7 +346,6 @@ class _Step:
             multipliers,
             at_end,
             bool(np.any(g[n_equations:] < _CLOSE)),
-            iterations,
         )
 
     def polished(self, found: Fold) -> Fold:
@@ -378,7 +366,7 @@ class _Step:
         """
         if known.at_end or known.merging:
             return None
-        found = self._by_newton(replace(known, iterations=0), _NEAR)
+        found = self._by_newton(known, _NEAR)
         if found is None or found.at_end or found.merging:
             return None
         return found if self.window[0] < found.cycle.value < self.window[1] else None
@@ -410,7 +398,7 @@ class _Step:
                 # The second solution is the tangent t of the cycles times (across t) / (t H t): of an extremum of the
                 # other kind their product is negative.
                 is_least = float(across @ along) > 0.0
-                return self._fold(v, np.array(slope(v, p)[0]).ravel(), weights, near.iterations) if is_least else None
+                return self._fold(v, np.array(slope(v, p)[0]).ravel(), weights) if is_least else None
         return None
 
     def at_rim(self, found: Fold) -> bool:
@@ -418,23 +406,17 @@ class _Step:
         rim = self.window[0] if self.sign > 0 else self.window[1]
         return not found.at_end and abs(found.cycle.value - rim) < 1e-6 * abs(rim)
 
-    def settled(self, found: Fold) -> Cycle | None:
-        """The true solution at the same value, if Newton's method comes to one that is not far off."""
-        return self._at(found.cycle.value, found.cycle)
+    def settled(self, value: float, near: Cycle) -> Cycle | None:
+        """The true solution at a value, if Newton's method comes to one that is not far off."""
+        true = balanced(self.model, value, near)
+        return None if true is None or abs(true.omega / near.omega - 1.0) > 0.1 else true
 
     def beyond(self, found: Fold) -> Cycle | None:
         """A true solution a little further on, where the solution is only one for its switches."""
-        for share in _BEYOND:
-            value = found.cycle.value - self.sign * share * abs(found.cycle.value)
-            if self.model.low <= value <= self.model.high:
-                true = self._at(value, found.cycle)
-                if true is not None:
-                    return true
-        return None
-
-    def _at(self, value: float, near: Cycle) -> Cycle | None:
-        true = balanced(self.model, value, near)
-        return None if true is None or abs(true.omega / near.omega - 1.0) > 0.1 else true
+        near = found.cycle
+        values = (near.value - self.sign * share * abs(near.value) for share in _BEYOND)
+        tried = (self.settled(value, near) for value in values if self.model.low <= value <= self.model.high)
+        return next((true for true in tried if true is not None), None)
 
     def same_switches(self, found: Fold) -> bool:
         """Whether the elements make just these switches at the solution."""

@@ -77,7 +77,6 @@ def verify(
     margin: float,
     n_starts: int,
     seed: int,
-    threads: int = 1,
     allowed: Allowed | None = None,
     beyond: LimitCycle | None = None,
 ) -> Verification:
@@ -97,8 +96,6 @@ def verify(
         Runs of the cloud.
     seed : int
         Of the cloud.
-    threads : int
-        For the runs; the result does not depend on it.
     allowed : Allowed, optional
         The stable cycles that may be there.
     beyond : LimitCycle, optional
@@ -118,7 +115,7 @@ def verify(
         missing.append(f"the search finds {count(len(bad), 'limit cycle')}{larger} on the safe side")
     elif search.left_open:
         missing.append("the search left a run undecided on the safe side")
-    fates = _settling(case, orbit, n_starts, seed, threads, allowed) if n_starts else _Fates()
+    fates = _settling(case, orbit, n_starts, seed, allowed) if n_starts else _Fates()
     n_settled, n_moving, met = fates.n_settled, fates.n_moving, fates.orbits
     if n_moving:
         fate = "come to rest" if allowed is None else "come to rest, or to a cycle that is allowed,"
@@ -160,9 +157,7 @@ def _orbit_at(question: BoundProblem, value: float, near: LimitCycle, allowed: A
     return next((c for c in find_limit_cycles(case) if allowed is None or (c.stable and allowed.exceeded_by(c))), None)
 
 
-def _settling(
-    case: CaseLike, orbit: LimitCycle, n_starts: int, seed: int, threads: int, allowed: Allowed | None
-) -> _Fates:
+def _settling(case: CaseLike, orbit: LimitCycle, n_starts: int, seed: int, allowed: Allowed | None) -> _Fates:
     """How the runs of a cloud end: at rest (or within what is allowed), on which orbits, or undecided.
 
     Near its bound a cycle that has vanished slows down whatever passes its ghost, so that many runs are undecided at
@@ -175,7 +170,7 @@ def _settling(
     rest = rest_of(hybrid, to)
     starts = cloud(hybrid, rest, system.v0, size, n_starts, seed)
     stack = HybridStack.of([hybrid], system.signals.names).take(np.zeros(n_starts, int))
-    ends = ends_of(simulate_batch(replace(stack, x0=starts), to.horizon, threads=threads), allowed)
+    ends = ends_of(simulate_batch(replace(stack, x0=starts), to.horizon), allowed)
     undecided = [i for i, status in enumerate(ends) if status is not Status.SETTLED]
     fates = _Fates(n_starts - len(undecided))
     for k, i in enumerate(undecided):
