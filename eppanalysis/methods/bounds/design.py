@@ -8,10 +8,11 @@ asked (``sizes``), of a sampled loop ``searched``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, Future
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import call
 from typing import Any
 
 import numpy as np
@@ -183,13 +184,15 @@ def design_bounds(
         SearchedProblem(allowed, margin, own_run, why, progress=progress if workers == 1 else None) if why else None
     )
     _check_asking(settings, asking, own_run, prove)
-    own: Callable[[float], BoundCell] | None = None  # of a cell that has nothing in common with others
+    jobs: Iterator[Callable[[], BoundCell]]
     if asking is not None:
-        own = partial(searched_cell, question, asking=asking)
+        jobs = (partial(searched_cell, question, v, asking) for v in values)
     elif allowed is not None:
-        own = partial(sized_cell, question, settings=settings)
+        jobs = (partial(sized_cell, question, v, settings) for v in values)
+    else:  # describing functions one after another, in this process, and the rest of each cell on all workers
+        jobs = (partial(_corrected, *sweep.bound(v), v, settings) for v in values)
     with sweep.shared_by(workers) as pool:
-        cells = _each(own, values, pool, progress) if own else _cells(sweep, values, settings, progress)
+        cells = _cells(jobs, len(values), pool, progress)
     if prove:
         cells = [with_proofs(replace(question, case=case).at(c.value), c) for c in cells]
     facts = {"over": over, "limit": limit, "within": (low, high), "margin": margin, "starts": starts, "seed": seed}
@@ -304,40 +307,14 @@ def _check_pair(case: CaseLike, over: str, value: float, limit: str, end: float)
 
 
 def _cells(
-    sweep: BalancedSweep, values: Sequence[float], settings: Settings, progress: Progress | None
+    jobs: Iterator[Callable[[], BoundCell]], n: int, pool: Executor | None, progress: Progress | None
 ) -> list[BoundCell]:
-    """All cells: describing functions one after another, correction and tests as they come, on all workers."""
-    cells: dict[int, BoundCell] = {}
-    waiting: dict[int, Future[BoundCell]] = {}
-
-    def finish(i: int, cell: BoundCell) -> None:
-        cells[i] = cell
-        if progress is not None:
-            progress(len(cells), len(values), "")
-
-    # The sweep itself runs in this process, so one of the workers' places is taken for part of the time.
-    for i, value in enumerate(values):
-        job = partial(_corrected, *sweep.bound(value), value, settings)
-        if sweep.pool is None:
-            finish(i, job())
-        else:
-            waiting[i] = sweep.pool.submit(job)
-        for k in [k for k, future in waiting.items() if future.done()]:
-            finish(k, waiting.pop(k).result())
-    for k, future in waiting.items():
-        finish(k, future.result())
-    return [cells[i] for i in range(len(values))]
-
-
-def _each(
-    ask: Callable[[float], BoundCell], values: Sequence[float], pool: Executor | None, progress: Progress | None
-) -> list[BoundCell]:
-    """All cells that have nothing in common, as they come, on all workers."""
+    """All cells, on all workers."""
     cells: list[BoundCell] = []
-    for cell in (map if pool is None else pool.map)(ask, values):
+    for cell in (map if pool is None else pool.map)(call, jobs):
         cells.append(cell)
         if progress is not None:
-            progress(len(cells), len(values), "")
+            progress(len(cells), n, "")
     return cells
 
 
