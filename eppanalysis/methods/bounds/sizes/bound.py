@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -106,6 +106,15 @@ def _seen_at(question: BoundProblem, allowed: Allowed, value: float) -> _Seen:
     return value, tuple(c for c in search if allowed.exceeded_by(c)), not search.left_open
 
 
+def predicted_too_large(question: BoundProblem, allowed: Allowed | None, value: float) -> bool:
+    """Whether the DF has a cycle at a value that is larger than allowed; any, where no size is."""
+    try:
+        cycles = predicted_cycles(question.case_at(value))
+    except ModelError:  # an element without a describing function
+        return False
+    return any(allowed is None or allowed.exceeded_by(c) for c in cycles)
+
+
 def first_order_bound(question: BoundProblem, allowed: Allowed, found: Scan) -> float:
     """Where the largest stable cycle of the DF becomes larger than allowed [SI]; nan where it does not nearby.
 
@@ -113,13 +122,7 @@ def first_order_bound(question: BoundProblem, allowed: Allowed, found: Scan) -> 
     there and not at the safe end.
     """
     safe, far = question.ends(found.sign)
-
-    def too_large(value: float) -> bool:
-        try:
-            return any(allowed.exceeded_by(c) for c in predicted_cycles(question.case_at(value)))
-        except ModelError:  # an element without a describing function
-            return False
-
+    too_large = partial(predicted_too_large, question, allowed)
     other = next((v for v in (found.value, found.safe, far) if too_large(v)), None)
     if other is None or too_large(safe):
         return float("nan")
