@@ -14,14 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.balanced import BalancedBound, BoundProblem, spread, steady_loop
 from eppanalysis.methods.bounds.fold import Cycle, balanced
-from eppanalysis.methods.bounds.numbers import ParametricModel
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.continuation.branch import continue_branch
 from eppanalysis.methods.continuation.result import Branch
@@ -164,22 +163,16 @@ def _branch(question: BoundProblem, start: float, stop: float, cycle: LimitCycle
 def _cycles_inside(question: BoundProblem, near: Cycle, value: float) -> Iterator[LimitCycle]:
     """Cycles of the balance at a value inside its bound, carried there from the bound at once, else in steps."""
     model = question.model()
-    here = _carried(model, near, [value]) or _carried(model, near, np.geomspace(near.value, value, 4)[1:].tolist())
-    if here is None or here.value != value:
-        # What does not balance may still be near enough to the exact orbit.
-        here = Cycle(value, *((near.Z, near.omega) if here is None else (here.Z, here.omega)))
-    yield from _as_cycle(question, here)
+    here = balanced(model, value, near)
+    if here is None:
+        here = near
+        for v in np.geomspace(near.value, value, 4)[1:].tolist():
+            here = balanced(model, v, here) or here
+    # What does not balance may still be near enough to the exact orbit.
+    yield from _as_cycle(question, replace(here, value=value))
 
 
 def _as_cycle(question: BoundProblem, cycle: Cycle) -> Iterator[LimitCycle]:
     """A cycle of the balance as that of the loop; none where the elements' answer to it does not settle."""
     with suppress(Unsettled):
         yield cycle_of(steady_loop(question.case_at(cycle.value)), cycle.Z, cycle.omega)
-
-
-def _carried(model: ParametricModel, near: Cycle, values: Iterable[float]) -> Cycle | None:
-    """A cycle carried to one value after the other, as far as Newton's method gets; None where it gets to none."""
-    here = None
-    for v in values:
-        here = balanced(model, v, here or near) or here
-    return here

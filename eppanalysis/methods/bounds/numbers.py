@@ -101,7 +101,7 @@ def gather(loop: Loop, plan: Plan) -> LoopNumbers:
     Raises
     ------
     ModelError
-        If an element has a clock, or other modes than the plan says.
+        If an element has other modes than the plan says, or smooth functions of others.
     """
     s, rows = loop.system, loop.rows
     return LoopNumbers(
@@ -118,8 +118,6 @@ def gather(loop: Loop, plan: Plan) -> LoopNumbers:
 
 def _element(element: PeriodicElement, sequence: Sequence) -> ElementNumbers:
     a = element.automaton
-    if element.clocked:
-        raise ModelError(f"{element.name}: an element with a clock has no bound by harmonic balance.")
     modes = [step[2] for step in sequence.steps] or [sequence.mode]
     try:
         mode_guards = [element.guard_of(before, number) for before, number, _, _ in sequence.steps]

@@ -20,8 +20,6 @@ _BRACKET, _HALVINGS = 0.08, 5
 #: Rounds of runs: how often the end of a bracket is tried, and with its halvings.
 _ENDS = 2
 ROUNDS = _ENDS + _HALVINGS
-#: Length of a run in periods of the orbit at the nominal bound.
-PERIODS = 40.0
 #: Most influential parameters, in all corners of which the worst case is checked.
 _CHECKED = 3
 

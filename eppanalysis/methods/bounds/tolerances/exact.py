@@ -15,7 +15,8 @@ from eppanalysis.methods.bounds.balanced import BalancedSweep, BoundProblem
 from eppanalysis.methods.bounds.elasticity import exact_slopes
 from eppanalysis.methods.bounds.exact import of_balance
 from eppanalysis.methods.bounds.result import Finding
-from eppanalysis.methods.bounds.tolerances.box import PERIODS, Box, Place
+from eppanalysis.methods.bounds.tolerances.box import Box, Place
+from eppanalysis.methods.bounds.verify import PERIODS
 from eppanalysis.methods.continuation.steps import BranchPoint
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
