@@ -9,7 +9,7 @@ tells itself: at places so near to each other that the function between them is 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -65,6 +65,13 @@ class Polynomial:
     coefficients: Array
     noise: Array
 
+    @property
+    def used(self) -> BoolArray:
+        """Which entries are not zero throughout, shape (n,)."""
+        used = self.base != 0.0
+        used[self.places] = True
+        return used
+
     def covers(self, x: float) -> bool:
         """Whether a place is within the range."""
         return abs(x - self.middle) <= self.half * (1.0 + 1e-12)
@@ -100,13 +107,17 @@ def constant(values: Array, x: float) -> Polynomial:
     return Polynomial(x, 0.0, values, np.zeros(0, np.intp), np.zeros((1, 0)), none)
 
 
-def polynomial(function: Callable[[float], Array | None], low: float, high: float) -> Polynomial | None:
+def polynomial(
+    function: Callable[[float], Array | None], low: float, high: float, degrees: Sequence[int] = DEGREES
+) -> Polynomial | None:
     """The polynomial of a vector of functions between two places.
 
     Parameters
     ----------
     function : callable
         The vector (n,) at a place; None where it is another one.
+    degrees : sequence of int
+        Those of `DEGREES` that are tried, the first among them.
 
     Returns
     -------
@@ -125,9 +136,9 @@ def polynomial(function: Callable[[float], Array | None], low: float, high: floa
     if first is None:
         return None
     known, n, noise = {0.5: first}, first.size, None
-    coefficients, left = np.zeros((DEGREES[-1] + 1, n)), np.zeros(n)
+    coefficients, left = np.zeros((degrees[-1] + 1, n)), np.zeros(n)
     before, is_open = np.full(n, np.inf), np.ones(n, bool)
-    for degree in DEGREES:
+    for degree in degrees:
         nodes = np.cos(np.pi * np.arange(degree + 1) / degree)
         for k in range(degree + 1):
             if k / degree not in known:

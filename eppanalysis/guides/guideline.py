@@ -17,11 +17,11 @@ from typing import Any, ParamSpec, TypeVar
 from eppanalysis.arguments import check_counts
 from eppanalysis.cases import Case, as_case, variation_of
 from eppanalysis.errors import EppError
+from eppanalysis.guides.beyond import OwnRuns, own_runs, smallest_trigger
 from eppanalysis.guides.result import GAIN, LIMIT, Guide, GuideRow
 from eppanalysis.methods.bounds.balanced import BalancedSweep, BoundProblem, value_of
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch, design_bounds, range_within
 from eppanalysis.methods.bounds.proved import with_proofs
-from eppanalysis.methods.bounds.regions import OwnRuns, own_runs, smallest_trigger
 from eppanalysis.methods.bounds.result import BoundCell
 from eppanalysis.methods.bounds.searched import why_by_search
 from eppanalysis.methods.bounds.sizes.allowed import Allowed

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 
 import eppanalysis as epp
 from eppanalysis.cli.commands import app
+from eppanalysis.guides.beyond import own_runs, smallest_trigger
 from eppanalysis.guides.result import Region
 from eppanalysis.methods.bounds.balanced import BoundProblem
-from eppanalysis.methods.bounds.regions import own_runs, smallest_trigger
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from tests import made_bounds

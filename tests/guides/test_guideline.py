@@ -19,13 +19,13 @@ from typer.testing import CliRunner
 import eppanalysis as epp
 from eppanalysis.cli.bounds import sentences as bounds_sentences
 from eppanalysis.cli.commands import app
+from eppanalysis.guides.beyond import OwnRuns
 from eppanalysis.guides.files import FILES
 from eppanalysis.guides.manual import limit_grid
 from eppanalysis.guides.result import Guide, GuideRow, Region
 from eppanalysis.limits import cut
 from eppanalysis.methods.bounds.balanced import BoundProblem, look
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch
-from eppanalysis.methods.bounds.regions import OwnRuns
 from eppanalysis.methods.bounds.result import BoundCell
 from eppanalysis.methods.bounds.tolerances.bound import half_widths_of
 from eppanalysis.results.provenance import Provenance

@@ -19,12 +19,10 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.methods.bounds.fold import Cycle, Fold, Programmes, balanced, extreme
+from eppanalysis.methods.bounds.fold import Cycle, Fold, Programmes, balanced, extreme, missed
 from eppanalysis.methods.bounds.numbers import ParametricModel, loop_of
 from eppanalysis.methods.bounds.result import Finding
-from eppanalysis.methods.harmonic.balance import settled
-from eppanalysis.methods.harmonic.elements import Unsettled
-from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of
+from eppanalysis.methods.harmonic.loop import Loop, inputs_of
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.search.find import find_limit_cycles, seeds_of
 from eppanalysis.methods.simulation.in_samples import InSamples
@@ -45,7 +43,7 @@ Each = Callable[[Callable[[float], Any], Iterable[float]], Iterable[Any]]
 
 @dataclass(frozen=True, eq=False)
 class BoundProblem:
-    """A case with the parameter that runs and the one that is bounded."""
+    """A case with the parameter that runs and the one that is bounded; functions take it at one value of the first."""
 
     case: CaseLike
     limit: str  # the parameter that is bounded
@@ -58,6 +56,10 @@ class BoundProblem:
         """The same question at a value of the parameter that runs."""
         return self if self.over is None else replace(self, case=self.case.with_values({self.over: value}), over=None)
 
+    def ends(self, sign: float) -> tuple[float, float]:
+        """The end of the range that is safe, if any is, and the other one; sign 1 where cycles are at large values."""
+        return (self.low, self.high) if sign > 0 else (self.high, self.low)
+
     def case_at(self, value: float) -> CaseLike:
         """The case with a value of the limiting parameter."""
         return self.case.with_values({self.limit: value})
@@ -67,7 +69,7 @@ class BoundProblem:
         unit, factor = self.case.readable(self.limit)
         return ", ".join(f"{factor * value:.4g} {unit}".rstrip() for value in values)
 
-    def numbers(self) -> ParametricModel:
+    def model(self) -> ParametricModel:
         """The loop's numbers over the limiting parameter."""
         return ParametricModel(lambda v: steady_loop(self.case_at(v)), self.low, self.high)
 
@@ -134,16 +136,7 @@ def look(question: BoundProblem, n_scan: int = N_SCAN, each: Each = map) -> Scan
     """Scan the range of the limiting parameter for cycles.
 
     Whether a cycle exists at a value is what the exact search says of it: the DF sees some cycles that are not
-    there, and misses others (friction with integral action, jumps).
-
-    Parameters
-    ----------
-    question : Question
-        At one value of the parameter that runs.
-    n_scan : int
-        Number of values.
-    each : callable
-        How one function is called with many values: ``map``, or that of a pool of processes.
+    there, and misses others (friction with integral action, jumps). `each` is ``map``, or that of a pool of processes.
     """
     values = spread(question.low, question.high, n_scan)
     if idle(question, values):
@@ -230,23 +223,17 @@ def scales(question: BoundProblem, cycle: Cycle) -> bool:
 
     True of loops in which the parameter is the only length: play in an otherwise linear loop, say.
     """
-    true = settled(steady_loop(question.case_at(cycle.value)), cycle.Z, cycle.omega)
+    model = question.model()
+    true = balanced(model, cycle.value, cycle)
     if true is None:
         return False
-    cycle = Cycle(cycle.value, *true)
     # The enlarged motion is put into the balance and not searched for: what scales leaves no residual at all.
     for factor in _SCALED:
-        value = cycle.value * factor
+        larger = Cycle(true.value * factor, true.Z * factor, true.omega)
         try:
-            loop = steady_loop(question.case_at(value))
-            equations = Equations(loop, cycle.order, 0, np.ones(cycle.order))
-            Z = cycle.Z * factor
-            W, _ = loop.answers(Z, cycle.omega)
-        except (EppError, Unsettled):
-            return False
-        r = equations.residual(Z, W, loop.linear(cycle.omega, cycle.order))[:-1]
-        _, rows = equations.scales(equations.pack(Z, cycle.omega), W)
-        if not float(np.abs(r / rows[:-1]).max()) < 1e-8:
+            if not missed(model.loop(larger.value), larger) < 1e-8:
+                return False
+        except EppError:
             return False
     return True
 
@@ -297,35 +284,31 @@ class BalancedSweep:
 
     def bound_of(self, question: BoundProblem) -> BalancedBound:
         """The bound of a question like the sweep's own, at one value of the parameter that runs."""
-        numbers = question.numbers()
-        if not self._ready(question, numbers):
-            assert self.outlook is not None
-            return BalancedBound(self.outlook.finding, self.outlook.sign, message=self.outlook.note)
-        assert self.outlook is not None
-        sign, note = self.outlook.sign, self.outlook.note
-        fold = self._farthest(numbers, sign)
+        model = question.model()
+        outlook = self._outlook(question, model)
+        if outlook.finding is not Finding.BOUND or not self.far:
+            return BalancedBound(outlook.finding, outlook.sign, message=outlook.note)
+        fold = self._farthest(model, outlook.sign)
         finding = Finding.FAILED if fold is None else Finding.BEYOND if fold.at_end else Finding.BOUND
-        return BalancedBound(finding, sign, fold, self.far, note)
+        return BalancedBound(finding, outlook.sign, fold, self.far, outlook.note)
 
-    def _ready(self, question: BoundProblem, numbers: ParametricModel) -> bool:
-        """Cycles to begin from: carried over from the last value, or sought anew."""
+    def _outlook(self, question: BoundProblem, model: ParametricModel) -> ScanResult:
+        """Where cycles exist, with those to begin from: carried over from the last value, or sought anew."""
         # Newton's method from the last value's cycles is cheap; the exact
-        # search over the range runs again only where all are lost.
-        carried = tuple(c for c in (balanced(numbers, c.value, c) for c in self.far) if c is not None)
-        if carried and self.outlook is not None:
-            self.far = carried
-            return True
-        # A pool that is at work already is given nothing more.
-        self.outlook = look(question, each=map if self.pool is None or self.outlook is not None else self.pool.map)
-        self.far = self.outlook.cycles
-        return self.outlook.finding is Finding.BOUND and bool(self.far)
+        # search over the range is asked again only where all are lost.
+        carried = tuple(c for c in (balanced(model, c.value, c) for c in self.far) if c is not None)
+        if not carried or self.outlook is None:
+            # A pool that is at work already is asked for nothing more.
+            self.outlook = look(question, each=map if self.pool is None or self.outlook is not None else self.pool.map)
+        self.far = carried or self.outlook.cycles
+        return self.outlook
 
-    def _farthest(self, numbers: ParametricModel, sign: float) -> Fold | None:
+    def _farthest(self, model: ParametricModel, sign: float) -> Fold | None:
         """The farthest of the last folds of all families; where one is lost, and now and then, also from far away."""
-        found = [extreme(numbers, self.programmes, f, sign) for f in self.families]
+        found = [extreme(model, self.programmes, f, sign) for f in self.families]
         # A family that appears on the way has no last fold to be followed from, and is only found from afar.
         if self.done % _AFRESH == 0 or not found or None in found:
-            found += [extreme(numbers, self.programmes, c, sign, _FAR) for c in self.far]
+            found += [extreme(model, self.programmes, c, sign, _FAR) for c in self.far]
         self.done += 1
         self.families = tuple({f"{f.cycle.value:.6e}": f for f in found if f is not None}.values())
         return min(self.families, key=lambda f: sign * f.cycle.value, default=None)

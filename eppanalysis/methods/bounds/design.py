@@ -1,17 +1,18 @@
 """Bounds of a design: how far one parameter may go at each value of another before any limit cycle exists.
 
 Each bound is found by describing functions, corrected to the exact fold, put to the test on both sides, and comes with
-its elasticities. The parts are in ``harmonic`` (search and
-sweep), ``fold`` (the nonlinear programme), ``equations`` (its equations), ``exact``, ``verify`` and ``elasticity``.
-Where a size of cycles is allowed, exact orbits alone are used (``sizes``), of a sampled loop ``searched``.
+its elasticities. The parts are in ``balanced`` (search and sweep), ``fold`` (the nonlinear programme), ``equations``
+(its equations), ``exact``, ``verify`` and ``elasticity``. Where a size of cycles is allowed, exact orbits alone are
+asked (``sizes``), of a sampled loop ``searched``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, Future
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import call
 from typing import Any
 
 import numpy as np
@@ -183,13 +184,15 @@ def design_bounds(
         SearchedProblem(allowed, margin, own_run, why, progress=progress if workers == 1 else None) if why else None
     )
     _check_asking(settings, asking, own_run, prove)
-    own: Callable[[float], BoundCell] | None = None  # of a cell that has nothing in common with others
+    jobs: Iterator[Callable[[], BoundCell]]
     if asking is not None:
-        own = partial(searched_cell, question, asking=asking)
+        jobs = (partial(searched_cell, question, v, asking) for v in values)
     elif allowed is not None:
-        own = partial(sized_cell, question, settings=settings)
+        jobs = (partial(sized_cell, question, v, settings) for v in values)
+    else:  # describing functions one after another, in this process, and the rest of each cell on all workers
+        jobs = (partial(_corrected, *sweep.bound(v), v, settings) for v in values)
     with sweep.shared_by(workers) as pool:
-        cells = _each(own, values, pool, progress) if own else _cells(sweep, values, settings, progress)
+        cells = _cells(jobs, len(values), pool, progress)
     if prove:
         cells = [with_proofs(replace(question, case=case).at(c.value), c) for c in cells]
     facts = {"over": over, "limit": limit, "within": (low, high), "margin": margin, "starts": starts, "seed": seed}
@@ -304,49 +307,14 @@ def _check_pair(case: CaseLike, over: str, value: float, limit: str, end: float)
 
 
 def _cells(
-    sweep: BalancedSweep, values: Sequence[float], settings: Settings, progress: Progress | None
+    jobs: Iterator[Callable[[], BoundCell]], n: int, pool: Executor | None, progress: Progress | None
 ) -> list[BoundCell]:
-    """All cells: describing functions one after another, correction and tests as they come, on all workers."""
-    cells: list[BoundCell | None] = [None] * len(values)
-    waiting: dict[int, tuple[BoundCell, Future[_Checked]]] = {}
-    done = 0
-
-    def finish(i: int, cell: BoundCell, checked: _Checked | None) -> None:
-        nonlocal done
-        cells[i] = cell if checked is None else _joined(cell, checked)
-        done += 1
-        if progress is not None:
-            progress(done, len(values), "")
-
-    # The sweep itself runs in this process, so one of the workers' places is taken for part of the time.
-    for i, value in enumerate(values):
-        here, bound = sweep.bound(value)
-        cell = _from_balance(value, bound)
-        if not settings.exact or bound.finding not in _CORRECTED:
-            finish(i, cell, None)
-            continue
-        job = (here, bound, settings)
-        if sweep.pool is None:
-            finish(i, cell, _check(*job))
-        else:
-            waiting[i] = cell, sweep.pool.submit(_check, *job)
-        for k in [k for k, (_, future) in waiting.items() if future.done()]:
-            ready, future = waiting.pop(k)
-            finish(k, ready, future.result())
-    for k, (ready, future) in waiting.items():
-        finish(k, ready, future.result())
-    return [c for c in cells if c is not None]
-
-
-def _each(
-    ask: Callable[[float], BoundCell], values: Sequence[float], pool: Executor | None, progress: Progress | None
-) -> list[BoundCell]:
-    """All cells that have nothing in common, as they come, on all workers."""
+    """All cells, on all workers."""
     cells: list[BoundCell] = []
-    for cell in (map if pool is None else pool.map)(ask, values):
+    for cell in (map if pool is None else pool.map)(call, jobs):
         cells.append(cell)
         if progress is not None:
-            progress(len(cells), len(values), "")
+            progress(len(cells), n, "")
     return cells
 
 
@@ -361,7 +329,7 @@ def sized_cell(question: BoundProblem, value: float, settings: Settings) -> Boun
     cell = replace(cell, first_order=first_order_bound(here, settings.allowed, found))
     try:
         bound = bound_of_size(here, settings.allowed, found)
-        cell = _joined(cell, checked_bound(here, bound, found.sign, settings))
+        cell = checked_bound(here, cell, bound, settings)
     except (EppError, np.linalg.LinAlgError) as error:
         cell = replace(cell, message=f"Not corrected: the exact orbits failed ({str(error).rstrip('.')}).")
     message = " ".join(text for text in (found.note, cell.message) if text and text not in found.note)
@@ -369,29 +337,21 @@ def sized_cell(question: BoundProblem, value: float, settings: Settings) -> Boun
     return replace(cell, size=size, message=message or cell.message)
 
 
-@dataclass(frozen=True, eq=False)
-class _Checked:
-    """What correction and tests of a cell gave, without what only the process that made it can hold."""
-
-    bound: ExactBound
-    verification: Verification | None
-    elasticities: Mapping[str, float]
-
-
-def _check(question: BoundProblem, bound: BalancedBound, settings: Settings) -> _Checked:
-    """Correct and test one bound; what fails is said in its cell and does not end the sweep."""
-    sign = bound.sign
+def _corrected(question: BoundProblem, bound: BalancedBound, value: float, settings: Settings) -> BoundCell:
+    """One cell, its bound corrected and tested; what fails is said in it and does not end the sweep."""
+    cell = _from_balance(value, bound)
+    if not settings.exact or bound.finding not in _CORRECTED:
+        return cell
     near = bound.fold.cycle.value if bound.fold is not None and bound.finding is Finding.BOUND else None
     try:
         found = ExactBound() if near is None else of_balance(question, bound)
         # Describing functions may see no cycle at all, as with hunting.
         if found.cycle is None:
-            end = question.low if sign > 0 else question.high
-            other = searched(question, end if near is None else near, sign)
+            other = searched(question, question.ends(bound.sign)[0] if near is None else near, bound.sign)
             found = other if other.cycle is not None or other.kind or near is None else found
-        return checked_bound(question, found, sign, settings)
+        return checked_bound(question, cell, found, settings)
     except (EppError, np.linalg.LinAlgError) as error:
-        return _Checked(ExactBound(message=f"the correction failed ({error})"), None, {})
+        return _joined(cell, ExactBound(message=f"the correction failed ({error})"))
 
 
 def bound_of_branch(question: BoundProblem, value: float, branch: Branch, settings: Settings) -> BoundCell | None:
@@ -402,10 +362,8 @@ def bound_of_branch(question: BoundProblem, value: float, branch: Branch, settin
 
     Parameters
     ----------
-    question : Question
-        At one value of the parameter that runs.
     value : float
-        That value [SI].
+        Of the parameter that runs [SI].
     branch : Branch
         Over the limiting parameter, from cycles above their bound.
 
@@ -419,34 +377,34 @@ def bound_of_branch(question: BoundProblem, value: float, branch: Branch, settin
         return None
     cell = BoundCell(value=value, finding=Finding.BOUND)
     try:
-        return _joined(cell, checked_bound(question, turn, 1.0, settings))
+        return checked_bound(question, cell, turn, settings)
     except (EppError, np.linalg.LinAlgError) as error:
         return replace(cell, exact=turn.value, kind=turn.kind, message=f"Not verified: the tests failed ({error}).")
 
 
-def checked_bound(question: BoundProblem, found: ExactBound, sign: float, settings: Settings) -> _Checked:
-    """Test one exact bound; where a test finds another family on the safe side, its bound is the next to be tested."""
+def checked_bound(question: BoundProblem, cell: BoundCell, found: ExactBound, settings: Settings) -> BoundCell:
+    """A cell with its exact bound, tested; where a test finds another family on the safe side, that one's is next."""
     if found.cycle is None:
-        return _Checked(found, None, {})
+        return _joined(cell, found)
     tested: Verification | None = None
     for turns_left in reversed(range(_MOST_FAMILIES if settings.verify else 0)):
         assert found.cycle is not None
         tested = verify(
             question,
             found.value,
-            sign,
+            cell.sign,
             found.cycle,
             margin=settings.margin,
             n_starts=settings.starts,
             seed=settings.seed,
             allowed=settings.allowed,
         )
-        further = _further(question, tested, sign, settings.allowed) if turns_left else None
+        further = _further(question, tested, cell.sign, settings.allowed) if turns_left else None
         if further is None:
             break
         found = further
     slopes = Deferred(partial(_elasticities, question, found, settings.allowed))
-    return _Checked(replace(found, point=None), tested, slopes)
+    return _joined(cell, found, tested, slopes)
 
 
 def _further(question: BoundProblem, tested: Verification, sign: float, allowed: Allowed | None) -> ExactBound | None:
@@ -479,9 +437,13 @@ def _from_balance(value: float, bound: BalancedBound) -> BoundCell:
     )
 
 
-def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
+def _joined(
+    cell: BoundCell,
+    bound: ExactBound,
+    test: Verification | None = None,
+    slopes: Mapping[str, float] | None = None,
+) -> BoundCell:
     """A cell with what correction and tests gave."""
-    bound, test = checked.bound, checked.verification
     if bound.kind == Turn.END:
         return replace(cell, finding=Finding.BEYOND, message=Finding.BEYOND.sentence)
     # What describing functions know besides, of cycles beyond the bound, say, holds whatever the tests give.
@@ -499,7 +461,7 @@ def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
         exact=bound.value,
         kind=bound.kind,
         frequency=1.0 / bound.period,
-        elasticities=checked.elasticities,
+        elasticities={} if slopes is None else slopes,
         orbit=bound.cycle,
     )
     if test is None:

@@ -61,27 +61,18 @@ def parameters_of(question: BoundProblem) -> list[str]:
 def harmonic_slopes(
     question: BoundProblem, programmes: Programmes, fold: Fold, sizes: Mapping[str, float]
 ) -> dict[str, float]:
-    """Derivative of the bound of a fold by parameters; nan where one changes the structure of the loop.
+    """Derivative of the bound of a fold by parameters, each with what is a large change of it [SI].
 
-    Parameters
-    ----------
-    question : Question
-        At one value of the parameter that runs.
-    programmes : Programmes
-        Those of the fold.
-    sizes : mapping of str to float
-        The parameters, and what counts as a large change of each [SI].
+    It is nan where a parameter changes the structure of the loop.
     """
     value = fold.cycle.value
-    numbers = question.numbers()
-    dependence = numbers.dependence(fold.plan, value)
+    model = question.model()
+    numbers = model.numbers(fold.plan, value)
     _, pivot = anchored(fold.cycle.Z)
-    expressions = programmes.expressions(fold.plan, numbers.loop(value), dependence, pivot)
-    used = dependence.used
+    expressions = programmes.expressions(fold.plan, model.loop(value), numbers, pivot)
+    used = numbers.used
     gradient = np.zeros(used.size)
-    gradient[used] = np.array(
-        expressions.by_numbers(fold.unknowns, dependence.at(value)[used], fold.multipliers)
-    ).ravel()
+    gradient[used] = np.array(expressions.by_numbers(fold.unknowns, numbers.at(value)[used], fold.multipliers)).ravel()
     case, out = question.case_at(value), {}
     for name, size in sizes.items():
         slope = _slope(case, name, fold.plan, size)
@@ -105,13 +96,6 @@ def exact_elasticities(question: BoundProblem, point: BranchPoint) -> dict[str, 
     At a fold the equations of the orbit are singular. At a border collision those are overdetermined that are left when
     the arc that has no duration is kept so. Either way one combination of them does not feel the orbit, only the
     parameters.
-
-    Parameters
-    ----------
-    question : Question
-        At one value of the parameter that runs.
-    point : Point
-        The fold, or the border collision with the arc that has no duration there.
     """
     scale = question.case.value
     slopes = exact_slopes(question, point, {name: abs(scale(name)) for name in parameters_of(question)})
@@ -119,16 +103,9 @@ def exact_elasticities(question: BoundProblem, point: BranchPoint) -> dict[str, 
 
 
 def exact_slopes(question: BoundProblem, point: BranchPoint, sizes: Mapping[str, float]) -> dict[str, float]:
-    """Derivative of an exact bound by parameters; nan where one changes the structure of the loop.
+    """Derivative of an exact bound by parameters, as :func:`harmonic_slopes` takes and has it.
 
-    Parameters
-    ----------
-    question : Question
-        At one value of the parameter that runs.
-    point : Point
-        As for :func:`exact_elasticities`.
-    sizes : mapping of str to float
-        The parameters, and what counts as a large change of each [SI].
+    `point` is the fold, or the border collision with the arc that has no duration there.
     """
     orbit, case, value = point.orbit, question.case_at(point.value), question.case.value
     arc = None if point.arc is not None else linear_arc(orbit)
@@ -175,21 +152,9 @@ def _damping_slope(case: CaseLike, name: str, value: float, orbit: Orbit, arc: i
 def size_elasticities(
     question: BoundProblem, point: BranchPoint, allowed: Allowed, names: Collection[str] | None = None
 ) -> dict[str, float]:
-    """Elasticity, by parameters, of a bound at which an orbit reaches an allowed size, and by that size itself.
+    """Elasticity of a bound at which an orbit reaches an allowed size, by parameters (by default all of the case).
 
-    Parameters
-    ----------
-    question : Question
-        At one value of the parameter that runs.
-    point : Point
-        The orbit there.
-    names : collection of str, optional
-        Those that are wanted; by default all parameters of the case.
-
-    Returns
-    -------
-    dict of str to float
-        nan where a parameter changes the structure of the loop; the allowed size goes by the name "allowed".
+    It is nan where a parameter changes the structure of the loop; that by the size itself goes by the name "allowed".
     """
     at_bound, bound = question.case_at(point.value), point.value
     by_limit = _growth(at_bound, question.limit, bound, point, allowed)

@@ -30,10 +30,11 @@ from numpy.typing import NDArray
 
 from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.bounds.numbers import DEGREE, Dependence, ElementNumbers, LoopNumbers, Plan
+from eppanalysis.methods.bounds.numbers import ElementNumbers, LoopNumbers, Plan
 from eppanalysis.methods.harmonic.series import TURN
 from eppanalysis.models.elements.automaton import LEAST
 from eppanalysis.models.systems.signals import slices
+from eppanalysis.polynomials import Polynomial
 
 _NODES_MOST = 40
 
@@ -80,6 +81,7 @@ class Expressions:
     """The balance of one plan as a CasADi function."""
 
     plan: Plan
+    pivot: int  # input whose fundamental is a sine
     layout: Layout
     residual: Any  # from (unknowns, numbers) to the equations
     used: BoolArray  # which numbers are not structurally zero
@@ -135,32 +137,25 @@ def write(
     )
     X = ca.SX.sym("X", layout.size)
     theta = ca.SX.sym("theta", int(np.sum(used)))
-    numbers = _Symbols.of(shape, used, theta)
-    equations = _Writer(layout, plan, X, numbers, kinds, pivot).equations()
-    return Expressions(plan, layout, ca.Function("residual", [X, theta], [equations]), used)
+    equations = _Writer(layout, plan, X, _symbols(shape, used, theta), kinds, pivot).equations()
+    return Expressions(plan, pivot, layout, ca.Function("residual", [X, theta], [equations]), used)
 
 
-@dataclass(frozen=True, eq=False)
-class _Symbols:
-    """The arrays of LoopNumbers as expressions: zeros where nothing is, symbols elsewhere."""
+def _symbols(shape: LoopNumbers, used: BoolArray, theta: Any) -> LoopNumbers:
+    """The numbers as expressions: zeros where nothing is, symbols elsewhere."""
+    symbols = np.zeros(used.size, dtype=object)
+    symbols[used] = ca.vertsplit(theta)
+    place = 0
 
-    arrays: list[NDArray[Any]]
-    elements: list[list[NDArray[Any]]]
+    def take(like: Array) -> NDArray[Any]:
+        nonlocal place
+        part = symbols[place : place + like.size].reshape(like.shape)
+        place += like.size
+        return part
 
-    @classmethod
-    def of(cls, shape: LoopNumbers, used: BoolArray, theta: Any) -> _Symbols:
-        symbols = np.zeros(used.size, dtype=object)
-        symbols[used] = ca.vertsplit(theta)
-        place = 0
-
-        def take(like: Array) -> NDArray[Any]:
-            nonlocal place
-            part = symbols[place : place + like.size].reshape(like.shape)
-            place += like.size
-            return part
-
-        arrays = [take(a) for a in shape[:-1]]
-        return cls(arrays, [[take(a) for a in e] for e in shape.elements])
+    arrays: list[Any] = [take(a) for a in shape[:-1]]
+    arrays.append(tuple(ElementNumbers(*map(take, e)) for e in shape.elements))
+    return LoopNumbers(*arrays)
 
 
 def _matrix(array: NDArray[Any]) -> Any:
@@ -182,7 +177,7 @@ class _Writer:
     """The equations under construction; lives for one call."""
 
     def __init__(
-        self, layout: Layout, plan: Plan, X: Any, numbers: _Symbols, kinds: tuple[tuple[str, ...], ...], pivot: int
+        self, layout: Layout, plan: Plan, X: Any, numbers: LoopNumbers, kinds: tuple[tuple[str, ...], ...], pivot: int
     ) -> None:
         self.layout, self.plan, self.numbers, self.kinds, self.pivot = layout, plan, numbers, kinds, pivot
         n, width = layout.order, layout.width
@@ -198,7 +193,7 @@ class _Writer:
     def equations(self) -> Any:
         """All equations in one column."""
         n = self.layout.order
-        A, B, C, D, state, inputs, delays = (_matrix(a) if a.ndim == 2 else a for a in self.numbers.arrays)
+        A, B, C, D, state, inputs, delays = (_matrix(a) if a.ndim == 2 else a for a in self.numbers[:-1])
         outputs, rest = [], []
         for e in range(self.layout.n_inputs):
             w, more = _Element(self, e).answer()
@@ -241,7 +236,7 @@ class _Element:
 
     def __init__(self, owner: _Writer, number: int) -> None:
         self.owner, self.layout = owner, owner.layout
-        self.numbers = ElementNumbers(*owner.numbers.elements[number])
+        self.numbers = owner.numbers.elements[number]
         self.z = owner.z[number, :]
         self.phi, self.memory = owner.phases[number], owner.memory[number]
         self.steps = owner.plan.sequences[number].steps
@@ -393,21 +388,21 @@ _FUNCTIONS: dict[str, Callable[[Any, Any], Any]] = {
 }
 
 
-def polynomials(dependence: Dependence, used: BoolArray, u: Any, constants: Any, coefficients: Any) -> Any:
+def at_symbols(numbers: Polynomial, u: Any, constants: Any, coefficients: Any) -> Any:
     """The used numbers as expressions in u (the parameter, scaled to -1 .. 1), by Clenshaw's sum.
 
     Parameters
     ----------
     constants : SX, shape (n_used,)
-        The constant numbers (zero in the places of the others).
-    coefficients : SX, shape (k, DEGREE + 1)
+        The numbers that stand still (anything in the places of the others).
+    coefficients : SX, shape (degree + 1, k)
     """
-    ahead = behind = ca.SX(coefficients.shape[0], 1)
-    for d in range(DEGREE, 0, -1):
-        ahead, behind = coefficients[:, d] + 2.0 * u * ahead - behind, ahead
-    values = coefficients[:, 0] + u * ahead - behind
-    place = np.cumsum(used) - 1
+    ahead = behind = ca.SX(1, coefficients.shape[1])
+    for d in range(coefficients.shape[0] - 1, 0, -1):
+        ahead, behind = coefficients[d, :] + 2.0 * u * ahead - behind, ahead
+    values = coefficients[0, :] + u * ahead - behind
+    place = np.cumsum(numbers.used) - 1
     out = ca.SX(constants)
-    for row, where in enumerate(dependence.places):
-        out[int(place[where])] = values[row]
+    for column, where in enumerate(numbers.places):
+        out[int(place[where])] = values[column]
     return out

@@ -14,17 +14,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.balanced import BalancedBound, BoundProblem, spread, steady_loop
 from eppanalysis.methods.bounds.fold import Cycle, balanced
-from eppanalysis.methods.bounds.numbers import ParametricModel
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.continuation.branch import continue_branch
-from eppanalysis.methods.continuation.result import Branch, SpecialPoint
+from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.methods.continuation.steps import BranchPoint
 from eppanalysis.methods.harmonic.balance import cycle_of
 from eppanalysis.methods.harmonic.elements import Unsettled
@@ -44,8 +43,8 @@ BORN = {
 }
 #: The same, and where no orbit is found that continues a family.
 _ENDS = {**BORN, Change.END: Turn.BREAK}
-#: Where an orbit is looked for beyond such a place with a kink, relative to its value, and how often.
-_BEYOND, _MOST_COLLISIONS = (2e-4, 1e-3, 4e-3), 6
+#: Where an orbit is looked for beyond such a place with a kink, relative to its value, and how often at most.
+_BEYOND, _MOST_COLLISIONS = (2e-4, 1e-3, 4e-3), 5
 #: Values from a bound of the balance to the far end of the range at which exact orbits are searched for.
 _N_SEARCHED = 7
 
@@ -69,17 +68,7 @@ class ExactBound:
 
 
 def correct(question: BoundProblem, near: Cycle, sign: float) -> ExactBound:
-    """The exact bound near a bound of the balance.
-
-    Parameters
-    ----------
-    question : Question
-        At one value of the parameter that runs.
-    near : Cycle
-        The cycle of the balance at its bound.
-    sign : {1, -1}
-        1 where the cycles lie above the bound.
-    """
+    """The exact bound near a cycle of the balance at its bound; `sign` is 1 where the cycles lie above it."""
     message = "no exact orbit was found near the cycles of the describing function"
     # At the bound two orbits meet and Newton's matrix is singular, so the first orbit is closed some way inside.
     for share in _INSIDE:
@@ -110,60 +99,53 @@ def of_balance(question: BoundProblem, bound: BalancedBound) -> ExactBound:
 
 
 def searched(question: BoundProblem, near: float, sign: float) -> ExactBound:
-    """The exact bound of the cycles that the exact search finds next to a value, on the side that has cycles.
-
-    Parameters
-    ----------
-    question : Question
-        At one value of the parameter that runs.
-    near : float
-        The bound by describing functions, or where else the search is to begin [SI].
-    sign : {1, -1}
-        1 where the cycles lie above the bound.
-    """
-    end, far = (question.low, question.high) if sign > 0 else (question.high, question.low)
-    if _orbits_at(question, end):
+    """The exact bound of the cycles that the exact search finds next to a value `near`, on the side that has cycles."""
+    end, far = question.ends(sign)
+    if find_limit_cycles(question.case_at(end)):
         return ExactBound(kind=Turn.END)
-    with_cycles: list[float] = []
-    without = [end]
+    with_cycles, without = set[float](), {end}
     for value in spread(float(np.clip(near, question.low, question.high)), far, _N_SEARCHED):
-        orbits = _orbits_at(question, value) if value != end else []
+        if value == end:
+            continue
+        orbits = find_limit_cycles(question.case_at(value))
         turn = farthest_turn(question, value, orbits, sign)
         if turn is not None:
             return turn
-        if value != end:
-            (with_cycles if orbits else without).append(value)
-    return ExactBound(message=_tried(question, with_cycles, without))
-
-
-def _tried(question: BoundProblem, with_cycles: list[float], without: list[float]) -> str:
-    """What the searches over the range say where no branch shows where its cycles end."""
-    none = f"the exact search finds no limit cycle at {question.in_words(sorted(set(without)))}"
-    if not with_cycles:
-        return none
-    seen = question.in_words(sorted(set(with_cycles)))
-    some = f"limit cycles at {seen}, whose branches could not be followed to an end"
-    return f"{none}, and {some}"
-
-
-def _orbits_at(question: BoundProblem, value: float) -> list[LimitCycle]:
-    """All exact orbits that the search finds at a value, smallest first."""
-    return list(find_limit_cycles(question.case_at(value)))
+        (with_cycles if orbits else without).add(value)
+    message = f"the exact search finds no limit cycle at {question.in_words(sorted(without))}"
+    if with_cycles:
+        seen = question.in_words(sorted(with_cycles))
+        message += f", and limit cycles at {seen}, whose branches could not be followed to an end"
+    return ExactBound(message=message)
 
 
 def turn_of(
-    question: BoundProblem, branch: Branch, stop: float, sign: float, ends: Mapping[Change, Turn] = BORN
+    question: BoundProblem,
+    branch: Branch,
+    stop: float,
+    sign: float,
+    ends: Mapping[Change, Turn] = BORN,
+    collisions: int = _MOST_COLLISIONS,
 ) -> ExactBound | None:
-    """The bound where a branch turns back, or otherwise ends; None where it does not before `stop`."""
-    turn = _last_turn(question, branch, stop, sign, ends)
+    """The bound at the farthest place where a branch turns back, or otherwise ends; None where there is none by `stop`.
+
+    At a border collision the step on to the new sequence of events may have been taken the wrong way round, or none may
+    have been found. Where an orbit near the one at the border exists beyond it, the branch goes on from there.
+    """
+    turn = min((s for s in branch.special if s.kind in ends), key=lambda s: sign * s.value, default=None)
     if turn is None:
         return None
+    for share in _BEYOND if collisions and turn.kind in (Change.TURNING, Change.END) else ():
+        value = turn.value * (1.0 - sign * share)
+        further = _branch(question, value, stop, turn.cycle) if sign * (value - stop) > 0 else None
+        if further is not None:
+            return turn_of(question, further, stop, sign, ends, collisions - 1)
     return ExactBound(turn.value, turn.cycle.period, turn.cycle, ends[turn.kind], turn.point)
 
 
 def farthest_turn(question: BoundProblem, value: float, cycles: Iterable[LimitCycle], sign: float) -> ExactBound | None:
     """The farthest bound of families of which cycles at a value are known; None where none ends within the range."""
-    end = question.low if sign > 0 else question.high
+    end, _ = question.ends(sign)
     branches = (_branch(question, value, end, cycle) for cycle in cycles)
     turns = [turn_of(question, branch, end, sign, _ENDS) for branch in branches if branch is not None]
     return min((t for t in turns if t is not None), key=lambda t: sign * t.value, default=None)
@@ -178,50 +160,19 @@ def _branch(question: BoundProblem, start: float, stop: float, cycle: LimitCycle
         return None
 
 
-def _last_turn(
-    question: BoundProblem, branch: Branch, stop: float, sign: float, ends: Mapping[Change, Turn]
-) -> SpecialPoint | None:
-    """The farthest place at which a branch ends in one of these ways.
-
-    At a border collision the step on to the new sequence of events may have been taken the wrong way round, or none may
-    have been found. Where an orbit near the one at the border exists beyond it, the branch goes on from there.
-    """
-    for _ in range(_MOST_COLLISIONS):
-        turns = [s for s in branch.special if s.kind in ends]
-        turn = min(turns, key=lambda s: sign * s.value) if turns else None
-        if turn is None or turn.kind not in (Change.TURNING, Change.END):
-            return turn
-        further = None
-        for share in _BEYOND:
-            value = turn.value * (1.0 - sign * share)
-            further = _branch(question, value, stop, turn.cycle) if sign * (value - stop) > 0 else None
-            if further is not None:
-                break
-        if further is None:
-            return turn
-        branch = further
-    return turn
-
-
 def _cycles_inside(question: BoundProblem, near: Cycle, value: float) -> Iterator[LimitCycle]:
     """Cycles of the balance at a value inside its bound, carried there from the bound at once, else in steps."""
-    numbers = question.numbers()
-    here = _carried(numbers, near, [value]) or _carried(numbers, near, np.geomspace(near.value, value, 4)[1:].tolist())
-    if here is None or here.value != value:
-        # What does not balance may still be near enough to the exact orbit.
-        here = Cycle(value, *((near.Z, near.omega) if here is None else (here.Z, here.omega)))
-    yield from _as_cycle(question, here)
+    model = question.model()
+    here = balanced(model, value, near)
+    if here is None:
+        here = near
+        for v in np.geomspace(near.value, value, 4)[1:].tolist():
+            here = balanced(model, v, here) or here
+    # What does not balance may still be near enough to the exact orbit.
+    yield from _as_cycle(question, replace(here, value=value))
 
 
 def _as_cycle(question: BoundProblem, cycle: Cycle) -> Iterator[LimitCycle]:
     """A cycle of the balance as that of the loop; none where the elements' answer to it does not settle."""
     with suppress(Unsettled):
         yield cycle_of(steady_loop(question.case_at(cycle.value)), cycle.Z, cycle.omega)
-
-
-def _carried(numbers: ParametricModel, near: Cycle, values: Iterable[float]) -> Cycle | None:
-    """A cycle carried to one value after the other, as far as Newton's method gets; None where it gets to none."""
-    here = None
-    for v in values:
-        here = balanced(numbers, v, here or near) or here
-    return here

@@ -21,13 +21,15 @@ from scipy.sparse.linalg import splu
 
 from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.equations import Expressions, polynomials, write
-from eppanalysis.methods.bounds.numbers import Dependence, ParametricModel, Plan, gather, plan_of
+from eppanalysis.methods.bounds.equations import Expressions, at_symbols, write
+from eppanalysis.methods.bounds.numbers import ParametricModel, Plan, gather, plan_of
 from eppanalysis.methods.harmonic.balance import settled
+from eppanalysis.methods.harmonic.coefficients import stacked
 from eppanalysis.methods.harmonic.elements import Unsettled
-from eppanalysis.methods.harmonic.loop import Equations, Loop
+from eppanalysis.methods.harmonic.loop import Equations, Loop, unstacked
 from eppanalysis.methods.harmonic.series import TURN, anchored, orders
 from eppanalysis.models.systems.means import mean_state
+from eppanalysis.polynomials import Polynomial
 
 _MOST_PROGRAMMES, _MOST_HOPS = 40, 3
 _GENUINE = 1e-6
@@ -38,6 +40,8 @@ _BEYOND = (1e-4, 1e-3, 5e-3)
 _CLOSE = 1e-2
 #: Most steps of Newton's method to an extremum, its longest one from a neighbour's, and the size of the last one.
 _MOST_STEPS, _NEAR, _ARRIVED = 8, 1.0, 1e-11
+#: What IPOPT says of a solution, and how it is set.
+_SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 _OPTIONS: dict[str, Any] = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
@@ -82,7 +86,6 @@ class Fold:
     multipliers: Array
     at_end: bool  # the bound is the end of the range: the family goes on beyond it
     merging: bool  # two switches come together there: the family may go on with others
-    iterations: int  # of IPOPT, all programmes together
 
 
 @dataclass(eq=False)
@@ -92,32 +95,31 @@ class Programmes:
     _expressions: dict[Any, Expressions] = field(default_factory=dict)
     _solvers: dict[Any, Any] = field(default_factory=dict)
 
-    def expressions(self, plan: Plan, loop: Loop, dependence: Dependence, pivot: int) -> Expressions:
+    def expressions(self, plan: Plan, loop: Loop, numbers: Polynomial, pivot: int) -> Expressions:
         """The equations of a plan."""
-        key = plan, pivot, dependence.used.tobytes()
+        key = plan, pivot, numbers.used.tobytes()
         if key not in self._expressions:
             kinds = tuple(tuple(s.kind for s, _ in e.smooth) for e in loop.elements)
-            self._expressions[key] = write(plan, gather(loop, plan), dependence.used, kinds, pivot)
+            self._expressions[key] = write(plan, gather(loop, plan), numbers.used, kinds, pivot)
         return self._expressions[key]
 
-    def solver(self, expressions: Expressions, dependence: Dependence, pivot: int) -> Any:
-        """IPOPT for a plan and the places of the numbers that depend on the parameter."""
-        on = dependence.used.tobytes(), dependence.places.tobytes(), dependence.coefficients.shape
-        key = expressions.plan, pivot, on
+    def solver(self, expressions: Expressions, numbers: Polynomial) -> Any:
+        """IPOPT for equations and the places of the numbers that depend on the parameter."""
+        key = expressions, numbers.places.tobytes(), numbers.coefficients.shape
         if key not in self._solvers:
-            self._solvers[key] = _solver(expressions, dependence)
+            self._solvers[key] = _solver(expressions, numbers)
         return self._solvers[key]
 
 
-def _solver(expressions: Expressions, dependence: Dependence) -> Any:
+def _solver(expressions: Expressions, numbers: Polynomial) -> Any:
     layout = expressions.layout
     V = ca.SX.sym("V", layout.size + 1)
     constants = ca.SX.sym("constants", int(np.sum(expressions.used)))
-    coefficients = ca.SX.sym("coefficients", *dependence.coefficients.shape)
+    coefficients = ca.SX.sym("coefficients", *numbers.coefficients.shape)
     scales = ca.SX.sym("scales", layout.size)
     sizes = ca.SX.sym("sizes", expressions.residual.size1_out(0))
     sign = ca.SX.sym("sign")
-    theta = polynomials(dependence, expressions.used, V[-1], constants, coefficients)
+    theta = at_symbols(numbers, V[-1], constants, coefficients)
     equations = expressions.residual(V[:-1] * scales, theta) / sizes
     # Switches of an element stay in their order: for another order these equations do not hold.
     dwells = [_dwells(V[s] * scales[s]) for s in layout.phases if s.stop > s.start]
@@ -134,22 +136,34 @@ def _dwells(phi: Any) -> Any:
     return ca.vertcat(phi[1:] - phi[:-1], phi[0] + TURN - phi[-1])
 
 
-def balanced(numbers: ParametricModel, value: float, near: Cycle) -> Cycle | None:
+def balanced(model: ParametricModel, value: float, near: Cycle) -> Cycle | None:
     """The cycle of the balance at a value to which Newton's method comes from one that is near; None where it fails."""
-    true = settled(numbers.loop(value), near.Z, near.omega)
+    true = settled(model.loop(value), near.Z, near.omega)
     return None if true is None else Cycle(value, *true)
 
 
+def missed(loop: Loop, cycle: Cycle) -> float:
+    """Residual of the balance with what the elements really do, relative to the motion; infinite if nothing settles."""
+    equations = Equations(loop, cycle.order, 0, np.ones(cycle.order))
+    X = equations.pack(cycle.Z, cycle.omega)
+    try:
+        here = equations.at(X)
+    except Unsettled:
+        return float("inf")
+    _, rows = equations.scales(X, here.W)
+    return float(np.abs(here.residual / rows)[:-1].max())
+
+
 def extreme(
-    numbers: ParametricModel, programmes: Programmes, start: Cycle | Fold, sign: float, reach: float = 0.25
+    model: ParametricModel, programmes: Programmes, start: Cycle | Fold, sign: float, reach: float = 0.25
 ) -> Fold | None:
     """The least (sign 1) or largest (sign -1) parameter of the family of cycles that holds (or is near) `start`.
 
     Parameters
     ----------
-    numbers : Numbers
+    model : ParametricModel
         The loop over the parameter's range.
-    programmes : Programmes
+    programmes
         What has been written before.
     start : Cycle or Fold
         A fold of a loop whose numbers were a little different is solved for again with the switches that it had.
@@ -163,25 +177,25 @@ def extreme(
         None where the programme has no solution near the start.
     """
     known = start if isinstance(start, Fold) else None
-    shortest = _SHORTEST if known is None else _SHORTEST_KNOWN
-    path = _Path(start.cycle if isinstance(start, Fold) else start, reach, shortest)
+    path = _Path(start, reach, _SHORTEST) if isinstance(start, Cycle) else _Path(start.cycle, reach, _SHORTEST_KNOWN)
     for _ in range(_MOST_PROGRAMMES):
-        step = _Step.of(numbers, programmes, path.here, sign, path.width, known)
+        step = _Step.of(model, programmes, path.here, sign, path.width, known)
         beside = None if step is None or known is None else step.followed(known)
         known = None
         found = beside or (None if step is None else step.solve())
         if found is None or step is None:
             path.back()
-        elif step.genuine(found) < _GENUINE:
+        # The programme solves its own equations whatever the elements do, so these are asked what they make of it.
+        elif missed(model.loop(found.cycle.value), found.cycle) < _GENUINE:
             # A true solution ends the way, unless it lies at the rim of its trust region, or switches merge or differ
             # there: then the next programme begins beyond it.
             smooth = not found.merging and step.same_switches(found)
             beyond = found.cycle if step.at_rim(found) else None if smooth else step.beyond(found)
             if beyond is None:
-                return path.counted(beside or step.polished(found))
-            path.arrive(found, beyond)
+                return beside or step.polished(found)
+            path.arrive(beyond)
         else:
-            path.hop(found, step.settled(found))
+            path.hop(found.cycle, step.settled(found.cycle.value, found.cycle))
         if path.lost:
             return None
     return None
@@ -199,7 +213,6 @@ class _Path:
     width: float
     shortest: float
     hops: int = 0
-    iterations: int = 0
 
     def __post_init__(self) -> None:
         self.here, self.longest = self.base, self.width
@@ -213,39 +226,31 @@ class _Path:
         """The programme had no solution."""
         self.here, self.hops, self.width = self.base, 0, 0.4 * self.width
 
-    def hop(self, found: Fold, true: Cycle | None) -> None:
+    def hop(self, found: Cycle, true: Cycle | None) -> None:
         """The switches change on the way: on from the true solution beside it, or some times from where it led."""
-        self.iterations += found.iterations
         self.hops += 1
         if true is not None:
-            self.arrive(found, true)
+            self.arrive(true)
         elif self.hops > _MOST_HOPS:
             self.back()
         else:
-            self.here = found.cycle
+            self.here = found
 
-    def arrive(self, found: Fold, true: Cycle) -> None:
+    def arrive(self, true: Cycle) -> None:
         """A true solution on the way."""
-        self.iterations += found.iterations
         self.base = self.here = true
         self.hops, self.width = 0, min(1.5 * self.width, self.longest)
-
-    def counted(self, found: Fold) -> Fold:
-        """The bound, with the iterations of all programmes."""
-        return replace(found, iterations=self.iterations + found.iterations)
 
 
 @dataclass(frozen=True, eq=False)
 class _Step:
     """One programme made ready: from a cycle, with the switches that the elements make there."""
 
-    numbers: ParametricModel
-    loop: Loop
-    plan: Plan
+    model: ParametricModel
     expressions: Expressions
-    dependence: Dependence
+    numbers: Polynomial
     solver: Any
-    start: Array
+    start: Array  # unknowns, and the parameter
     scales: Array
     sizes: Array
     window: tuple[float, float]
@@ -254,14 +259,14 @@ class _Step:
     @classmethod
     def of(
         cls,
-        numbers: ParametricModel,
+        model: ParametricModel,
         programmes: Programmes,
         here: Cycle,
         sign: float,
         width: float,
         known: Fold | None,
     ) -> _Step | None:
-        loop = numbers.loop(here.value)
+        loop = model.loop(here.value)
         Z, pivot = anchored(here.Z)
         try:
             if known is None:
@@ -269,16 +274,16 @@ class _Step:
                 start = unknowns_of(loop, Z, here.omega, phases, memory)
             else:
                 plan, start = known.plan, known.unknowns
-            dependence = numbers.dependence(plan, here.value)
-            expressions = programmes.expressions(plan, loop, dependence, pivot)
+            numbers = model.numbers(plan, here.value)
+            expressions = programmes.expressions(plan, loop, numbers, pivot)
         except (Unsettled, EppError):
             return None
-        low, high = dependence.low, dependence.high
+        low, high = numbers.middle - numbers.half, numbers.middle + numbers.half
         window = max(low, here.value - width * abs(here.value)), min(high, here.value + width * abs(here.value))
-        solver = programmes.solver(expressions, dependence, pivot)
+        solver = programmes.solver(expressions, numbers)
         begin, scales = np.append(start, here.value), expressions.scales(start)
         sizes = np.ones(expressions.residual.size1_out(0))
-        step = cls(numbers, loop, plan, expressions, dependence, solver, begin, scales, sizes, window, sign)
+        step = cls(model, expressions, numbers, solver, begin, scales, sizes, window, sign)
         return replace(step, sizes=step._sizes())
 
     def _sizes(self) -> Array:
@@ -293,8 +298,7 @@ class _Step:
         return np.append(self.start[:-1] / self.scales, self._scaled(self.start[-1]))
 
     def _scaled(self, value: float) -> float:
-        d = self.dependence
-        return (2.0 * value - d.low - d.high) / (d.high - d.low)
+        return (value - self.numbers.middle) / self.numbers.half
 
     def solve(self) -> Fold | None:
         """The solution for these switches; None where IPOPT fails."""
@@ -304,7 +308,7 @@ class _Step:
         low[-1], high[-1] = self._scaled(self.window[0]), self._scaled(self.window[1])
         low[layout.omega], high[layout.omega] = 0.2, 5.0
         # A waveform must not shrink to rest, which solves the equations of a loop that is linear at small amplitude.
-        pivot = self._pivot_sine()
+        pivot = self.expressions.pivot * layout.width + layout.order + 1
         amplitude = v0[pivot]
         low[pivot], high[pivot] = (0.05 * amplitude, np.inf) if amplitude > 0 else (-np.inf, 0.05 * amplitude)
         n_equations = self.sizes.size
@@ -317,40 +321,31 @@ class _Step:
             lbg=np.zeros(n_equations + n_dwells),
             ubg=np.concatenate([np.zeros(n_equations), np.full(n_dwells, np.inf)]),
         )
-        stats = self.solver.stats()
         v, g, weights = (np.array(found[name]).ravel() for name in ("x", "g", "lam_g"))
-        closed = np.abs(g[:n_equations]).max() < 1e-7 and stats["return_status"] in (
-            "Solve_Succeeded",
-            "Solved_To_Acceptable_Level",
-        )
-        return self._fold(v, g, weights, int(stats["iter_count"])) if closed else None
+        closed = np.abs(g[:n_equations]).max() < 1e-7 and self.solver.stats()["return_status"] in _SOLVED
+        return self._fold(v, g, weights) if closed else None
 
     def _parameters(self) -> Array:
         """What the programme is given besides its unknowns."""
-        d, used = self.dependence, self.expressions.used
+        d, used = self.numbers, self.expressions.used
         return np.concatenate([d.base[used], d.coefficients.ravel(order="F"), self.scales, self.sizes, [self.sign]])
 
-    def _fold(self, v: Array, g: Array, weights: Array, iterations: int) -> Fold:
+    def _fold(self, v: Array, g: Array, weights: Array) -> Fold:
         """A solution of the programme in the units of the loop."""
-        layout, d, n_equations = self.expressions.layout, self.dependence, self.sizes.size
+        layout, n_equations, ends = self.expressions.layout, self.sizes.size, (self.model.low, self.model.high)
         unknowns = v[:-1] * self.scales
-        value = 0.5 * (d.low + d.high) + 0.5 * (d.high - d.low) * float(v[-1])
-        value = float(np.clip(value, self.numbers.low, self.numbers.high))
-        series = unknowns[: layout.n_inputs * layout.width].reshape(layout.n_inputs, layout.width)
-        Z = series[:, : layout.order + 1].astype(complex)
-        Z[:, 1:] += 1j * series[:, layout.order + 1 :]
+        value = float(np.clip(self.numbers.middle + self.numbers.half * float(v[-1]), *ends))
+        Z = unstacked(unknowns[: layout.n_inputs * layout.width + 1], layout.order)
         # d(bound)/d(equation), in the units of both.
-        multipliers = weights[:n_equations] / self.sizes * 0.5 * (d.high - d.low) * self.sign
-        ends = (self.numbers.low, self.numbers.high)
+        multipliers = weights[:n_equations] / self.sizes * self.numbers.half * self.sign
         at_end = min(abs(value - e) for e in ends) < 1e-6 * (ends[1] - ends[0])
         return Fold(
             Cycle(value, Z, float(unknowns[layout.omega])),
-            self.plan,
+            self.expressions.plan,
             unknowns,
             multipliers,
             at_end,
             bool(np.any(g[n_equations:] < _CLOSE)),
-            iterations,
         )
 
     def polished(self, found: Fold) -> Fold:
@@ -371,18 +366,18 @@ class _Step:
         """
         if known.at_end or known.merging:
             return None
-        found = self._by_newton(replace(known, iterations=0), _NEAR)
+        found = self._by_newton(known, _NEAR)
         if found is None or found.at_end or found.merging:
             return None
         return found if self.window[0] < found.cycle.value < self.window[1] else None
 
     def _by_newton(self, near: Fold, reach: float) -> Fold | None:
         """The extremum that Newton's method comes to without a step beyond `reach`; None where there is none."""
-        d, n, p = self.dependence, self.sizes.size, self._parameters()
+        n, p = self.sizes.size, self._parameters()
         slope, curvature = (self.solver.get_function(name) for name in ("nlp_jac_g", "nlp_hess_l"))
         v = np.append(near.unknowns / self.scales, self._scaled(near.cycle.value))
         weights = np.zeros(n + sum(self.expressions.layout.switches))
-        weights[:n] = near.multipliers * self.sizes / (0.5 * (d.high - d.low) * self.sign)
+        weights[:n] = near.multipliers * self.sizes / (self.numbers.half * self.sign)
         across = np.cos(np.arange(v.size + n))
         across[v.size :] = 0.0
         for _ in range(_MOST_STEPS):
@@ -403,58 +398,30 @@ class _Step:
                 # The second solution is the tangent t of the cycles times (across t) / (t H t): of an extremum of the
                 # other kind their product is negative.
                 is_least = float(across @ along) > 0.0
-                return self._fold(v, np.array(slope(v, p)[0]).ravel(), weights, near.iterations) if is_least else None
+                return self._fold(v, np.array(slope(v, p)[0]).ravel(), weights) if is_least else None
         return None
-
-    def _pivot_sine(self) -> int:
-        series = self.start[: self.expressions.layout.omega].reshape(-1, self.expressions.layout.width)
-        moves = np.abs(series[: self.expressions.layout.n_inputs, self.expressions.layout.order + 1])
-        pivot = int(np.argmax(moves > 0))
-        return pivot * self.expressions.layout.width + self.expressions.layout.order + 1
 
     def at_rim(self, found: Fold) -> bool:
         """Whether the solution is where the trust region ends, and not the range."""
         rim = self.window[0] if self.sign > 0 else self.window[1]
         return not found.at_end and abs(found.cycle.value - rim) < 1e-6 * abs(rim)
 
-    def genuine(self, found: Fold) -> float:
-        """Residual of the balance with what the elements really do, relative to the motion; infinite if they do not."""
-        cycle = found.cycle
-        equations = Equations(self.numbers.loop(cycle.value), cycle.order, 0, np.ones(cycle.order))
-        loop = equations.loop
-        try:
-            # The programme solves its own equations whatever the
-            # elements do, so these give their true switches.
-            W, _ = loop.answers(cycle.Z, cycle.omega)
-        except Unsettled:
-            return float("inf")
-        r = equations.residual(cycle.Z, W, loop.linear(cycle.omega, cycle.order))[:-1]
-        _, rows = equations.scales(equations.pack(cycle.Z, cycle.omega), W)
-        return float(np.abs(r / rows[:-1]).max())
-
-    def settled(self, found: Fold) -> Cycle | None:
-        """The true solution at the same value, if Newton's method comes to one that is not far off."""
-        cycle = found.cycle
-        return self._at(cycle.value, cycle)
+    def settled(self, value: float, near: Cycle) -> Cycle | None:
+        """The true solution at a value, if Newton's method comes to one that is not far off."""
+        true = balanced(self.model, value, near)
+        return None if true is None or abs(true.omega / near.omega - 1.0) > 0.1 else true
 
     def beyond(self, found: Fold) -> Cycle | None:
         """A true solution a little further on, where the solution is only one for its switches."""
-        for share in _BEYOND:
-            value = found.cycle.value - self.sign * share * abs(found.cycle.value)
-            if self.numbers.low <= value <= self.numbers.high:
-                true = self._at(value, found.cycle)
-                if true is not None:
-                    return true
-        return None
-
-    def _at(self, value: float, near: Cycle) -> Cycle | None:
-        true = balanced(self.numbers, value, near)
-        return None if true is None or abs(true.omega / near.omega - 1.0) > 0.1 else true
+        near = found.cycle
+        values = (near.value - self.sign * share * abs(near.value) for share in _BEYOND)
+        tried = (self.settled(value, near) for value in values if self.model.low <= value <= self.model.high)
+        return next((true for true in tried if true is not None), None)
 
     def same_switches(self, found: Fold) -> bool:
         """Whether the elements make just these switches at the solution."""
         cycle = found.cycle
-        return plan_of(self.numbers.loop(cycle.value), cycle.Z, cycle.omega)[0] == self.plan
+        return plan_of(self.model.loop(cycle.value), cycle.Z, cycle.omega)[0] == self.expressions.plan
 
 
 def unknowns_of(
@@ -466,6 +433,4 @@ def unknowns_of(
     x = np.zeros((loop.system.A.shape[0], n + 1), complex)
     x[:, 0] = mean_state(loop.system, loop.value, Z[:, 0].real, W[:, 0].real)
     x[:, 1:] = (loop.system.state_response(omega * orders(n)[1:]) @ W.T[1:, :, None])[..., 0].T
-    series = np.concatenate([Z, x])
-    rows = np.concatenate([series.real, series.imag[:, 1:]], 1)
-    return np.concatenate([rows.ravel(), [omega], *phases, *(h.ravel() for h in memory)])
+    return np.concatenate([stacked(np.concatenate([Z, x])).ravel(), [omega], *phases, *(h.ravel() for h in memory)])

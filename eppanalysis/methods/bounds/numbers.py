@@ -12,23 +12,17 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
-from eppanalysis.arrays import Array, BoolArray, ComplexArray
+from eppanalysis.arrays import Array, ComplexArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime, Row
 from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.methods.harmonic.series import TURN
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.polynomials import DEGREES, Polynomial, polynomial
 
-#: Degree of the polynomial that replaces a number over the range of the parameter, and how well it must agree.
-DEGREE = 16
-_DEGREES = (2, 6, DEGREE)
-_AGREEMENT = 1e-9
 #: A window of the parameter reaches over this factor, and half as far again on both sides.
 _WINDOW = 1.5
-_CHECKED = (-0.9, -0.35, 0.2, 0.65, 0.97)
 
 
 @dataclass(frozen=True)
@@ -107,7 +101,7 @@ def gather(loop: Loop, plan: Plan) -> LoopNumbers:
     Raises
     ------
     ModelError
-        If an element has a clock, or other modes than the plan says.
+        If an element has other modes than the plan says, or smooth functions of others.
     """
     s, rows = loop.system, loop.rows
     return LoopNumbers(
@@ -124,8 +118,6 @@ def gather(loop: Loop, plan: Plan) -> LoopNumbers:
 
 def _element(element: PeriodicElement, sequence: Sequence) -> ElementNumbers:
     a = element.automaton
-    if element.clocked:
-        raise ModelError(f"{element.name}: an element with a clock has no bound by harmonic balance.")
     modes = [step[2] for step in sequence.steps] or [sequence.mode]
     try:
         mode_guards = [element.guard_of(before, number) for before, number, _, _ in sequence.steps]
@@ -158,25 +150,6 @@ def _pair(row: Row) -> tuple[float, float]:
     return float(row.on_free[0]), float(row.on_rate[0])
 
 
-@dataclass(frozen=True, eq=False)
-class Dependence:
-    """The numbers of a plan as polynomials of one parameter between two values (SI)."""
-
-    low: float
-    high: float
-    base: Array  # (n,): the numbers that do not depend on it, and zero in the places of the others
-    places: NDArray[np.intp]  # (k,)
-    coefficients: Array  # (k, DEGREE + 1): of the Chebyshev polynomials over the range, for the numbers at `places`
-    used: BoolArray  # (n,): which numbers are not zero throughout
-
-    def at(self, value: float) -> Array:
-        """All numbers at a value."""
-        out = self.base.copy()
-        u = (2.0 * value - self.low - self.high) / (self.high - self.low)
-        out[self.places] = chebyshev.chebval(u, self.coefficients.T)
-        return out
-
-
 @dataclass(eq=False)
 class ParametricModel:
     """The numbers of one case over one parameter; systems are built once for each value."""
@@ -186,7 +159,7 @@ class ParametricModel:
     low: float
     high: float
     _loops: dict[float, Loop] = field(default_factory=dict)
-    _found: dict[tuple[Plan, tuple[float, float], tuple[int, ...]], Dependence | None] = field(default_factory=dict)
+    _found: dict[tuple[Plan, tuple[float, float], tuple[int, ...]], Polynomial | None] = field(default_factory=dict)
 
     def loop(self, value: float) -> Loop:
         """The loop at a value."""
@@ -203,8 +176,8 @@ class ParametricModel:
         low, high = self.low * _WINDOW ** (k - 0.5), self.low * _WINDOW ** (k + 1.5)
         return max(self.low, float(low)), min(self.high, float(high))
 
-    def dependence(self, plan: Plan, value: float) -> Dependence:
-        """The numbers of a plan around a value.
+    def numbers(self, plan: Plan, value: float) -> Polynomial:
+        """The numbers of a plan around a value, as polynomials of the parameter.
 
         Raises
         ------
@@ -214,37 +187,18 @@ class ParametricModel:
         # The numbers do not know the order of the balance: all orders share one fit.
         shape, whole, window = Plan(1, plan.sequences), (self.low, self.high), self.window(value)
         # Most parameters enter so simply that no windows are needed.
-        found = self._known(shape, whole, _DEGREES[:1]) or self._known(shape, window, _DEGREES)
+        found = self._known(shape, whole, DEGREES[:1]) or self._known(shape, window)
         if found is None:
             raise EppError("The loop is no smooth function of the parameter over this range; expected a narrower one.")
         return found
 
-    def _known(self, plan: Plan, window: tuple[float, float], degrees: tuple[int, ...]) -> Dependence | None:
-        if (plan, window, degrees) not in self._found:
-            self._found[plan, window, degrees] = self._fit(plan, *window, degrees)
-        return self._found[plan, window, degrees]
+    def _known(self, plan: Plan, window: tuple[float, float], degrees: tuple[int, ...] = DEGREES) -> Polynomial | None:
+        def numbers(value: float) -> Array:
+            return gather(self.loop(min(max(value, self.low), self.high)), plan).flat()
 
-    def _fit(self, plan: Plan, low: float, high: float, degrees: tuple[int, ...]) -> Dependence | None:
-        """The polynomials of the least of these degrees that agrees; None where none does."""
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        checks = np.array([gather(self.loop(float(middle + half * u)), plan).flat() for u in _CHECKED])
-        size = np.abs(checks).max(0)
-        for degree in degrees:
-            nodes = chebyshev.chebpts1(degree + 1)
-            rows = np.array([gather(self.loop(float(middle + half * u)), plan).flat() for u in nodes])
-            to_coefficients = chebyshev.chebvander(nodes, degree).T * (2.0 / nodes.size)
-            to_coefficients[0] /= 2.0
-            places = np.flatnonzero(np.any(rows != rows[0], axis=0) | np.any(checks != rows[0], axis=0))
-            base = rows[0].copy()
-            base[places] = 0.0
-            c = np.zeros((places.size, DEGREE + 1))
-            c[:, : degree + 1] = (to_coefficients @ rows[:, places]).T
-            found = Dependence(low, high, base, places, c, np.any(rows != 0.0, axis=0) | np.any(checks != 0.0, axis=0))
-            # A polynomial meets its nodes whatever the case does; a kink in a parameter shows only between them.
-            at_checks = np.array([found.at(middle + half * u) for u in _CHECKED])
-            if np.all(np.abs(at_checks - checks) <= _AGREEMENT * size):
-                return found
-        return None
+        if (plan, window, degrees) not in self._found:
+            self._found[plan, window, degrees] = polynomial(numbers, *window, degrees)
+        return self._found[plan, window, degrees]
 
 
 def plan_of(loop: Loop, Z: ComplexArray, omega: float) -> tuple[Plan, tuple[Array, ...], tuple[Array, ...]]:

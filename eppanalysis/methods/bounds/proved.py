@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from eppanalysis.methods.bounds.balanced import BoundProblem
     from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
     from eppanalysis.methods.certificates.result import Certificate
-    from eppanalysis.results import LimitCycle
 
 T = TypeVar("T")
 _NAN = float("nan")
@@ -29,36 +28,23 @@ _DISTANCES = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 
 
 def with_proofs(question: BoundProblem, cell: BoundCell) -> BoundCell:
-    """The cell with what can be proved on both sides of its bound, at one value of the parameter that runs."""
-    if cell.finding is not Finding.BOUND:
-        return cell
-    return replace(cell, proved=_sides(question, cell.exact, cell.sign, cell.other_value, cell.other_orbit))
-
-
-def _sides(question: BoundProblem, bound: float, sign: float, tested: float, near: LimitCycle | None) -> ProvedSides:
-    """Prove what can be proved on both sides of a bound, as near to it as can be.
-
-    Parameters
-    ----------
-    question : Question
-        At one value of the parameter that runs.
-    bound, sign : float
-        An exact bound [SI], and 1 where the loop is free of cycles below it, -1 above it.
-    tested : float
-        Where an orbit is known on its other side [SI].
-    near : LimitCycle or None
-        That orbit.
+    """The cell with what can be proved on both sides of its bound, as near to it as can be.
 
     Raises
     ------
     EppError
         If the packages of the extra "proof" are missing.
     """
+    return replace(cell, proved=_sides(question, cell)) if cell.finding is Finding.BOUND else cell
+
+
+def _sides(question: BoundProblem, cell: BoundCell) -> ProvedSides:
+    bound, sign = cell.exact, cell.sign
     if not math.isfinite(bound):
         return ProvedSides(message="Nothing is proved: the bound is not exact.")
     free, absence, why_no_absence = _nearest(_absences(question, bound, sign))
     start, absence = _over_range(question, sign, free, absence)
-    cycle, orbit, why_no_orbit = _nearest(_orbits(question, bound, sign, tested, near))
+    cycle, orbit, why_no_orbit = _nearest(_orbits(question, cell))
     reasons = []
     if absence is None:
         reasons.append(f"Absence of cycles is not proved. {why_no_absence}")
@@ -90,23 +76,22 @@ def _over_range(
     question: BoundProblem, sign: float, free: float, absence: Certificate | None
 ) -> tuple[float, Certificate | None]:
     """The proof of absence from the free end of the range to the value where it is proved, if there is one for all."""
-    end = question.low if sign > 0.0 else question.high
+    end, _ = question.ends(sign)
     if absence is None or end == free:
         return free, absence
     found = certify(question.case, "absence", within={question.limit: (min(end, free), max(end, free))})
     return (end, found) if found.proved else (free, absence)
 
 
-def _orbits(
-    question: BoundProblem, bound: float, sign: float, tested: float, near: LimitCycle | None
-) -> Iterator[tuple[float, CertifiedOrbit | None, str]]:
-    """The cycle that is known, then those of searches nearer and nearer to the bound."""
+def _orbits(question: BoundProblem, cell: BoundCell) -> Iterator[tuple[float, CertifiedOrbit | None, str]]:
+    """The cycle that is known beyond a bound, then those of searches nearer and nearer to it."""
+    bound, tested, near = cell.exact, cell.other_value, cell.other_orbit
     if near is None:
         yield _NAN, None, "No exact orbit is known beyond the bound."
         return
     # Farther out than the tested value a proof would say less than the one of that value's known orbit.
     distances = [d for d in _DISTANCES if d < 0.9 * abs(tested / bound - 1.0)]
-    for value in (tested, *(bound + sign * d * abs(bound) for d in distances)):
+    for value in (tested, *(bound + cell.sign * d * abs(bound) for d in distances)):
         case = question.case_at(value)
         proof, why = None, "The search finds no cycle."
         for cycle in [near] if value == tested else find_limit_cycles(case).cycles:

@@ -18,6 +18,7 @@ from eppanalysis.methods.bounds.balanced import BoundProblem, idle
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import tried_values, without_bound
+from eppanalysis.methods.bounds.verify import PERIODS
 from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.methods.search.find import search_from
 from eppanalysis.methods.search.sampled import middle_of
@@ -31,8 +32,8 @@ from eppanalysis.results import LimitCycle, Status, Trajectory
 
 #: Share of the range below which a bound is as good as zero.
 _SMALL = 0.01
-#: Length of a run from a cycle, in periods of it, and in which sizes of the cycle it begins.
-_PERIODS, _SIZES = 40.0, (1.0, 1.3, 1.8)
+#: In which sizes of a cycle a run from it begins.
+_SIZES = (1.0, 1.3, 1.8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +125,7 @@ def _moving(case: CaseLike, cycles: Sequence[LimitCycle], asking: SearchedProble
         state, middle = cycle.require_state(len(system.A)).state, middle_of(cycle)
         for size in _SIZES:
             begun = replace(held, x0=middle + size * (state - middle), memory=cycle.memory)
-            run = simulate(begun, t_end=_PERIODS * cycle.period)
+            run = simulate(begun, t_end=PERIODS * cycle.period)
             on = run.limit_cycle
             if run.status is not Status.SETTLED and (on is None or asking.is_bad(on)):
                 return run
@@ -144,7 +145,7 @@ def bound_by_runs(
         The end of the range that is safe where such a run oscillates down to there, else the last value at which none
         does; and the cycle that is nearest to it.
     """
-    safe, beyond = (question.low, question.high) if sign > 0 else (question.high, question.low)
+    safe, beyond = question.ends(sign)
     least, last = _SMALL * (question.high - question.low), None
     while abs(beyond - safe) > close * max(abs(safe), abs(beyond), least):
         middle = 0.5 * (safe + beyond)

@@ -17,10 +17,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from eppanalysis.arrays import Array, BoolArray
+from eppanalysis.arrays import Array
 from eppanalysis.errors import ArgumentError
 from eppanalysis.methods.bounds.balanced import BoundProblem
-from eppanalysis.methods.bounds.sizes.allowed import Allowed, Measure
+from eppanalysis.methods.bounds.sizes.allowed import Allowed, ends_of
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
 from eppanalysis.methods.orbits.orbit import Orbit
@@ -28,9 +28,8 @@ from eppanalysis.methods.orbits.shooting import orbit_of, orbits_near
 from eppanalysis.methods.search.find import find_limit_cycles, seeds_of
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.trigger import Judge
-from eppanalysis.methods.simulation.batch import BatchResult, HybridStack, simulate_batch
+from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.readable import count
 from eppanalysis.results import LimitCycle, Status
@@ -41,8 +40,6 @@ _STEPS, _REACH = 0.25, 4.0
 PERIODS, _ENOUGH = 40.0, 50
 #: So many orbits of the cloud are closed at most; relative difference of periods within which one is known already.
 _MOST_ORBITS, _SAME_PERIOD = 4, 1e-6
-#: Relative difference of period and size within which the cycle of a run of a cloud is one that the search found.
-_SAME_SIZE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,33 +68,6 @@ class Verification:
         return not self.message
 
 
-@dataclass(frozen=True, eq=False)
-class _MayBe:
-    """The cycles that may be on the safe side: what is allowed, and the stable ones that the search found within it."""
-
-    allowed: Allowed | None
-    known: Sequence[LimitCycle]
-
-    def ends(self, result: BatchResult) -> BoolArray:
-        """Which runs are at rest, or on a cycle that may be: small enough for sure, or a known one."""
-        good = np.array([s is Status.SETTLED for s in result.status])
-        if self.allowed is None:
-            return good
-        cycling = np.array([s is Status.LIMIT_CYCLE for s in result.status])
-        size = result.peak_to_peak[self.allowed.signal]
-        # The rms about the mean is half the peak to peak at most.
-        fits = size <= (1.0 if self.allowed.measure is Measure.PEAK_TO_PEAK else 2.0) * self.allowed.size
-        fits |= ~self.allowed.counts(result.period)
-        for cycle in self.known:
-            same = np.abs(size / cycle.peak_to_peak[self.allowed.signal] - 1.0) < _SAME_SIZE
-            fits |= same & (np.abs(result.period / cycle.period - 1.0) < _SAME_SIZE)
-        return good | (cycling & fits)
-
-    def orbit(self, system: LureSystem, orbit: Orbit) -> bool:
-        """Whether an orbit may be."""
-        return self.allowed is not None and self.allowed.of_orbit(system, orbit) <= self.allowed.size
-
-
 def verify(
     question: BoundProblem,
     value: float,
@@ -107,7 +77,6 @@ def verify(
     margin: float,
     n_starts: int,
     seed: int,
-    threads: int = 1,
     allowed: Allowed | None = None,
     beyond: LimitCycle | None = None,
 ) -> Verification:
@@ -115,8 +84,6 @@ def verify(
 
     Parameters
     ----------
-    question : Question
-        At one value of the parameter that runs.
     value : float
         The bound [SI].
     sign : {1, -1}
@@ -129,8 +96,6 @@ def verify(
         Runs of the cloud.
     seed : int
         Of the cloud.
-    threads : int
-        For the runs; the result does not depend on it.
     allowed : Allowed, optional
         The stable cycles that may be there.
     beyond : LimitCycle, optional
@@ -150,8 +115,7 @@ def verify(
         missing.append(f"the search finds {count(len(bad), 'limit cycle')}{larger} on the safe side")
     elif search.left_open:
         missing.append("the search left a run undecided on the safe side")
-    may_be = _MayBe(allowed, [c for c in search if c.stable and c not in bad])
-    fates = _settling(case, orbit, n_starts, seed, threads, may_be) if n_starts else _Fates()
+    fates = _settling(case, orbit, n_starts, seed, allowed) if n_starts else _Fates()
     n_settled, n_moving, met = fates.n_settled, fates.n_moving, fates.orbits
     if n_moving:
         fate = "come to rest" if allowed is None else "come to rest, or to a cycle that is allowed,"
@@ -193,7 +157,7 @@ def _orbit_at(question: BoundProblem, value: float, near: LimitCycle, allowed: A
     return next((c for c in find_limit_cycles(case) if allowed is None or (c.stable and allowed.exceeded_by(c))), None)
 
 
-def _settling(case: CaseLike, orbit: LimitCycle, n_starts: int, seed: int, threads: int, may_be: _MayBe) -> _Fates:
+def _settling(case: CaseLike, orbit: LimitCycle, n_starts: int, seed: int, allowed: Allowed | None) -> _Fates:
     """How the runs of a cloud end: at rest (or within what is allowed), on which orbits, or undecided.
 
     Near its bound a cycle that has vanished slows down whatever passes its ghost, so that many runs are undecided at
@@ -205,18 +169,18 @@ def _settling(case: CaseLike, orbit: LimitCycle, n_starts: int, seed: int, threa
     to = Judge(PERIODS * orbit.period, size)
     rest = rest_of(hybrid, to)
     starts = cloud(hybrid, rest, system.v0, size, n_starts, seed)
-    result = simulate_batch(_stack(hybrid, starts, system.signals.names), to.horizon, threads=threads)
-    good = may_be.ends(result)
-    undecided = [i for i in range(n_starts) if not good[i]]
+    stack = HybridStack.of([hybrid], system.signals.names).take(np.zeros(n_starts, int))
+    ends = ends_of(simulate_batch(replace(stack, x0=starts), to.horizon), allowed)
+    undecided = [i for i, status in enumerate(ends) if status is not Status.SETTLED]
     fates = _Fates(n_starts - len(undecided))
     for k, i in enumerate(undecided):
         if fates.n_moving == _ENOUGH:
             fates.slow += [starts[j] for j in undecided[k:]]
             break
         status, run = to.ends(replace(hybrid, x0=starts[i]))
-        on_cycle = status is Status.LIMIT_CYCLE and (may_be.allowed is not None or len(fates.orbits) < _MOST_ORBITS)
+        on_cycle = status is Status.LIMIT_CYCLE and (allowed is not None or len(fates.orbits) < _MOST_ORBITS)
         closed = orbit_of(hybrid, run) if on_cycle else None
-        within = closed is not None and may_be.orbit(system, closed)
+        within = closed is not None and allowed is not None and allowed.of_orbit(system, closed) <= allowed.size
         fates.n_settled += status is Status.SETTLED or within
         fates.n_moving += not (status is Status.SETTLED or within)
         fates.slow += [starts[i]] if status is Status.UNDECIDED else []
@@ -267,11 +231,6 @@ def cloud(hybrid: HybridSystem, rest: Array, v0: Array, size: Array, n: int, see
         starts[n_moved:] = hybrid.x0
         starts[n_moved:, hybrid.n_plant :] = v0 + factor * (inputs - v0)
     return starts
-
-
-def _stack(hybrid: HybridSystem, starts: Array, names: Sequence[str]) -> HybridStack:
-    """One system from many starts."""
-    return replace(HybridStack.of([hybrid], names).take(np.zeros(len(starts), int)), x0=starts)
 
 
 def check_verification(margin: float, n_starts: int) -> None:

@@ -14,20 +14,19 @@ from functools import cached_property
 
 import numpy as np
 
-from eppanalysis.errors import EppError, ModelError
+from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.balanced import BoundProblem, spread
 from eppanalysis.methods.bounds.elasticity import exact_slopes, size_elasticities
 from eppanalysis.methods.bounds.exact import BORN, ExactBound
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
-from eppanalysis.methods.bounds.sizes.bound import farthest_passage
+from eppanalysis.methods.bounds.sizes.bound import farthest_passage, predicted_too_large
 from eppanalysis.methods.bounds.verify import Verification, verify
 from eppanalysis.methods.continuation.branch import Continuation
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.folds import fold_in
 from eppanalysis.methods.continuation.seeds import steady_case
 from eppanalysis.methods.continuation.steps import BranchPoint, make_point, step
-from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.design.machines import machines_at_rest
 from eppanalysis.methods.design.programme import N_SCAN, Place, Programme, distance
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
@@ -101,8 +100,7 @@ class BoundCurve:
     @property
     def ends(self) -> tuple[float, float]:
         """The end of the range that is safe, if any is, and the end that is wanted."""
-        low, high = self.question.low, self.question.high
-        return (low, high) if self.sign > 0 else (high, low)
+        return self.question.ends(self.sign)
 
     def here(self, place: Place) -> BoundProblem:
         """The question at values of the parameters that run."""
@@ -307,20 +305,14 @@ class BoundCurve:
         safe, wanted = self.ends
         before = safe
         for value in spread(safe, wanted, N_SCAN):
-            if self._predicted(here, value):
+            if predicted_too_large(here, self.allowed, value):
                 for _ in range(_HALVINGS if value != safe else 0):
                     middle = 0.5 * (before + value)
-                    before, value = (before, middle) if self._predicted(here, middle) else (middle, value)
+                    there = predicted_too_large(here, self.allowed, middle)
+                    before, value = (before, middle) if there else (middle, value)
                 return value
             before = value
         return None
-
-    def _predicted(self, here: BoundProblem, value: float) -> bool:
-        try:
-            cycles = predicted_cycles(here.case_at(value))
-        except ModelError:  # an element without a describing function
-            return False
-        return any(self.allowed is None or self.allowed.exceeded_by(c) for c in cycles)
 
     def _followed(self, here: BoundProblem, value: float, cycle: LimitCycle) -> ExactBound | None:
         if self.allowed is not None:
@@ -333,8 +325,6 @@ def first_turn(question: BoundProblem, value: float, cycle: LimitCycle, sign: fl
 
     Parameters
     ----------
-    question : Question
-        At one value of the parameter that runs.
     value : float
         Where the cycle is [SI].
     cycle : LimitCycle
@@ -347,7 +337,7 @@ def first_turn(question: BoundProblem, value: float, cycle: LimitCycle, sign: fl
     ExactBound or None
         Of kind END where the branch goes on to the safe end.
     """
-    end = question.low if sign > 0 else question.high
+    end, _ = question.ends(sign)
     limits = min(value, end), max(value, end)
     if limits[0] == limits[1]:
         return None

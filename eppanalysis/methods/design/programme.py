@@ -48,14 +48,14 @@ class Programme:
         # The unknowns of a loop with another number of states do not fit this one's equations.
         known = {at: fold for at, (n, fold) in self.known.items() if n == n_states}
         try:
-            numbers = here.numbers()
+            model = here.model()
             if known:
                 near = min(known, key=lambda at: distance(self.widths, at, place))
-                found = extreme(numbers, self.written, known[near], self.sign)
+                found = extreme(model, self.written, known[near], self.sign)
                 if found is not None and not found.at_end:
                     self.known[place] = n_states, found
                     return found
-            folds = [extreme(numbers, self.written, start, self.sign, _FAR) for start in self._starts(here)]
+            folds = [extreme(model, self.written, start, self.sign, _FAR) for start in self._starts(here)]
         except EppError:
             return None
         inside = [f for f in folds if f is not None and not f.at_end]
@@ -66,7 +66,7 @@ class Programme:
 
     def _starts(self, here: BoundProblem) -> list[Cycle]:
         """The cycles of the DF at the first value, from the safe end on, that has any."""
-        safe, wanted = (here.low, here.high) if self.sign > 0 else (here.high, here.low)
+        safe, wanted = here.ends(self.sign)
         for value in spread(safe, wanted, N_SCAN)[1:]:
             case = here.case_at(value)
             try:

@@ -42,5 +42,6 @@ def test_two_processes_give_the_same_numbers() -> None:
     one, two = (
         epp.design_bounds(case, "play.gap", "loop.gain", at=[0.012, 0.013], starts=20, workers=n) for n in (1, 2)
     )
-    assert [c.to_dict() for c in two] == [c.to_dict() for c in one]
+    # As text: a value that is none is no longer the same object behind another process, and not equal to itself.
+    assert repr([c.to_dict() for c in two]) == repr([c.to_dict() for c in one])
     assert one[1].exact < one[0].exact  # more play allows less gain

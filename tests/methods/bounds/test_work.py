@@ -85,12 +85,12 @@ def test_where_the_switches_change_a_bound_is_sought_next_to_the_last_one(monkey
 
 def test_sizes_of_equations_are_their_largest_changes() -> None:
     question = BoundProblem(epp.case(RELAY), THRESHOLD, 1.0, 3.0)
-    numbers, value = question.numbers(), 1.2
+    model, value = question.model(), 1.2
     predicted = epp.predict_limit_cycles(question.case_at(value))[0]
-    cycle = fold.Cycle(value, inputs_of(numbers.loop(value), predicted)[:, :2], predicted.omega)
-    step = fold._Step.of(numbers, fold.Programmes(), cycle, -1.0, 0.1, None)
+    cycle = fold.Cycle(value, inputs_of(model.loop(value), predicted)[:, :2], predicted.omega)
+    step = fold._Step.of(model, fold.Programmes(), cycle, -1.0, 0.1, None)
     assert step is not None
-    theta = step.dependence.at(value)[step.expressions.used]
+    theta = step.numbers.at(value)[step.expressions.used]
     largest = np.zeros(step.sizes.size)
     for k, scale in enumerate(step.scales):
         h = np.zeros(step.scales.size)

@@ -8,6 +8,7 @@ bounded.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -179,10 +180,17 @@ class Allowed(PlainData):
         """Whether a cycle is stable, as far as its method can tell, and larger than allowed."""
         return cycle.stable is not False and self.of_cycle(cycle) > self.size
 
-    def largest(self, cycles: object) -> LimitCycle | None:
+    def largest(self, cycles: Iterable[LimitCycle]) -> LimitCycle | None:
         """The largest of the cycles that exceed it; None where none does."""
-        too_large = [c for c in cycles if self.exceeded_by(c)]  # type: ignore[attr-defined]
-        return max(too_large, key=self.of_cycle, default=None)
+        return max(filter(self.exceeded_by, cycles), key=self.of_cycle, default=None)
+
+
+def ends_of(runs: BatchResult, allowed: Allowed | None) -> list[Status]:
+    """How many runs end, where a cycle that is allowed is as good as rest."""
+    if allowed is None:
+        return list(runs.status)
+    good = (np.array([status is Status.LIMIT_CYCLE for status in runs.status]) & ~allowed.too_large(runs)).tolist()
+    return [Status.SETTLED if rests else status for status, rests in zip(runs.status, good, strict=True)]
 
 
 def _band(text: str) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -57,13 +57,7 @@ _Seen = tuple[float, tuple[LimitCycle, ...], bool]
 
 
 def scan(question: BoundProblem, allowed: Allowed) -> Scan:
-    """Search the range of the limiting parameter for stable cycles that are larger than allowed.
-
-    Parameters
-    ----------
-    question : Question
-        At one value of the parameter that runs.
-    """
+    """Search the range of the limiting parameter for stable cycles that are larger than allowed."""
     values = tried_values(question)
     if idle(question, values):
         return Scan(Finding.IDLE, note=Finding.IDLE.sentence)
@@ -112,20 +106,23 @@ def _seen_at(question: BoundProblem, allowed: Allowed, value: float) -> _Seen:
     return value, tuple(c for c in search if allowed.exceeded_by(c)), not search.left_open
 
 
+def predicted_too_large(question: BoundProblem, allowed: Allowed | None, value: float) -> bool:
+    """Whether the DF has a cycle at a value that is larger than allowed; any, where no size is."""
+    try:
+        cycles = predicted_cycles(question.case_at(value))
+    except ModelError:  # an element without a describing function
+        return False
+    return any(allowed is None or allowed.exceeded_by(c) for c in cycles)
+
+
 def first_order_bound(question: BoundProblem, allowed: Allowed, found: Scan) -> float:
     """Where the largest stable cycle of the DF becomes larger than allowed [SI]; nan where it does not nearby.
 
     It is sought over the whole range, from the far end of it, by halving: where cycles of the DF are too large
     there and not at the safe end.
     """
-    safe, far = (question.low, question.high) if found.sign > 0 else (question.high, question.low)
-
-    def too_large(value: float) -> bool:
-        try:
-            return any(allowed.exceeded_by(c) for c in predicted_cycles(question.case_at(value)))
-        except ModelError:  # an element without a describing function
-            return False
-
+    safe, far = question.ends(found.sign)
+    too_large = partial(predicted_too_large, question, allowed)
     other = next((v for v in (found.value, found.safe, far) if too_large(v)), None)
     if other is None or too_large(safe):
         return float("nan")
@@ -154,8 +151,8 @@ def _passage(
     question: BoundProblem, allowed: Allowed, value: float, cycle: LimitCycle, sign: float
 ) -> ExactBound | None:
     """Where the family of one cycle begins to be too large; None where its branch does not show it."""
-    end = question.low if sign > 0 else question.high
-    case, system = question.case, question.case_at(value).to_system()
+    end, _ = question.ends(sign)
+    system = question.case_at(value).to_system()
     limits = min(value, end), max(value, end)
     family = Family(lambda v: steady_case(question.case_at(v)), limits)
 
@@ -168,7 +165,7 @@ def _passage(
         orbit = next(orbits_near(hybrid, *start_of(hybrid, cycle), cycle.period), None)
         if orbit is None or orbit.motion is not None:
             return None
-        walk = Continuation(case, question.limit, family, limits, _MOST, _STEP, passes=excess)
+        walk = Continuation(question.case, question.limit, family, limits, _MOST, _STEP, passes=excess)
         begin = make_point(family, value, orbit, None, -sign)
         points, _ = walk.along(begin, _MOST)
     except (EppError, np.linalg.LinAlgError):

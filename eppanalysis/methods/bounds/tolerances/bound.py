@@ -195,7 +195,8 @@ def tolerance_bound(
     worst, message, n_corners = box.worst()
     draws, offset = np.zeros(0), float("nan")
     if samples:
-        spread = _spread(len(widths) + 1, samples, spreads, seed)
+        # Independent, so that the binomial interval is exact.
+        spread = spreads.within(np.random.default_rng(seed).uniform(size=(samples, len(widths) + 1)))
         draws, offset = box.draws(spread[:, :-1], threads, tell)
         draws = draws - spread[:, -1] * own
     sign = box.sign
@@ -244,8 +245,3 @@ def quantile(draws: Array, probability: float, sign: float = 1.0) -> Quantile:
     values = [float(ordered[i]) if 0 <= i < n else float("nan") for i in (place, low, high)]
     value, first, last = (sign * v for v in values)
     return Quantile(probability, value, *((first, last) if sign > 0 else (last, first)))
-
-
-def _spread(columns: int, n: int, distribution: Distribution, seed: int) -> Array:
-    """Draws between -1 and 1, shape (n, columns): independent, so that the binomial interval is exact."""
-    return distribution.within(np.random.default_rng(seed).uniform(size=(n, columns)))

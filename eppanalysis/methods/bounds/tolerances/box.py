@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -20,10 +20,8 @@ _BRACKET, _HALVINGS = 0.08, 5
 #: Rounds of runs: how often the end of a bracket is tried, and with its halvings.
 _ENDS = 2
 ROUNDS = _ENDS + _HALVINGS
-#: Length of a run in periods of the orbit at the nominal bound.
-PERIODS = 40.0
 #: Most influential parameters, in all corners of which the worst case is checked.
-CHECKED = 3
+_CHECKED = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,17 +33,14 @@ class Place:
     slopes: Mapping[str, float]
 
 
-P = TypeVar("P", bound=Place)
-
-
 @dataclass(eq=False)
-class Box(ABC, Generic[P]):
+class Box(ABC):
     """The box of tolerances round a case, and the bounds in it; lives for one call."""
 
     question: BoundProblem
     widths: dict[str, float]
     sign: float
-    centre: P
+    centre: Place
 
     @property
     def not_covered(self) -> str:
@@ -53,7 +48,7 @@ class Box(ABC, Generic[P]):
         return ""
 
     @abstractmethod
-    def worst(self) -> tuple[P, str, int]:
+    def worst(self) -> tuple[Place, str, int]:
         """The corner with the worst bound, what is missing, and the number of corners checked besides."""
 
     @abstractmethod
@@ -77,10 +72,11 @@ class Box(ABC, Generic[P]):
             out.append(-math.copysign(1.0, slope) if math.isfinite(slope) and slope else place)
         return tuple(out)
 
-    def _most_influential(self) -> list[int]:
-        """Numbers of the parameters that move the bound most at the centre."""
+    def _corners(self, place: tuple[float, ...]) -> Iterator[tuple[float, ...]]:
+        """A place with all combinations of the ends of those parameters that move the bound most at the centre."""
         influence = [abs(self.centre.slopes.get(n, 0.0)) * w for n, w in self.widths.items()]
-        return sorted(range(len(influence)), key=lambda i: -influence[i])[:CHECKED]
+        most = sorted(range(len(influence)), key=lambda i: -influence[i])[:_CHECKED]
+        return itertools.product(*((-1.0, 1.0) if i in most else (end,) for i, end in enumerate(place)))
 
     def draws(self, spread: Array, threads: int, tell: Progress) -> tuple[Array, float]:
         """Bounds of draws (n, parameters) by runs, and how far the runs are off at the centre."""

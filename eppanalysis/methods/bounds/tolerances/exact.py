@@ -15,7 +15,8 @@ from eppanalysis.methods.bounds.balanced import BalancedSweep, BoundProblem
 from eppanalysis.methods.bounds.elasticity import exact_slopes
 from eppanalysis.methods.bounds.exact import of_balance
 from eppanalysis.methods.bounds.result import Finding
-from eppanalysis.methods.bounds.tolerances.box import PERIODS, Box, Place
+from eppanalysis.methods.bounds.tolerances.box import Box, Place
+from eppanalysis.methods.bounds.verify import PERIODS
 from eppanalysis.methods.continuation.steps import BranchPoint
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
@@ -30,7 +31,7 @@ _SIZES, _POINTS = (1.0, 1.3, 1.8, 2.5), 2
 
 
 @dataclass(eq=False)
-class ExactBox(Box[Place]):
+class ExactBox(Box):
     """Exact bounds in the box: each place of it is a question like the nominal one."""
 
     sweep: BalancedSweep
@@ -81,27 +82,14 @@ class ExactBox(Box[Place]):
                 return here, "the worst corner could not be reached; the last bound is given", 0
             here = found
         message = "" if self._downhill(here) == here.place else "the bound is not monotone over the box"
-        better, n_corners = self._check(here)
-        if better is not None:
-            return better, message, n_corners
-        return here, message, n_corners
-
-    def _check(self, worst: Place) -> tuple[Place | None, int]:
-        """The other corners in the most influential parameters: a worse one, and how many could be checked."""
         # Slopes know their own corner: where the bound is not monotone another one may be worse.
-        most = self._most_influential()
-        count, better = 0, None
-        for signs in itertools.product((-1.0, 1.0), repeat=len(most)):
-            place = list(worst.place)
-            for i, s in zip(most, signs, strict=True):
-                place[i] = s
-            if tuple(place) == worst.place:
-                continue
-            found = self.exact(tuple(place))
-            count += found is not None
-            if found is not None and self.sign * (found.value - worst.value) < 0:
-                better = worst = found
-        return better, count
+        n_corners = 0
+        for corner in self._corners(here.place):
+            found = self.exact(corner) if corner != here.place else None
+            n_corners += found is not None
+            if found is not None and self.sign * (found.value - here.value) < 0:
+                here = found
+        return here, message, n_corners
 
     def _oscillating(self, cases: Sequence[CaseLike], values: Array, threads: int) -> BoolArray:
         """Which cases have a run that does not come to rest, at their values of the bounded parameter."""

@@ -7,7 +7,6 @@ the search gives the bound at the worst one, and says of the others whether noth
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -24,7 +23,7 @@ from eppanalysis.results import LimitCycle
 
 
 @dataclass(eq=False)
-class SearchedBox(Box[Place]):
+class SearchedBox(Box):
     """Bounds in the box that the search says."""
 
     asking: SearchedProblem
@@ -56,35 +55,21 @@ class SearchedBox(Box[Place]):
 
     def worst(self) -> tuple[Place, str, int]:
         """The corner with the worst bound, what is missing, and the number of corners checked besides."""
-        down, most = self._downhill(self.centre), self._most_influential()
-        sides = [(-1.0, 1.0) if i in most else (side,) for i, side in enumerate(down)]
-        corners = sorted(itertools.product(*sides), key=lambda corner: self.sign * self._by_runs(corner))
-        here, first = self.centre, True
-        for corner in corners:
-            if not first and self._is_free(corner, here.value):
+        corners = sorted(self._corners(self._downhill(self.centre)), key=lambda c: self.sign * self._by_runs(c))
+        here, at_once = self.centre, replace(self.asking, first=True)
+        for k, corner in enumerate(corners):
+            question = self.at(corner)
+            if k and at_once.answer(question, here.value, self.cycles).free:
                 continue
-            found = self._searched(corner)
-            if found is None:
-                return here, f"at {self._said(corner)} no bound was found within the range", corners.index(corner)
-            here = found if first or self.sign * (found.value - here.value) < 0 else here
-            first = False
+            cell = searched_cell(question, float("nan"), self.asking)
+            if cell.finding is not Finding.BOUND:
+                values = self.values(corner).items()
+                at = ", ".join(f"{name} {self.question.case.text(name, value)}" for name, value in values)
+                return here, f"at {at} no bound was found within the range", k
+            self.cells.append(cell)
+            if k == 0 or self.sign * (cell.bound - here.value) < 0:
+                here = Place(corner, cell.bound, {})
         return here, "", len(corners) - 1
-
-    def _searched(self, corner: tuple[float, ...]) -> Place | None:
-        """The bound at a corner; None where the search finds none in the range."""
-        cell = searched_cell(self.at(corner), float("nan"), self.asking)
-        if cell.finding is not Finding.BOUND:
-            return None
-        self.cells.append(cell)
-        return Place(corner, cell.bound, {})
-
-    def _is_free(self, corner: tuple[float, ...], value: float) -> bool:
-        """Whether the search finds nothing but rest at a corner, with a value of the bounded parameter."""
-        return replace(self.asking, first=True).answer(self.at(corner), value, self.cycles).free
-
-    def _said(self, corner: tuple[float, ...]) -> str:
-        case = self.question.case
-        return ", ".join(f"{name} {case.text(name, value)}" for name, value in self.values(corner).items())
 
     def _slopes(self) -> dict[str, float]:
         """How the bound moves with each parameter, from runs at both ends of its tolerance."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.balanced import BoundProblem, spread
-from eppanalysis.methods.bounds.sizes.allowed import Allowed
+from eppanalysis.methods.bounds.sizes.allowed import Allowed, ends_of
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.trigger import Trigger, trigger
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
@@ -36,25 +36,14 @@ class OwnRuns:
 
 
 def own_runs(question: BoundProblem, bound: float, sign: float, allowed: Allowed | None = None) -> OwnRuns:
-    """What the case's own run does from a bound to the end of the range.
-
-    Parameters
-    ----------
-    question : Question
-        At one value of the parameter that runs.
-    bound : float
-        Where cycles begin to exist [SI].
-    sign : {1, -1}
-        1 where they exist above it.
-    allowed : Allowed, optional
-        A cycle up to this size is as good as rest.
+    """What the case's own run does from a bound to the end of the range; a cycle that is allowed is as good as rest.
 
     Raises
     ------
     EppError
         If the loop has no form that is run in batches, as one with sampled controllers.
     """
-    inside, outside = bound, question.high if sign > 0 else question.low
+    inside, outside = bound, question.ends(sign)[1]
     rests_to = math.nan
     for halving in range(_HALVINGS):
         values = spread(inside, outside, _GRID if halving == 0 else 8)
@@ -81,12 +70,7 @@ def _ends(question: BoundProblem, values: Sequence[float], allowed: Allowed | No
         case = question.case_at(value)
         system = case.to_system()
         hybrids.append(HybridSystem.from_lure(system, input_signals_by_name(system.input_names, case.input)))
-    result = simulate_batch(HybridStack.of(hybrids, system.signals.names), question.case.t_end)
-    if allowed is None:
-        return list(result.status)
-    within = ~allowed.too_large(result)
-    cycling = Status.LIMIT_CYCLE
-    return [Status.SETTLED if s is cycling and w else s for s, w in zip(result.status, within, strict=True)]
+    return ends_of(simulate_batch(HybridStack.of(hybrids, system.signals.names), question.case.t_end), allowed)
 
 
 def smallest_trigger(question: BoundProblem, value: float, allowed: Allowed | None = None) -> Trigger | None:
