@@ -16,6 +16,7 @@ from eppanalysis.methods.orbits.mirrored import is_mirrored, mirror
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.simulation.period import free_of
 from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.linear import ROUNDING
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.readable import number
 from eppanalysis.results import LimitCycle
@@ -113,6 +114,8 @@ def _skew(system: LureSystem, hybrid: HybridSystem, cycle: LimitCycle) -> float:
             continue
         size = max(float(abs(c[1])), cycle.peak_to_peak[name])
         even = max(float(abs(c[0].real - middle)), float(np.abs(c[2::2]).max(initial=0.0)))
+        # A setpoint, which does not move, has harmonics of rounding.
+        size, even = (part if part > ROUNDING * abs(middle) else 0.0 for part in (size, even))
         if size > 0 or even > 0:
             skews.append(even / size if size > 0 else np.nan)
     return float(np.max(skews)) if skews else np.nan
