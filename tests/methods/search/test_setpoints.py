@@ -108,3 +108,32 @@ def test_a_motion_that_grows_about_a_setpoint_to_its_cycle_is_not_without_bound(
     # A loop of one integrator behind a limit: the whole of its gain is 4/3 of what it bears, and from afar it is less.
     assert found.settles and not found.diverges
     assert len(found.stable) == 1
+
+
+def _level(setpoint: float, load: float = 0.0, kp: float = 1.0, ti: float = 10.0, **sampled: float) -> epp.LureSystem:
+    """A level under PI that a valve fills which sticks over a band of one, and slips on at once by as much."""
+    parts = {
+        "pi": epp.blocks.PI(kp=kp, ti=ti, **sampled),
+        "limit": epp.Saturation(lower=-1.0, upper=30.0),
+        "valve": epp.JumpAndFollow(stick_band=1.0, slip_jump=1.0 if sampled else 0.5),
+        "pipe": epp.blocks.LowPass(bandwidth=10.0) if sampled else epp.blocks.Gain(gain=1.0),
+        "tank": epp.blocks.Integrator(),
+    }
+    connect = ["setpoint - tank -> pi", "pi -> limit", "limit -> valve", "valve -> pipe", "pipe - load -> tank"]
+    return epp.Diagram(parts=parts, connect=connect, inputs={"setpoint": setpoint, "load": load}).to_system()
+
+
+@pytest.mark.parametrize("setpoint", mostly_slow([0.0, 15.0, 150.0], [15.0]))
+def test_a_level_swings_by_the_band_over_the_gain_at_every_setpoint(setpoint):
+    found = epp.find_limit_cycles(_level(setpoint))
+    # From one slip to the next the controller crosses the band; of a swing about the setpoint its integral is even.
+    assert found.stable and found.settles
+    for cycle in found.stable:
+        assert cycle.peak_to_peak["tank"] == pytest.approx(1.0, rel=1e-9)
+        assert cycle.mean["tank"] == pytest.approx(setpoint, abs=1e-9)
+
+
+@pytest.mark.parametrize("setpoint", mostly_slow([0.3, 0.7], [0.7]))
+def test_a_level_at_its_setpoint_is_no_cycle_for_the_rounding_of_their_difference(setpoint):
+    found = epp.find_limit_cycles(_level(setpoint, load=0.7, kp=2.0, ti=5.0, sample_time=0.1))
+    assert all(cycle.peak_to_peak["tank"] > 1e-9 for cycle in found)
