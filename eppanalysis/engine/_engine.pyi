@@ -74,7 +74,7 @@ def rounding_of_motion(
     moves: Array,
     period: float,
     compared: BoolArray,
-    gains: tuple[Any, ...],
+    on_inputs: Array,
     elements: tuple[Any, ...],
     changes: tuple[Any, ...],
     rounding: float,

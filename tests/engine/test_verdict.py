@@ -82,18 +82,16 @@ def test_what_rounding_leaves_of_a_motion_is_what_its_sizes_say() -> None:
         events, n, h, z, count = (int(k) for k in rng.integers(2, 6, 5))
         states = 10.0 ** rng.uniform(-1, 14) * (1.0 + 10.0 ** rng.uniform(-17, 0) * rng.normal(size=(events, n)))
         memory, moves = rng.normal(size=(events, h)) * 10.0 ** rng.uniform(-16, 1), np.ptp(states, axis=0)
-        C, K, levels = rng.normal(size=(z, n)), rng.normal(size=(z, h)), rng.choice([0.0, 1.0], count)
-        weights, compared = np.abs(rng.normal(size=(count, z))), rng.random(n) < 0.7
+        levels, weights = rng.choice([0.0, 1.0], count), np.abs(rng.normal(size=(count, z)))
+        compared = rng.random(n) < 0.7
         changes, period = (np.abs(rng.normal(size=n)), np.abs(rng.normal(size=z))), 10.0 ** rng.uniform(-3, 3)
-        gains = C, K, np.abs(np.hstack([C, K]))
+        gains = np.abs(rng.normal(size=(z, n + h)))
         found = rounding_of_motion(states, memory, moves, period, compared, gains, (weights, levels), changes, 1e-13)
-        amplitude = gains[2] @ np.concatenate([moves, np.ptp(memory, axis=0)])
-        place = np.abs(states @ C.T + memory @ K.T).max(axis=0)
+        amplitude = gains @ np.concatenate([moves, np.ptp(memory, axis=0)])
         sizes = np.concatenate([np.abs(states).max(axis=0) + moves, np.abs(memory).max(axis=0)])
+        place = gains @ sizes
         said.append(bool(np.all(weights @ amplitude <= 1e-13 * (levels + weights @ place))))
-        share = max(
-            (changes[0] * period / sizes[:n])[compared].max(initial=0.0), (changes[1] / (gains[2] @ sizes)).max()
-        )
+        share = max((changes[0] * period / sizes[:n])[compared].max(initial=0.0), (changes[1] / place).max())
         assert found[0] == said[-1]
         assert np.isclose(found[1], share, rtol=1e-12)
     assert 20 < sum(said) < 180

@@ -52,7 +52,7 @@ NB_MODULE(EPP_MODULE, m) {
          "compared", "found"},
         "UNDECIDED, SETTLED, CYCLE or GROWS for a run of a model; the arguments are those of `verdict` and `grows`.");
     bind(m, "rounding_of_motion", &verdict::rounding_of_motion,
-        {"states", "memory", "moves", "period", "compared", "gains", "elements", "changes", "rounding"},
+        {"states", "memory", "moves", "period", "compared", "on_inputs", "elements", "changes", "rounding"},
         "Whether elements see but `rounding` of a motion, and the largest share of it that they change in a period.");
     bind(m, "settle", &periodic::settle_part, {"table", "z", "omega", "mode", "clocked", "rest"},
         "Run an automaton over whole periods until mode and memory values come back.");

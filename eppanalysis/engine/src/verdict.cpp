@@ -375,24 +375,23 @@ i64 verdict_of_run(const Model& model, Vector ev_t, Indices ev_guard, Matrix ev_
 /// period : float
 /// compared : bool array, shape (n,)
 ///     States that belong to the motion.
-/// gains : arrays on_states (z, n), on_memory (z, h), sizes (z, n + h)
-///     From states and memory values to the elements' inputs, and sizes of both.
+/// on_inputs : array, shape (z, n + h)
+///     Sizes of the gains from states and memory values to the elements' inputs.
 /// elements : arrays, shapes (elements, z), (elements,)
 ///     Largest weights of the inputs in the guards of each element, and its largest threshold.
 /// changes : arrays, shapes (n,), (z,)
 ///     Most by which the outputs change the rates of the states, and the inputs at once.
 /// rounding : float
-///     Movement of an element's input that is rounding, relative to its thresholds and to its value.
+///     Movement of an element's input that is rounding, relative to its thresholds and to the terms of its value.
 std::tuple<bool, double> rounding_of_motion(Matrix states, Matrix memory, Vector moves, double period, Flags compared,
-    const std::tuple<Matrix, Matrix, Matrix>& gains, const std::tuple<Matrix, Vector>& elements,
-    const std::tuple<Vector, Vector>& changes, double rounding) {
+    Matrix on_inputs, const std::tuple<Matrix, Vector>& elements, const std::tuple<Vector, Vector>& changes,
+    double rounding) {
     Scope scope;
-    Matrix on_states{}, on_memory{}, on_inputs{}, weights{};
+    Matrix weights{};
     Vector levels{};
-    double size{}, low{}, high{}, seen{}, value{}, moved{};
-    std::tie(on_states, on_memory, on_inputs) = gains;
-    i64 n_z = on_states.shape(0);
-    i64 n = on_states.shape(1);
+    double size{}, low{}, high{}, moved{};
+    i64 n_z = on_inputs.shape(0);
+    i64 n = states.shape(1);
     i64 h = memory.shape(1);
     Vector most = empty<double>(n + h);
     Vector span = empty<double>(n + h);
@@ -425,23 +424,13 @@ std::tuple<bool, double> rounding_of_motion(Matrix states, Matrix memory, Vector
         }
     }
     for (i64 k = 0; k < n_z; ++k) {
-        seen = 0.0;
+        // Of a difference, as of a setpoint and what is held on it, the terms round, however small their sum.
         for (i64 j = 0, j_end = n + h; j < j_end; ++j) {
-            seen += on_inputs(k, j) * most(j);
+            place(k) += on_inputs(k, j) * most(j);
             amplitude(k) += on_inputs(k, j) * span(j);
         }
         if (std::get<1>(changes)(k) > 0.0) {
-            share = greatest_of(share, std::get<1>(changes)(k) / seen);
-        }
-        for (i64 i = 0; i < states.shape(0); ++i) {
-            value = 0.0;
-            for (i64 j = 0; j < n; ++j) {
-                value += on_states(k, j) * states(i, j);
-            }
-            for (i64 j = 0; j < h; ++j) {
-                value += on_memory(k, j) * memory(i, j);
-            }
-            place(k) = greatest_of(place(k), std::fabs(value));
+            share = greatest_of(share, std::get<1>(changes)(k) / place(k));
         }
     }
     std::tie(weights, levels) = elements;

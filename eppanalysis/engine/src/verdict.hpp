@@ -48,8 +48,8 @@ std::tuple<Vector, Vector> late_range(Vector ev_t, Matrix ev_x, i64 count, doubl
 i64 verdict_of_run(const Model& model, Vector ev_t, Indices ev_guard, Matrix ev_x, Matrix ev_v, i64 count,
     double t_end, Vector low, Vector high, Vector x_end, Vector rate_end, Flags compared, Vector found);
 std::tuple<bool, double> rounding_of_motion(Matrix states, Matrix memory, Vector moves, double period, Flags compared,
-    const std::tuple<Matrix, Matrix, Matrix>& gains, const std::tuple<Matrix, Vector>& elements,
-    const std::tuple<Vector, Vector>& changes, double rounding);
+    Matrix on_inputs, const std::tuple<Matrix, Vector>& elements, const std::tuple<Vector, Vector>& changes,
+    double rounding);
 
 }  // namespace verdict
 }  // namespace EPP_ARCH

@@ -152,6 +152,9 @@ def _on_the_flow(along: Orbit, guess: Guess, image: Array | None) -> Guess | Non
     part = np.floor(pieces * halves / duration).astype(int)
     parts = [np.flatnonzero(part == k).tolist() for k in range(pieces)]
     longest = [max(arcs, key=lambda a: float(orbit.tau[a])) for arcs in parts if arcs]
+    # An arc as long as the whole turn lies in neither half of it: such a motion is no mirror image of itself.
+    if not longest:
+        return None
     starts = [begun_amid(orbit, a) for a in longest]
     durations = np.diff(halves[longest], append=halves[longest[0]] + duration)
     if np.any(durations <= 0.0):

@@ -15,6 +15,7 @@ from eppanalysis.models.elements.piecewise import PiecewiseLinear
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import CANCELLED, without_rounding
+from eppanalysis.models.systems.sampled.strobe import sampled_among
 
 
 def reach_of_elements(system: LureSystem) -> Array:
@@ -44,13 +45,44 @@ def oscillations_at_reach(system: LureSystem) -> tuple[ComplexArray, Array]:
     wanted = np.array([_reach(system, i, omega[len(omega) // 2]) for i in range(len(rows))])
     # Where neither a threshold nor its start tells, the loop has no size (an integrator that is reset): any does.
     wanted = wanted if wanted.any() or np.any(system.x0) else np.ones(len(rows))
-    C = system.C[rows][wanted > 0] / wanted[wanted > 0, None]
+    C = _seen(system)[rows][wanted > 0] / wanted[wanted > 0, None]
     with np.errstate(all="ignore"):
         states = np.concatenate(list(system.state_response(omega)), axis=1)
         # What drives no input, as the second output of a contact, does so in turned states by rounding.
         inputs = without_rounding(np.abs(C @ states), np.abs(C) @ np.abs(states), CANCELLED)
         states = states / inputs.max(axis=0, initial=0.0)
     return states[:, np.all(np.isfinite(states), axis=0)], C
+
+
+def driven_behind_controllers(system: LureSystem) -> ComplexArray:
+    """Oscillations, shape (n, k), that an element drives which no state moves but through a sampled controller.
+
+    Its input is twice as large as where it begins to matter: of a relay with a small threshold the states then move
+    far more than its threshold tells.
+    """
+    omega, driven = _middle_frequencies(system), [np.zeros((len(system.A), 0), complex)]
+    rows = zip(system.elements, system.input_slices, system.output_slices, strict=True)
+    for i, (element, inputs, outputs) in enumerate(rows):
+        a = 0.0 if np.any(system.C[inputs.start]) else 2.0 * _reach(system, i, omega[len(omega) // 2])
+        if a > 0.0:
+            gain = describe(element, np.full(omega.size, a), np.zeros(omega.size), omega)[1]
+            with np.errstate(all="ignore"):
+                states = np.array([response[:, outputs] for response in system.state_response(omega)])
+                driven.append(a * np.einsum("kno,ko->nk", states, gain))
+    states = np.concatenate(driven, axis=1)
+    return states[:, np.all(np.isfinite(states), axis=0)]
+
+
+def _seen(system: LureSystem) -> Array:
+    """The elements' inputs by the state, shape (inputs, n), with what sampled controllers hand on straight."""
+    controllers = sampled_among(system.elements)
+    straight = np.zeros((len(system.D), len(system.D)))
+    for i, controller in controllers.items():
+        straight[:, system.input_slices[i]] = system.D[:, system.output_slices[i]] @ np.asarray(controller.D, float)
+    seen = system.C
+    for _ in controllers:
+        seen = system.C + straight @ seen
+    return seen
 
 
 def may_be_overcome(system: LureSystem) -> bool:

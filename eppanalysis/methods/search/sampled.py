@@ -31,7 +31,7 @@ from eppanalysis.methods.orbits.samples.locked import (
     starts_on,
 )
 from eppanalysis.methods.search.outcomes import Look, RunOutcome
-from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_elements
+from eppanalysis.methods.search.reach import driven_behind_controllers, oscillations_at_reach, reach_of_elements
 from eppanalysis.methods.search.result import CycleSearch, exists, undecided
 from eppanalysis.methods.search.unmet import MANY, more_of, unmet
 from eppanalysis.methods.simulation.budget import Budget, BudgetExceeded, budget, telling
@@ -127,11 +127,20 @@ class Starts:
         return np.hstack([told, np.diag(untold)[:, untold > 0.0]])
 
     def random(self, number: int, seed: int) -> list[Array]:
-        """Random states, from a twentieth of where elements begin to matter to three times as large."""
+        """Random states, from a twentieth of where elements begin to matter to three times as large.
+
+        As many more where a controller stands before an element: the threshold there says little of the motions that
+        its output makes.
+        """
         rng = np.random.default_rng(seed)
         size = np.exp(rng.uniform(np.log(_SMALLEST), np.log(_LARGEST), (number, 1)))
         noise = rng.normal(size=(number, self._columns.shape[1]))
-        return list(size * noise / np.sqrt(self._columns.shape[1]) @ self._columns.T)
+        states = size * noise / np.sqrt(self._columns.shape[1]) @ self._columns.T
+        driven = driven_behind_controllers(self.loop)
+        columns = np.hstack([driven.real, driven.imag])
+        more = number if columns.size else 0
+        far = size[:more] * rng.normal(size=(more, columns.shape[1])) @ columns.T
+        return [*states, *far]
 
 
 def middle_of(cycle: LimitCycle) -> Array:
@@ -183,8 +192,9 @@ class SampledSearch:
                 return True
         number = int(np.clip(_MOST_DRAWN // self.strobe.samples_in(self.horizon), _N_RANDOM, _MOST_RANDOM))
         for draw in range(_DRAWS):
-            for k, state in enumerate(self.starts.random(number, _SEED + draw)):
-                self._say(k, number, f"run {k + 1} of {number}")
+            drawn = self.starts.random(number, _SEED + draw)
+            for k, state in enumerate(drawn):
+                self._say(k, len(drawn), f"run {k + 1} of {len(drawn)}")
                 self.begun.append((state, self.outcome(self.starts.begun(state, ()))))
                 if self.stopped:
                     return True

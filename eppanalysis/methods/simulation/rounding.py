@@ -28,8 +28,8 @@ BENEATH_ROUNDING = (
 SAMPLES = 512
 #: In place of a channel without end.
 _NO_END = 1e200
-#: Movement of an element's input that is rounding, relative to its thresholds and to its value; of a loop without any
-#: size of its own, relative to where the run has been.
+#: Movement of an element's input that is rounding, relative to its thresholds and to the terms of its value; of a loop
+#: without any size of its own, relative to where the run has been.
 _ROUNDING = 1e-13
 #: Rounding of a state over a period, relative to its largest value, as in the verdict of a run; changes by the elements
 #: that are no more than some times this are lost in it.
@@ -42,8 +42,8 @@ _FELT = 1e-4
 class _Sizes:
     """What these tests, which follow every run, take from the model alone."""
 
-    #: (z, n), (z, h), (z, n + h): from states and memory values to the elements' inputs, and sizes of both.
-    gains: tuple[Array, Array, Array]
+    #: (z, n + h): sizes of the gains from states and memory values to the elements' inputs.
+    on_inputs: Array
     #: on_rates, straight: (n, w), (z, w): sizes of the gains from outputs, late ones too, to the rates of the states
     #: and to the inputs.
     on_rates: Array
@@ -77,9 +77,8 @@ class _Sizes:
                 # controller, whose guards see its clock alone.
                 weight, own = np.where(weight > 0.0, 0.0, 1.0), np.zeros_like(own)
             weights[e, z:z_end], levels[e] = weight, np.abs(m.guard_0[own]).max(initial=0.0)
-        C = np.array(m.C, order="C")
-        gains = C, Kz, np.abs(np.hstack([C, Kz]))
-        return cls(gains, on_rates, np.abs(m.D), (weights, levels), tuple(modes), constant, np.abs(m.mode_ws))
+        on_inputs = np.abs(np.hstack([m.C, Kz]))
+        return cls(on_inputs, on_rates, np.abs(m.D), (weights, levels), tuple(modes), constant, np.abs(m.mode_ws))
 
     def changes(self, outputs: Array) -> tuple[Array, Array]:
         """Most by which outputs of these sizes change the rates of the states, and the inputs of elements at once."""
@@ -125,7 +124,7 @@ def left_by_rounding(
         own = of.outputs(_smooth_variation(hybrid, states, memory, moves))
         changes = of.changes(own)
     states, memory = np.ascontiguousarray(states), np.ascontiguousarray(memory)
-    numbers = of.gains, of.elements, changes, _ROUNDING
+    numbers = of.on_inputs, of.elements, changes, _ROUNDING
     rounding, share = rounding_of_motion(states, memory, moves, float(period), hybrid.compared, *numbers)
     # Without any size of its own a loop is homogeneous whatever its motion: what has decayed so far decays further.
     has_size = bool(own.max(initial=0.0) > 0.0)

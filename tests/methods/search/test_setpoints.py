@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 import eppanalysis as epp
@@ -108,3 +110,58 @@ def test_a_motion_that_grows_about_a_setpoint_to_its_cycle_is_not_without_bound(
     # A loop of one integrator behind a limit: the whole of its gain is 4/3 of what it bears, and from afar it is less.
     assert found.settles and not found.diverges
     assert len(found.stable) == 1
+
+
+def _level(setpoint: float, load: float = 0.0, kp: float = 1.0, ti: float = 10.0, **sampled: float) -> epp.LureSystem:
+    """A level under PI that a valve fills which sticks over a band of one, and slips on at once by as much."""
+    parts = {
+        "pi": epp.blocks.PI(kp=kp, ti=ti, **sampled),
+        "limit": epp.Saturation(lower=-1.0, upper=30.0),
+        "valve": epp.JumpAndFollow(stick_band=1.0, slip_jump=1.0 if sampled else 0.5),
+        "pipe": epp.blocks.LowPass(bandwidth=10.0) if sampled else epp.blocks.Gain(gain=1.0),
+        "tank": epp.blocks.Integrator(),
+    }
+    connect = ["setpoint - tank -> pi", "pi -> limit", "limit -> valve", "valve -> pipe", "pipe - load -> tank"]
+    return epp.Diagram(parts=parts, connect=connect, inputs={"setpoint": setpoint, "load": load}).to_system()
+
+
+@pytest.mark.parametrize("setpoint", mostly_slow([0.0, 15.0, 150.0], [15.0]))
+def test_a_level_swings_by_the_band_over_the_gain_at_every_setpoint(setpoint):
+    found = epp.find_limit_cycles(_level(setpoint))
+    # From one slip to the next the controller crosses the band; of a swing about the setpoint its integral is even.
+    assert found.stable and found.settles
+    for cycle in found.stable:
+        assert cycle.peak_to_peak["tank"] == pytest.approx(1.0, rel=1e-9)
+        assert cycle.mean["tank"] == pytest.approx(setpoint, abs=1e-9)
+
+
+@pytest.mark.parametrize("setpoint", mostly_slow([0.3, 0.7], [0.7]))
+def test_a_level_at_its_setpoint_is_no_cycle_for_the_rounding_of_their_difference(setpoint):
+    found = epp.find_limit_cycles(_level(setpoint, load=0.7, kp=2.0, ti=5.0, sample_time=0.1))
+    assert all(cycle.peak_to_peak["tank"] > 1e-9 for cycle in found)
+
+
+@pytest.mark.parametrize(("setpoint", "unit"), mostly_slow([(0.0, 100.0), (30.0, 1.0), (0.0, 0.01)], [(0.0, 100.0)]))
+def test_a_sampled_flow_that_hunts_does_not_settle_from_all_starts_whatever_the_unit_of_its_valve(setpoint, unit):
+    kp, ti, T, band, jump = 0.64, 3.3, 0.05, 1.6, 0.3
+    loop = epp.Diagram(
+        parts={
+            "pi": epp.blocks.PI(kp=kp * unit, ti=ti, sample_time=T),
+            "valve": epp.JumpAndFollow(stick_band=band * unit, slip_jump=jump * unit),
+            "pipe": epp.blocks.TransferFunction(num=[1.0 / unit], den=[1.0, 1.0]),
+        },
+        connect=["setpoint - pipe -> pi", "pi -> valve", "valve -> pipe"],
+        inputs={"setpoint": setpoint},
+    )
+    found = epp.find_limit_cycles(loop.to_system())
+    assert found.cycles or not found.status.ok
+    # By hand, begun with the valve stuck 0.1 beside where it should be: it slips from there to the other side and back.
+    e, integral, stuck, seen = -0.1, 0.0, 0.1, []
+    for k in range(40_000):
+        integral += kp / ti * T * e
+        u = kp * e + integral
+        if abs(u - stuck) > (band + jump) / 2:
+            stuck = u - math.copysign((band - jump) / 2, u - stuck)
+        e = -stuck + (e + stuck) * math.exp(-T)
+        seen += [e] * (k >= 20_000)
+    assert max(seen) - min(seen) == pytest.approx(jump, rel=0.02)
