@@ -163,6 +163,7 @@ def continue_folds(
     check_counts("continue_folds", {"n_points": (n_points, 1)})
     rows = np.linspace(case.si(other, over[0]), case.si(other, over[1]), n_points)
     low, high = sorted(case.si(parameter, v) for v in limits)
+    at = case.operating_point
     if (own := OwnStates.of(case)) is not None:
         case, cycle = own.from_user(cycle)
     first = case.with_values({other: float(rows[0])})
@@ -191,7 +192,7 @@ def continue_folds(
         units={name: case.unit(name)[0] for name in (parameter, other)},
         readable={name: case.readable(name) for name in (parameter, other)},
         provenance=Provenance("fold curve", {"limits": (low, high), "over": rows.tolist()}, case=facts_of(case)),
-        operating_point=case.operating_point,
+        operating_point=at,
     )
 
 

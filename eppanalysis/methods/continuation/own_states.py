@@ -92,7 +92,8 @@ class OwnStates:
         """A branch of the case with its cycles in the user's states."""
         states = [self.at(self.case.with_values({branch.parameter: s.value})) for s in branch.special]
         special = tuple(replace(s, cycle=own.to_user(s.cycle)) for own, s in zip(states, branch.special, strict=True))
-        return replace(branch, special=special, others=tuple(map(self.to_user, branch.others)))
+        others, at = tuple(map(self.to_user, branch.others)), self.case.operating_point
+        return replace(branch, special=special, others=others, operating_point=at)
 
 
 def in_own_states(case: CaseLike) -> CaseLike:
