@@ -375,6 +375,12 @@ class Continuation:
     ) -> tuple[BranchPoint | None, str]:
         """The point beyond a border, noted; or how the branch ends there."""
         if new is not None and not _same_motion(points, new):
+            before = self.special[-1] if self.special else None
+            if back and before and before[0] is Change.FOLD and _is_at(before[1], inside.value):
+                # A branch that comes to the change like a root stands upright there: on which side of it, is rounding.
+                # It turns twice, which is not at all.
+                self.special.pop()
+                back = False
             kind = Change.TURNING if back else Change.SEQUENCE
             self._note(kind, inside, difference(inside.orbit, new.orbit), len(points))
             return new, ""
@@ -473,6 +479,11 @@ def _ahead(point: BranchPoint, ds: float) -> tuple[BranchPoint | None, BranchPoi
     if new is None or astray(point, new) or not regular(new):
         return None, None
     return (new, None) if admissible(new) else last_admissible(point, ds)
+
+
+def _is_at(point: BranchPoint, value: float) -> bool:
+    """Whether a point is at a value, but for rounding."""
+    return abs(point.value - value) < 1e-9 * point.family.width
 
 
 def _same_value(one: BranchPoint, other: BranchPoint) -> bool:

@@ -34,7 +34,7 @@ def mirror(hybrid: HybridSystem) -> Array | None:
     tested against the engine.
     """
     model, n = hybrid.model, hybrid.n_plant
-    if np.any(model.smooth_kind == DELAY_LINE) or not np.all(hybrid.compared[:n]) or _has_constants(hybrid):
+    if np.any(model.smooth_kind == DELAY_LINE) or not np.all(hybrid.compared[:n]) or has_constants(hybrid):
         return None
     # What is odd changes its sign, which the 1 in y and held inputs do not.
     image = np.eye(hybrid.x0.size + hybrid.H0.size)
@@ -43,7 +43,7 @@ def mirror(hybrid: HybridSystem) -> Array | None:
     return image
 
 
-def _has_constants(hybrid: HybridSystem) -> bool:
+def has_constants(hybrid: HybridSystem) -> bool:
     """Whether at zero something moves, or an element has an input, while no element gives anything."""
     model, n = hybrid.model, hybrid.n_plant
     inputs = np.concatenate([hybrid.x0[n:], hybrid.H0])

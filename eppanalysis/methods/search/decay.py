@@ -165,10 +165,9 @@ class Turns:
         return float(now.max()) if grows else None
 
     def _decay(self, at: IntArray) -> float | None:
-        """The ratio of the steps between turns that shrink, begun `at` four events, about a rest of all their modes."""
-        laws, compared = self._laws(at[-2]), self.start.compared
-        behind = law_of(self.start, self.modes[-1])
-        if laws is None or behind is None:
+        """The ratio of the steps between turns that shrink, begun `at` four events, about rests of all their modes."""
+        compared, behind = self.start.compared, law_of(self.start, self.modes[-1])
+        if behind is None:
             return None
         steps = np.diff(self.y[at], axis=0)
         # In turned states what stays where it is has the rounding of the others.
@@ -182,25 +181,39 @@ class Turns:
         off = float(np.abs(both[2] - now * both[1]).max())
         if abs(now) >= 1.0 - _ALIKE or off >= _ALIKE * (1.0 - abs(now)) or abs(before - now) >= _ALIKE:
             return None
-        limit = self.y[at[-1]] + np.where(repeats, steps[-1] * now / (1.0 - now), 0.0)
-        rows = np.vstack([np.vstack([law.F[compared], law.g]) @ law.levels for law in laws])
-        return now if _alike_about(limit, self.y[at[-2] :], rows, repeats) else None
+        return now if self._is_alike_at_all_sizes(at, now, repeats) else None
+
+    def _is_alike_at_all_sizes(self, at: IntArray, ratio: float, repeats: BoolArray) -> bool:
+        """Whether the loop does the same at all sizes of turns that shrink by a ratio.
+
+        Where each event of a turn comes to, each rate and guard of the modes around it is so large that turns change
+        nothing of it, or vanishes; all that vanish do so at one point to rounding, however near to zero a level lies.
+        """
+        last, turn = np.arange(at[-2] + 1, at[-1] + 1), int(at[-1] - at[-2])
+        if last[0] < turn or not np.array_equal(self.guard[last], self.guard[last - turn]):
+            return False
+        away = np.where(repeats, self.y[last] - self.y[last - turn], 0.0) * ratio / (1.0 - ratio)
+        limits, spread = self.y[last] + away, np.abs(away).max(axis=0)
+        for event, limit in zip(last, limits, strict=True):
+            arcs = [k for k in (event - 1, event) if self.lasts[k] > 0.0]
+            laws = [law for law in (law_of(self.start, self.modes[k]) for k in arcs) if law is not None]
+            rows = [np.vstack([law.F[self.start.compared], law.g]) @ law.levels for law in laws]
+            if len(laws) < len(arcs) or not (rows and _vanish_together(np.vstack(rows), limit, spread)):
+                return False
+        return True
 
 
-def _alike_about(rest: Array, turn: Array, rows: Array, repeats: BoolArray) -> bool:
-    """Whether a loop does the same at all sizes of motions about a rest that are no larger than a turn (events, N).
-
-    Each of what the turn meets, rates and guards (rows, N), is so large at the rest that the turn changes nothing of
-    it, or vanishes; all that vanish do so at one point to rounding, however near to zero a level may lie.
+def _vanish_together(rows: Array, limit: Array, spread: Array) -> bool:
+    """Whether those of some rates and guards (rows, N) that are not large beside what motions of a spread make of them
+    vanish at one point, which the motions lead to.
     """
-    size = np.abs(turn).max(axis=0)
-    change, noise = np.ptp(turn @ rows.T, axis=0), _ROUNDING * (np.abs(rows) @ size)
-    near = (np.abs(rows @ rest) < _FAR * change) & (change > noise)
-    spread = np.where(repeats, np.ptp(turn, axis=0), 0.0)
-    part = rows[near] * spread / change[near, None]
-    away = np.linalg.lstsq(part, -(rows[near] @ rest) / change[near], rcond=None)[0]
-    vanish = np.abs(rows @ (rest + spread * away))[near] <= noise[near]
-    return bool(np.all(vanish) and np.all(np.abs(away) <= _ALIKE))
+    change, noise = np.abs(rows) @ spread, _ROUNDING * (np.abs(rows) @ (np.abs(limit) + spread))
+    near = (np.abs(rows @ limit) < _FAR * change) & (change > noise)
+    part, point = rows[near] * spread / change[near, None], limit
+    for _ in range(2):  # once more, as what is left of the first time is rounding of its largest terms
+        point = point + spread * np.linalg.lstsq(part, -(rows[near] @ point) / change[near], rcond=None)[0]
+    leads_there = np.all(np.abs(point - limit) <= _ALIKE * spread)
+    return bool(leads_there and np.all(np.abs(rows[near] @ point) <= noise[near]))
 
 
 def _ratio(one: Array, other: Array) -> float:

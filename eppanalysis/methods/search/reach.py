@@ -78,7 +78,10 @@ def _seen(system: LureSystem) -> Array:
     controllers = sampled_among(system.elements)
     straight = np.zeros((len(system.D), len(system.D)))
     for i, controller in controllers.items():
-        straight[:, system.input_slices[i]] = system.D[:, system.output_slices[i]] @ np.asarray(controller.D, float)
+        # Behind its own ports an element has those of the clock that it reads.
+        through = np.asarray(controller.D, float)
+        z, w = system.input_slices[i].start, system.output_slices[i].start
+        straight[:, z : z + through.shape[1]] = system.D[:, w : w + len(through)] @ through
     seen = system.C
     for _ in controllers:
         seen = system.C + straight @ seen

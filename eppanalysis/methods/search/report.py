@@ -9,6 +9,7 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.methods.orbits.delayed.smooth import is_smooth_delayed
+from eppanalysis.methods.orbits.mirrored import has_constants
 from eppanalysis.methods.orbits.tsypkin import TsypkinLocus
 from eppanalysis.methods.search.outcomes import ASIDE, MOST_REACHED, RunOutcome, RunOutcomes
 from eppanalysis.methods.search.result import exists, undecided
@@ -39,16 +40,14 @@ class SearchReport(RunOutcomes):
     why_unclosed: dict[int, str] = field(default_factory=dict)
 
     def beside_rest(self) -> list[tuple[Array, Array]]:
-        """Starts to either side of the state of rest that is known, where the rays begin farther from it.
+        """Starts to either side of the state of rest that is known, where a load moves it from the centre.
 
-        Where it does not hold, its own motion leads on to a cycle, be it far smaller than where the elements begin to
-        matter.
+        All others may be far from there. Where it does not hold, its own motion leads on to a cycle, be it far smaller
+        than where the elements begin to matter.
         """
-        if self.rest is None or not np.any(self.reach):
+        if self.rest is None or not np.any(self.reach) or not has_constants(self.hybrid):
             return []
         rest, memory = self.rest
-        if np.all((np.abs(rest - self.centre) <= SCALES[0] * self._sizes())[self.hybrid.compared]):
-            return []
         return [(rest + aside * self.reach, memory) for aside in (ASIDE, -ASIDE)]
 
     @property
