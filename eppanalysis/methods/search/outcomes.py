@@ -46,7 +46,8 @@ _ENOUGH_EVENTS = 600
 _NEARS = 1e-2
 #: A run is tested for a cycle without switches on one that is so many times as long.
 _SEEN = 3.0
-#: A run is made three times longer this often at most, and to so many horizons unless it is carried on to a switch.
+#: A run is made three times longer this often at most, and to so many horizons unless it still switches or is carried
+#: on to a switch.
 _LOOKS, _LONGEST = 16, 3.0**7
 #: A cycle is listed as a run has it when all changes still to come are below this share of its amplitude. The run is
 #: made three times longer this often at most. Only so many are listed, for they may fill a continuum.
