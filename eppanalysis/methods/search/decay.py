@@ -27,6 +27,9 @@ _ALIKE = 0.01
 _FAR = _ALIKE**-2
 #: Rounding of a step or a rate, relative to its terms.
 _ROUNDING = 1e-12
+#: What is left of rates and guards that vanish at one point, relative to their terms: states in which nothing that is
+#: not read is mixed are known to a tenth of it.
+_VANISHED = 1e-10
 #: Most events of one kind in a turn, and most that are kept.
 _MOST_TURNS, _MOST_EVENTS = 8, 400
 
@@ -148,7 +151,7 @@ class Turns:
         Each state has a ratio of its own: a chain of integrators behind a limit grows in each by another power.
         """
         compared, laws = self.start.compared, self._laws(at[-2])
-        if laws is None:
+        if not laws:
             return None
         # Of each guard the terms that do not grow, in terms of each state under it.
         moves = np.append(compared, np.ptp(self.y[at[-2] :, compared.size :], axis=0) > 0.0)
@@ -166,13 +169,13 @@ class Turns:
 
     def _decay(self, at: IntArray) -> float | None:
         """The ratio of the steps between turns that shrink, begun `at` four events, about rests of all their modes."""
-        compared, behind = self.start.compared, law_of(self.start, self.modes[-1])
-        if behind is None:
+        compared, laws = self.start.compared, self._laws(at[-2])
+        if not laws:
             return None
         steps = np.diff(self.y[at], axis=0)
         # In turned states what stays where it is has the rounding of the others.
         size = np.abs(self.y).max(axis=0)
-        noise = _ROUNDING * (np.abs(behind.F) @ size)[compared]
+        noise = _ROUNDING * np.max([law.terms @ size for law in laws], axis=0)[compared]
         repeats = np.append(compared, np.ones(size.size - compared.size, bool))
         both = np.hstack([steps[:, repeats], self.rate[at[1:]][:, compared]])
         both = np.where(np.abs(both) <= np.append(_ROUNDING * size[repeats], noise), 0.0, both)
@@ -192,27 +195,28 @@ class Turns:
         last, turn = np.arange(at[-2] + 1, at[-1] + 1), int(at[-1] - at[-2])
         if last[0] < turn or not np.array_equal(self.guard[last], self.guard[last - turn]):
             return False
-        away = np.where(repeats, self.y[last] - self.y[last - turn], 0.0) * ratio / (1.0 - ratio)
-        limits, spread = self.y[last] + away, np.abs(away).max(axis=0)
+        way = np.where(repeats, self.y[last] - self.y[last - turn], 0.0) / (1.0 - ratio)
+        limits, size = self.y[last] + ratio * way, np.abs(way).max(axis=0)
         for event, limit in zip(last, limits, strict=True):
             arcs = [k for k in (event - 1, event) if self.lasts[k] > 0.0]
             laws = [law for law in (law_of(self.start, self.modes[k]) for k in arcs) if law is not None]
             rows = [np.vstack([law.F[self.start.compared], law.g]) @ law.levels for law in laws]
-            if len(laws) < len(arcs) or not (rows and _vanish_together(np.vstack(rows), limit, spread)):
+            if len(laws) < len(arcs) or not (rows and _vanish_together(np.vstack(rows), limit, size, abs(ratio))):
                 return False
         return True
 
 
-def _vanish_together(rows: Array, limit: Array, spread: Array) -> bool:
-    """Whether those of some rates and guards (rows, N) that are not large beside what motions of a spread make of them
-    vanish at one point, which the motions lead to.
+def _vanish_together(rows: Array, limit: Array, size: Array, ratio: float) -> bool:
+    """Whether those of some rates and guards (rows, N) that are not large beside what is left of turns make of them
+    vanish at one point, which the turns lead to; `size` (N,) is how far the last one began from its limit.
     """
-    change, noise = np.abs(rows) @ spread, _ROUNDING * (np.abs(rows) @ (np.abs(limit) + spread))
-    near = (np.abs(rows @ limit) < _FAR * change) & (change > noise)
+    spread = ratio * size
+    change, noise = np.abs(rows) @ spread, _VANISHED * (np.abs(rows) @ (np.abs(limit) + size))
+    near = (_ALIKE * np.abs(rows @ limit) < change) & (change > noise)
     part, point = rows[near] * spread / change[near, None], limit
     for _ in range(2):  # once more, as what is left of the first time is rounding of its largest terms
         point = point + spread * np.linalg.lstsq(part, -(rows[near] @ point) / change[near], rcond=None)[0]
-    leads_there = np.all(np.abs(point - limit) <= _ALIKE * spread)
+    leads_there = np.all(np.abs(point - limit) <= _ALIKE * size)
     return bool(leads_there and np.all(np.abs(rows[near] @ point) <= noise[near]))
 
 

@@ -63,6 +63,7 @@ class ModeLaw(NamedTuple):
     """The law of motion of one combination of modes, by y of :class:`Laws`."""
 
     F: Array  # (n, N): rates of all states
+    terms: Array  # (n, N): how large the terms of F are that come from states and outputs
     g: Array  # (guards, N): below zero until passed
     levels: Array  # (N, N): puts what sticks on its level, beside which it is by rounding
 
@@ -75,8 +76,10 @@ def law_of(hybrid: HybridSystem, modes: IntArray) -> ModeLaw | None:
         ends = guards if guards.size else np.array([-1])  # a single arc that nothing ends
         try:
             laws = laws_of(hybrid, np.tile(modes, (ends.size, 1)), ends, ends)
-            F, g = laws.F[0], laws.g[: guards.size]
-            known[key] = ModeLaw(F, g, on_levels(hybrid, modes[None])) if np.all(np.isfinite(F)) else None
+            F, g, model = laws.F[0], laws.g[: guards.size], hybrid.model
+            terms = np.hstack([np.abs(model.A), np.abs(model.K)]) + np.abs(model.B) @ np.abs(laws.W[0])
+            law = ModeLaw(F, terms, g, on_levels(hybrid, modes[None]))
+            known[key] = law if np.all(np.isfinite(F)) else None
         except ModelError:
             known[key] = None
     return known[key]
