@@ -22,11 +22,6 @@ def test_a_bound_is_found_though_a_value_of_the_scan_is_undecided(servo):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True,
-    reason="beside the bound what is left of a motion dies out like a power of the time, which no run takes for rest; "
-    "one rule for what has decayed, that of designs, decides",
-)
 def test_a_bound_beside_which_motions_die_out_as_a_power_of_time_is_verified(servo):
     found = epp.design_bounds(servo, "T", "k", at=[0.5], within=(1.0, 20.0), starts=100)
     assert found[0].verified and found.status is epp.Status.CONVERGED
