@@ -86,7 +86,8 @@ def test_what_settles_and_what_diverges_are_neither() -> None:
 
 
 def test_what_a_search_left_open_is_not_called_allowed() -> None:
-    found = epp.sweep(SERVO, {"loop.gain": [0.5]}, "cycles", allow="x 0.5", progress=False)
+    case, at = epp.case("parking_stops_it"), {"lock_pin.backlash": ["0.98 deg"]}
+    found = epp.sweep(case, at, "cycles", allow="theta 3 deg", progress=False)
     assert found["status"].attrs["flag_meanings"].split()[int(found["status"][0])] == Status.UNDECIDED.name.lower()
     assert found["exact_allowed"].values.tolist() == [Allowance.UNKNOWN]
 

@@ -34,7 +34,8 @@ class OwnStates:
     """A case that makes its loop in other states, the same at all values of its parameters but for their centre."""
 
     case: CaseLike
-    states: OtherStates | InSamples
+    #: None for those of each loop as it is given.
+    states: OtherStates | InSamples | None
 
     @classmethod
     def of(cls, case: CaseLike) -> OwnStates | None:
@@ -48,7 +49,7 @@ class OwnStates:
         may_be_displaced = system.input_names or np.any(system.constant_state) or np.any(system.constant_input)
         if states is None and not (may_be_displaced and case.operating_point.stands):
             return None
-        return cls(case, states or OtherStates.given(system))
+        return cls(case, states)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name in ("case", "states"):  # read while it comes from another process
@@ -58,7 +59,7 @@ class OwnStates:
     def at(self, case: CaseLike) -> OtherStates | InSamples:
         """The states at the values of a case."""
         system = case.to_system()
-        states = self.states.beside(system)
+        states = OtherStates.given(system) if self.states is None else self.states.beside(system)
         if isinstance(states, InSamples) or not case.operating_point.stands:
             return states
         centred = at_centre(states.system, case.operating_point.vector(system))
