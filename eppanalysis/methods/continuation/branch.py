@@ -266,7 +266,11 @@ class Continuation:
         return self._branch(points, ("leaves the branch of half the period", why))
 
     def _at_limit(self, value: float) -> bool:
-        return min(abs(value - x) for x in self.limits) < 1e-9 * self.family.width
+        return any(self._is_one(x, value) for x in self.limits)
+
+    def _is_one(self, value: float, other: float) -> bool:
+        """Whether two values of the parameter are one, but for rounding."""
+        return abs(value - other) < 1e-9 * self.family.width
 
     def along(self, point: BranchPoint, n_points: int) -> tuple[list[BranchPoint], str]:
         """Points from `point` on in the direction of its tangent, until the range, the count or the branch ends."""
@@ -375,8 +379,8 @@ class Continuation:
     ) -> tuple[BranchPoint | None, str]:
         """The point beyond a border, noted; or how the branch ends there."""
         if new is not None and not _same_motion(points, new):
-            before = self.special[-1] if self.special else None
-            if back and before and before[0] is Change.FOLD and _is_at(before[1], inside.value):
+            kind_before, before = self.special[-1][:2] if self.special else (None, inside)
+            if back and kind_before is Change.FOLD and self._is_one(before.value, inside.value):
                 # A branch that comes to the change like a root stands upright there: on which side of it, is rounding.
                 # It turns twice, which is not at all.
                 self.special.pop()
@@ -479,11 +483,6 @@ def _ahead(point: BranchPoint, ds: float) -> tuple[BranchPoint | None, BranchPoi
     if new is None or astray(point, new) or not regular(new):
         return None, None
     return (new, None) if admissible(new) else last_admissible(point, ds)
-
-
-def _is_at(point: BranchPoint, value: float) -> bool:
-    """Whether a point is at a value, but for rounding."""
-    return abs(point.value - value) < 1e-9 * point.family.width
 
 
 def _same_value(one: BranchPoint, other: BranchPoint) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
@@ -65,7 +66,7 @@ class OwnStates:
         centred = at_centre(states.system, case.operating_point.vector(system))
         return states if centred is None else states.then(centred)
 
-    @property
+    @cached_property
     def own(self) -> OtherStates | InSamples:
         """The states at the case's own values."""
         return self.at(self.case)

@@ -156,11 +156,13 @@ class Turns:
         # Of each guard the terms that do not grow, in terms of each state under it.
         moves = np.append(compared, np.ptp(self.y[at[-2] :, compared.size :], axis=0) > 0.0)
         guards = np.abs(np.vstack([law.g @ law.levels for law in laws]))
-        by, level = guards[:, np.flatnonzero(compared)], guards[:, ~moves] @ np.abs(self.y[-1, ~moves])
-        size = np.abs(self.y[-_PILE:, : compared.size][:, compared]).max(axis=0)
+        places = np.flatnonzero(compared)
+        by, level = guards[:, places], guards[:, ~moves] @ np.abs(self.y[-1, ~moves])
+        states = self.y[:, places]
+        size = np.abs(states[-_PILE:]).max(axis=0)
         if np.any((by > 0.0) & (by * size < _FAR * level[:, None])):
             return None
-        turns = self.y[at][:, : compared.size][:, compared]
+        turns = states[at]
         with np.errstate(divide="ignore", invalid="ignore"):
             _, before, now = (turns[1:] / turns[:-1])[:, np.abs(turns[-1]) > _STILL * self.swing[compared]]
         alike = np.abs(before - now) < _ALIKE * np.maximum(now - 1.0, _ALIKE)

@@ -131,29 +131,26 @@ def _found(
     enough: Enough | None = None,
 ) -> CycleSearch:
     """See ``find_limit_cycles`` and ``search_from``."""
+    # In the given states: what falls off faster than 1/s may not in others, by rounding, and phases are lost then.
+    seeds = seeds_of(system, at) if predicted is None else predicted
+    for cycle in seeds:
+        cycle.require_state(len(system.A))
     if (apart := in_decoupled_states(system, at.vector(system))) is not None:
-        # In the given states: what falls off faster than 1/s may not in others, by rounding, and phases are lost then.
-        seeds = seeds_of(system, at) if predicted is None else predicted
-        for cycle in seeds:
-            cycle.require_state(len(system.A))
         given = [apart.from_user(cycle) for cycle in seeds]
         wanted = None if enough is None else lambda cycle: enough(apart.to_user(cycle))
         return _told(_as_it_is(apart.system, apart.point(at), by_balance, given, progress, wanted), apart, at)
-    return _as_it_is(system, at, by_balance, predicted, progress, enough)
+    return _as_it_is(system, at, by_balance, seeds, progress, enough)
 
 
 def _as_it_is(
     system: LureSystem,
     at: OperatingPoint,
     by_balance: bool,
-    predicted: Sequence[LimitCycle] | None,
+    seeds: Sequence[LimitCycle],
     progress: Progress | None,
     enough: Enough | None,
 ) -> CycleSearch:
     """The search in the states in which the loop is given."""
-    seeds = seeds_of(system, at) if predicted is None else predicted
-    for cycle in seeds:
-        cycle.require_state(len(system.A))
     if has_samples(system):
         return _in_samples(system, at, seeds, lambda own, starts: search_sampled(own, starts, at, progress, enough))
     hybrid = steady_hybrid(system, at)

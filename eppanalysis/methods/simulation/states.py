@@ -110,8 +110,8 @@ def at_centre(system: LureSystem, inputs: Array) -> OtherStates | None:
     signals = system.signals
     own = replace(
         system,
-        constant_state=0.0 * system.constant_state,
-        constant_input=0.0 * system.constant_input,
+        constant_state=np.zeros_like(system.constant_state),
+        constant_input=np.zeros_like(system.constant_input),
         x0=system.x0 - centre,
         v0=system.v0 - inputs,
         signals=replace(signals, constant=signals.constant + signals.C @ centre + signals.D_input @ inputs),
