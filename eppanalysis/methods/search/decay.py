@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray, IntArray
-from eppanalysis.methods.simulation.futures import Future, Rests
+from eppanalysis.methods.simulation.futures import Future, Rests, future_under
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.modes import ModeLaw, law_of
+from eppanalysis.methods.simulation.sliding import sliding_law
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 #: Largest change of a state over a period, relative to its amplitude on a cycle, that counts as rest, and as slow
 #: drift.
 _STILL, _DRIFT = 1e-6, 1e-2
-#: Switches accumulate: the amplitude between them is taken over this many events, and is rest below this share of the
-#: amplitude of the whole run.
-_PILE, _PILED = 64, 1e-3
+#: So many events tell how large the last swings are.
+_PILE = 64
 #: The amplitude decays when it is below this share of what it was at the oldest events that a run keeps.
 _DWINDLES = 0.999
 #: Turns are alike that differ by this share of what they gain or lose; from its square on levels bend a motion by less.
@@ -34,21 +34,13 @@ _VANISHED = 1e-10
 _MOST_TURNS, _MOST_EVENTS = 8, 400
 
 
-def died_out(start: HybridSystem, run: Run) -> bool:
-    """Whether switches accumulate while the amplitude between them decays to rest."""
-    if not run.n_kept:  # steps without number, but no switch
-        return False
-    smaller, now = dwindles(start, run)
-    return smaller and now <= _PILED
-
-
-def dwindles(start: HybridSystem, run: Run) -> tuple[bool, float]:
-    """Whether the last events that a run keeps are smaller than the first, and their size relative to the whole run."""
+def dwindles(start: HybridSystem, run: Run) -> bool:
+    """Whether the last events that a run keeps are smaller than the first."""
     size = np.where(run.high > run.low, run.high - run.low, np.inf)
     before, now = ((np.ptp(run.state[part], axis=0) / size)[start.compared].max(initial=0.0) for part in (
         run.order[:_PILE], run.order[-_PILE:],
     ))  # fmt: skip
-    return bool(now < _DWINDLES * before), float(now)
+    return bool(now < _DWINDLES * before)
 
 
 def comes_to_rest(future: Future | None, turns: Turns, start: HybridSystem, run: Run, t: float, size: Array) -> bool:
@@ -138,6 +130,19 @@ class Turns:
                 return ratio
         return None
 
+    @cached_property
+    def sliding(self) -> Future | None:
+        """What is to come of the motion that ever smaller swings between two modes hold; None elsewhere."""
+        last = np.arange(max(self.guard.size - _PILE, 1), self.guard.size)
+        if self.start.model.smooth_kind.size or self.guard.size < _PILE:
+            return None
+        last = last[self.lasts[last - 1] > 0.0]
+        pairs = np.unique(np.column_stack([self.modes[last - 1], self.guard[last]]), axis=0)
+        if len(pairs) != 2:
+            return None
+        law = sliding_law(self.start, pairs[:, :-1], pairs[:, -1], self.y[last])
+        return None if law is None else future_under(self.start, law, self.y[-1])
+
     def _laws(self, since: int) -> list[ModeLaw] | None:
         """The laws of the modes that the motion was in since an event; None where one has none."""
         modes = np.unique(self.modes[since:][self.lasts[since:] > 0.0], axis=0)
@@ -145,29 +150,43 @@ class Turns:
         return None if None in laws else [law for law in laws if law is not None]
 
     def _growth(self, at: IntArray) -> float | None:
-        """The ratio of turns that grow, begun `at` four events, where all levels are small beside them; of several that
-        of the fastest.
+        """The ratio of turns that grow, begun `at` four events, and do so for ever; of several that of the fastest.
 
         Each state has a ratio of its own: a chain of integrators behind a limit grows in each by another power.
         """
-        compared, laws = self.start.compared, self._laws(at[-2])
-        if not laws:
+        states, laws = np.flatnonzero(self.start.compared), self._laws(at[-2])
+        if not laws or self._meets_levels(at, laws):
             return None
-        # Of each guard the terms that do not grow, in terms of each state under it.
-        moves = np.append(compared, np.ptp(self.y[at[-2] :, compared.size :], axis=0) > 0.0)
-        guards = np.abs(np.vstack([law.g @ law.levels for law in laws]))
-        places = np.flatnonzero(compared)
-        by, level = guards[:, places], guards[:, ~moves] @ np.abs(self.y[-1, ~moves])
-        states = self.y[:, places]
-        size = np.abs(states[-_PILE:]).max(axis=0)
-        if np.any((by > 0.0) & (by * size < _FAR * level[:, None])):
-            return None
-        turns = states[at]
+        turns = self.y[at][:, states]
         with np.errstate(divide="ignore", invalid="ignore"):
-            _, before, now = (turns[1:] / turns[:-1])[:, np.abs(turns[-1]) > _STILL * self.swing[compared]]
+            _, before, now = (turns[1:] / turns[:-1])[:, np.abs(turns[-1]) > _STILL * self.swing[states]]
         alike = np.abs(before - now) < _ALIKE * np.maximum(now - 1.0, _ALIKE)
         grows = now.size > 0 and now.max() > 1.0 + _ALIKE and np.all(alike & (now > 1.0 - _ALIKE))
-        return float(now.max()) if grows else None
+        return float(now.max()) if grows and self._rates_grow_alike(at, laws, float(now.max())) else None
+
+    def _meets_levels(self, at: IntArray, laws: list[ModeLaw]) -> bool:
+        """Whether a guard has terms that do not grow and are not small beside those of the states."""
+        moves = np.append(self.start.compared, np.ptp(self.y[at[-2] :, self.start.compared.size :], axis=0) > 0.0)
+        guards, places = np.abs(np.vstack([law.g @ law.levels for law in laws])), np.flatnonzero(self.start.compared)
+        by, level = guards[:, places], guards[:, ~moves] @ np.abs(self.y[-1, ~moves])
+        size = np.abs(self.y[-_PILE:, places]).max(axis=0)
+        return bool(np.any((by > 0.0) & (by * size < _FAR * level[:, None])))
+
+    def _rates_grow_alike(self, at: IntArray, laws: list[ModeLaw], ratio: float) -> bool:
+        """Whether the terms that count in each rate, and the rate itself, grow alike from turn to turn, and the others
+        no faster: a motion about a constant output is another one at another size.
+        """
+        both = np.abs(np.hstack([self.y, self.rate]))
+        before, now = (both[a + 1 : b + 1].max(axis=0) for a, b in ((at[-3], at[-2]), (at[-2], at[-1])))
+        growth = np.log(np.where(before * now > 0.0, now, 1.0) / np.where(before * now > 0.0, before, 1.0))
+        for law in laws:
+            terms = np.abs(np.hstack([law.F @ law.levels, np.eye(len(law.F))])[self.start.compared]) * now
+            counts = (terms > 0.0) & (_FAR * terms >= terms.max(axis=1, keepdims=True))
+            fastest = np.where(counts, growth, -np.inf).max(axis=1, keepdims=True)
+            off = np.where(counts, fastest - growth, growth - fastest)[terms > 0.0]
+            if np.any(off > _ALIKE * np.log(ratio)):
+                return False
+        return True
 
     def _decay(self, at: IntArray) -> float | None:
         """The ratio of the steps between turns that shrink, begun `at` four events, about rests of all their modes."""

@@ -66,14 +66,14 @@ class Ending:
 
     def of(self, run: Trajectory) -> Trajectory:
         """A run with this as its end."""
-        undecided = self.status is Status.UNDECIDED
+        undecided, stopped = self.status is Status.UNDECIDED, run.status is Status.EVENT_LIMIT
         return replace(
             run,
             status=self.status,
             limit_cycle=self.limit_cycle,
             settled_at=self.settled_at,
             settled_since=self.settled_since,
-            carried_to=self.until,
+            carried_to=float("nan") if stopped else self.until,
             note=self.note(run) if undecided else "",
         )
 

@@ -18,7 +18,7 @@ from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import close_orbit, orbit_of, same_orbit
 from eppanalysis.methods.search.continua import at_end, has_period_of, has_switches_of, on_rim, same_continuum
-from eppanalysis.methods.search.decay import Turns, comes_to_rest, died_out, dwindles
+from eppanalysis.methods.search.decay import Turns, comes_to_rest, dwindles
 from eppanalysis.methods.search.reach import reach_of_elements
 from eppanalysis.methods.search.rests import Met, note_modes
 from eppanalysis.methods.simulation.budget import Budget, BudgetExceeded, budget, remaining
@@ -27,7 +27,7 @@ from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.runs import cycle_of_run, judge, repeats_undecided, run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.linear import slowest_pole, zeros
+from eppanalysis.models.systems.linear import slowest_pole
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.starts import remembered
@@ -242,12 +242,16 @@ class RunOutcomes:
         for turn in range(_LOOKS):
             run = self._run(start, t)
             status, facts = judge(start, run, t)
-            known, future = self._by_then(start, run, t, status, facts), None
+            turns = Turns.of(start, run, turns)
+            future = turns.sliding
+            # Swings that shrink by less than rounding in a turn look like a cycle.
+            rests = isinstance(future, Rests)
+            known = self._rested(start, run, future) if rests else self._by_then(start, run, t, status, facts)
             if known is None:
-                turns, future = Turns.of(start, run, turns), future_of(run.end(start))
+                future = future or future_of(run.end(start))
                 known = self._to_come(future, turns, start, run, t)
             yield Look(gone + t, RunOutcome.UNDECIDED if known is None else known)
-            if known is not None:
+            if known is not None or status is Status.EVENT_LIMIT:
                 return
             if isinstance(future, Switches) and future.after > 3.0 * t:  # it is carried there
                 gone += t + future.after
@@ -267,9 +271,10 @@ class RunOutcomes:
         """The outcome of a run by what it has done until t; None for one that goes on."""
         if repeats_undecided(status, facts):
             return RunOutcome.BENEATH_ROUNDING
-        ended = self._ended(status, start, run)
-        if ended is not None:
-            return ended
+        if status is Status.SETTLED:
+            return self._rested(start, run)
+        if status in (Status.DIVERGED, Status.EVENT_LIMIT):
+            return RunOutcome.DIVERGENCE if status is Status.DIVERGED else None
         known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
         if known is RunOutcome.UNDECIDED and self.hybrid.may_be_quiet:
             known = self._quiet_cycle(run, t)
@@ -294,7 +299,7 @@ class RunOutcomes:
         """Whether a longer run would tell nothing: after many switches that do not become smaller, as they do for long
         beside a fold.
         """
-        if run.count <= _ENOUGH_EVENTS or dwindles(start, run)[0]:
+        if run.count <= _ENOUGH_EVENTS or dwindles(start, run):
             return False
         # A motion that is slow beside its switches, as a drive under a switched current, nears its cycle for long.
         for guess in recurrences(self.hybrid, run, None, 3, _ENOUGH_EVENTS):
@@ -304,24 +309,6 @@ class RunOutcomes:
             if any(is_stable(o.multipliers) and abs(period / o.period - 1.0) < _NEARS for o in self.orbits):
                 return False
         return True
-
-    def _ended(self, status: Status, start: HybridSystem, run: Run) -> RunOutcome | None:
-        """Where a run ends that goes on no longer; None for one that does."""
-        if status is Status.SETTLED:
-            return self._rested(start, run)
-        if status is Status.EVENT_LIMIT:
-            # Where an element slides in a way that no run can follow, the run stops wherever it is.
-            dies = died_out(start, run) and self._keeps_piled and not self.hybrid.chatters
-            return self._rested(start, run) if dies else RunOutcome.UNDECIDED
-        return RunOutcome.DIVERGENCE if status is Status.DIVERGED else None
-
-    @cached_property
-    def _keeps_piled(self) -> bool:
-        """Whether a loop stays where its switches accumulate: what moves on there are the zeros, computed for one
-        element. With a zero that grows it leaves again, after more switches than any run has.
-        """
-        s = self.system
-        return len(s.elements) > 1 or bool(np.all(zeros(s.A, s.B, s.C[:1], s.D[:1]).real <= 0.0))
 
     def _quiet_cycle(self, run: Run, t: float) -> RunOutcome | int:
         """Number of the cycle that a run without switches is on at its end: of a linear part that does not damp it, or
@@ -361,7 +348,7 @@ class RunOutcomes:
         for i, other in enumerate(self.orbits):
             if has_period_of(other, period):  # it only touches a guard, now and then
                 return i
-        if dwindles(start, run)[0]:
+        if dwindles(start, run):
             return RunOutcome.UNDECIDED
         return self._reach(start, float(run.stats[0]))
 

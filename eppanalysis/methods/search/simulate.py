@@ -94,9 +94,11 @@ def simulate(
         return run_in_time(system, input, t_end, times, t_eval is None, max_events, max_steps, step)
 
     run = run_to(t_end, t_eval)
+    end = cache(partial(ending, system, input, t_end, run_to))
+    if run.status is Status.EVENT_LIMIT and decide and end().status is not Status.UNDECIDED:
+        return end().of(run)
     if run.status is not Status.UNDECIDED or run.note:
         return run
-    end = cache(partial(ending, system, input, t_end, run_to))
     return end().of(run) if decide else replace(run, note=lambda: end().note(run))
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import expm, matrix_balance, schur, solve_continuous_lyapunov, solve_sylvester
 
 from eppanalysis.arrays import Array, BoolArray, ComplexArray, IntArray
-from eppanalysis.methods.simulation.modes import law_of
+from eppanalysis.methods.simulation.modes import ModeLaw, law_of
 from eppanalysis.models.systems.hybrid import HybridSystem, of_model
 
 #: Rounding of a rate or a guard, relative to its terms, and of a rank, relative to the largest singular value.
@@ -67,9 +67,16 @@ def future_of(start: HybridSystem) -> Future | None:
         return None
     key, modes = start.modes0.tobytes(), _modes_of(start)
     if key not in modes:
-        modes[key] = _Mode.of(start)
+        law = law_of(start, start.modes0)
+        modes[key] = None if law is None else _Mode.of(start, law)
     mode = modes[key]
     return None if mode is None else mode.future(np.append(start.x0, start.H0))
+
+
+def future_under(start: HybridSystem, law: ModeLaw, y: Array) -> Future | None:
+    """What is to come from y (N,) under a law that is none of a single combination of modes."""
+    mode = _Mode.of(start, law)
+    return None if mode is None else mode.future(y)
 
 
 @of_model
@@ -99,12 +106,11 @@ class _Mode:
     grows: slice
 
     @classmethod
-    def of(cls, hybrid: HybridSystem) -> _Mode | None:
-        """Of the modes at its start; None where they have no unique law of motion, or its parts are not separated."""
-        law, repeats = law_of(hybrid, hybrid.modes0), np.flatnonzero(hybrid.compared)
-        if law is None or not repeats.size:
+    def of(cls, hybrid: HybridSystem, law: ModeLaw) -> _Mode | None:
+        """Under a law of motion; None where nothing repeats, or its parts are not separated."""
+        F, g, repeats = law.F, law.g, np.flatnonzero(hybrid.compared)
+        if not repeats.size:
             return None
-        F, g = law.F, law.g
         matters = np.any(np.vstack([F[repeats], g])[:, : len(F)] != 0.0, axis=0)
         parts = _parts(F[np.ix_(repeats, repeats)])
         if parts is None:
@@ -134,9 +140,9 @@ class _Mode:
 
     def future(self, y: Array) -> Future | None:
         """What is to come from y, (N,)."""
-        # A state that the parts of the motion cancel in is their rounding.
+        # A state that the parts of the motion cancel in is their rounding, and so is what is put on a level.
+        size = (np.abs(self.levels) + np.abs(np.eye(y.size) - self.levels)) @ np.abs(y)
         y = self.levels @ y
-        size = np.abs(y)
         size[self.repeats] = np.abs(self.W) @ (np.abs(self.Wi) @ size[self.repeats])
         size[len(self.F) : -1] = np.maximum(size[len(self.F) : -1], self._compared_with(size))
         rates, terms = self.F @ y, np.abs(self.F) @ size
