@@ -261,8 +261,9 @@ class RunOutcomes:
                 continue
             if turn >= 3 and status is not Status.LIMIT_CYCLE and self._is_without_end(start, run):
                 return
+            is_quiet = run.is_quiet_at(t) and not isinstance(future, Switches)
             t, turns = 3.0 * t, None
-            if t > longest and (run.is_quiet_at(t / 3.0) or run.count > _ENOUGH_EVENTS):
+            if t > longest and (is_quiet or run.count > _ENOUGH_EVENTS):
                 return
 
     def _by_then(

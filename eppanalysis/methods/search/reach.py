@@ -128,7 +128,7 @@ def _reach(system: LureSystem, i: int, omega: float) -> float:
     if level > 0:
         return level
     # Without a threshold (a relay, dry friction, a cubic) its gain changes with size: where the loop's gain passes one,
-    # or where it does not (a sine that holds a phase) to half.
+    # or where it does not to half of what it is when small (a sine that holds a phase) or twice when large (a preload).
     a = np.geomspace(1e-60, 1e60, 601)
     try:
         gain = describe(element, a, np.zeros(a.size), np.full(a.size, omega))[1]
@@ -136,5 +136,6 @@ def _reach(system: LureSystem, i: int, omega: float) -> float:
         return 0.0
     loop = np.abs(gain @ system.frequency_response(np.array([omega]))[0, row, outputs])
     passes = np.flatnonzero((loop[:-1] > 1.0) != (loop[1:] > 1.0))
-    passes = passes if passes.size else np.flatnonzero(loop < 0.5 * loop[0])
+    if not passes.size:
+        passes = np.flatnonzero(loop < (0.5 * loop[0] if loop[1] > 0.9 * loop[0] else 2.0 * loop[-1]))
     return float(a[passes[0]]) if passes.size else 0.0
