@@ -202,7 +202,9 @@ def _rests(strobe: Strobe, run: Run, rows: Rows, t_end: float) -> bool:
     if not (t_end > last and time[0] <= t_end - last or run.count == run.n_kept) or np.sum(within) < _FEWEST:
         return False
     moved = np.ptp(rows.values[within], axis=0)
-    between = np.abs(rows.rates[within]).max(axis=0) * sample_time
+    # Of what chases a sample at a fixed rate the arc to it is as short as the step.
+    lasts = np.minimum(np.diff(time, prepend=time[0] - sample_time), sample_time)[within]
+    between = (np.abs(rows.rates[within]) * lasts[:, None]).max(axis=0)
     return bool(np.all(np.maximum(moved, between) <= _REST * rows.size))
 
 

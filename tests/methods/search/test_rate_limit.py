@@ -89,3 +89,20 @@ def test_an_ideal_rate_limit_follows_an_element_straight_before_it(element):
     Q = np.linalg.qr(np.random.default_rng(4).normal(size=loop.A.shape))[0]
     turned = epp.simulate(loop.in_coordinates(Q, Q.T), t_end=30.0, t_eval=times)
     assert turned.n_events == run.n_events
+
+
+@pytest.mark.parametrize(("num", "sample_time", "gain"), [([1.0], 0.1, 1.0), ([2.0, 3.0], 0.4, 0.5)])
+def test_a_sampled_loop_rests_behind_an_ideal_rate_limiter(num, sample_time, gain):
+    """It chases the last digits of each sample at its full rate, for as short a time: that is no motion."""
+    loop = epp.Diagram(
+        parts={
+            "law": epp.blocks.Gain(gain=gain, sample_time=sample_time),
+            "limiter": epp.RateLimiter(rate=2.0),
+            "plant": epp.blocks.TransferFunction(num=num, den=[1.0, 4.0, 2.0], start=[0.3, -0.2]),
+        },
+        connect=["-plant -> law", "law -> limiter", "limiter -> plant"],
+    ).to_system()
+    run = epp.simulate(loop, t_end=80.0)
+    assert run.status is epp.Status.SETTLED and abs(run.settled_at["plant"]) < 1e-9
+    found = epp.find_limit_cycles(loop)
+    assert found.status is epp.Status.CONVERGED and not found.cycles and found.settles and not found.diverges
