@@ -133,10 +133,10 @@ class Turns:
     @cached_property
     def sliding(self) -> Future | None:
         """What is to come of the motion that ever smaller swings between two modes hold; None elsewhere."""
-        last = np.arange(max(self.guard.size - _PILE, 1), self.guard.size)
-        if self.start.model.smooth_kind.size or self.guard.size < _PILE:
+        # Where an input is rounding its element may switch to and fro at once.
+        last = 1 + np.flatnonzero(self.lasts[:-1] > 0.0)[-_PILE:]
+        if self.start.model.smooth_kind.size or last.size < 2 * _MOST_TURNS:
             return None
-        last = last[self.lasts[last - 1] > 0.0]
         pairs = np.unique(np.column_stack([self.modes[last - 1], self.guard[last]]), axis=0)
         if len(pairs) != 2:
             return None

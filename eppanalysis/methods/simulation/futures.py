@@ -170,13 +170,13 @@ class _Motion:
         free = most < -_ROUNDING * terms
         if self.away[mode.grows].size:
             return self._ray(most, free) if not self.drift.any() else None
+        on_edge = (np.abs(limit) <= _ZERO * terms) & ~free & ~np.any(mode.guards @ self.drift != 0.0, axis=1)
+        stays = not is_swinging and self._stays(mode.guards[on_edge][:, mode.decays]) if on_edge.any() else True
+        if not (stays and np.all(free | on_edge)):
+            return None
         if self.drift.any():
-            return self._ramp(most) if np.all(free) else None
-        if np.all(free):
-            return Swings() if is_swinging else Rests(self.at(np.inf))
-        on_edge = np.abs(limit) <= _ZERO * terms
-        rests = not is_swinging and np.all(free | on_edge) and self._stays(mode.guards[on_edge][:, mode.decays])
-        return Rests(self.at(np.inf)) if rests else None
+            return self._ramp(np.where(on_edge, limit, most))
+        return Swings() if is_swinging else Rests(self.at(np.inf))
 
     @cached_property
     def away(self) -> Array:
