@@ -103,6 +103,7 @@ from eppanalysis.models.elements import (
     LuGreFriction as LuGreFriction,
     MidRiseQuantiser as MidRiseQuantiser,
     MonotoneTable as MonotoneTable,
+    NaturalPulseWidthModulator as NaturalPulseWidthModulator,
     Nonlinearity as Nonlinearity,
     NordinShaft as NordinShaft,
     OwnStates as OwnStates,

@@ -7,6 +7,7 @@ else from differences, which are exact where it is linear. One that is not linea
 from __future__ import annotations
 
 import ctypes
+import math
 import re
 import warnings
 import zipfile
@@ -14,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,13 +38,16 @@ _STEP = 2.0**-10
 _SIZES, _ROUNDING = (1e-2, 1.0, 1e2), 1e-9
 #: Newton steps to the state of rest.
 _MOST_STEPS = 50
+#: Types of parameters that are no numbers, and by which functions FMI 2 and 3 set an enumeration.
+_NO_NUMBERS = {"String", "Binary", "Clock"}
+_SET_AS = {("Real", "Enumeration"): "Integer", ("Float64", "Enumeration"): "Int64"}
 
 
 def from_fmu(
     path: str | Path,
     elements: Mapping[str | tuple[str, ...], Nonlinearity | control.DescribingFunctionNonlinearity],
     *,
-    parameters: Mapping[str, float] | None = None,
+    parameters: Mapping[str, ArrayLike] | None = None,
     element_names: Sequence[str] | None = None,
     x0: ArrayLike | None = None,
     v0: Mapping[str, float] | None = None,
@@ -60,8 +64,9 @@ def from_fmu(
         Unit for Model Exchange, or one for Co-Simulation that provides directional derivatives.
     elements : mapping of (str, ..., str) or str to Nonlinearity
         By the outputs of the unit that feed an element and the inputs that it drives, as in :func:`from_control`.
-    parameters : mapping of str to float, optional
-        Parameters of the unit, in its own units.
+        What is an array ``y`` in the unit has the signals ``y[1]``, ``y[2]``, of a matrix ``y[1,1]``.
+    parameters : mapping of str to float or array_like, optional
+        Parameters of the unit, in its own units; structural ones are set first, as they change sizes.
     element_names, x0, v0, delays, name : optional
         As in :func:`from_control`; state and external inputs [SI] at the start are by default those of the unit.
 
@@ -93,7 +98,7 @@ def from_fmu(
 
 
 @contextmanager
-def _opened(path: Path, parameters: Mapping[str, float]) -> Iterator[_Unit]:
+def _opened(path: Path, parameters: Mapping[str, ArrayLike]) -> Iterator[_Unit]:
     """A unit at its start, in a folder of its own while it is read."""
     require_packages("from_fmu", "fmi", "fmpy")
     import fmpy
@@ -104,9 +109,10 @@ def _opened(path: Path, parameters: Mapping[str, float]) -> Iterator[_Unit]:
     with TemporaryDirectory() as folder:
         fmpy.extract(path, folder)
         try:
-            unit = _Unit(path, description, folder, lambda *told: said.append(told[-1].decode(errors="replace")))
+            logger = lambda *told: said.append(told[-1].decode(errors="replace"))  # noqa: E731
+            unit = _Unit(path, description, folder, parameters, logger)
             try:
-                unit.start(parameters)
+                unit.start()
                 yield unit
             finally:
                 unit.instance.freeInstance()
@@ -150,31 +156,42 @@ def _description(path: Path) -> Any:
     return found
 
 
+class _Signal(NamedTuple):
+    """A number of a unit: what it is called, and the variable that it is or is part of."""
+
+    name: str
+    variable: Any
+
+
 class _Unit:
     """An instance of a unit: rates and outputs at points, which are states and inputs; all but states in SI units."""
 
-    def __init__(self, path: Path, description: Any, folder: str, logger: Callable[..., None]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        description: Any,
+        folder: str,
+        parameters: Mapping[str, ArrayLike],
+        logger: Callable[..., None],
+    ) -> None:
         from fmpy.simulation import instantiate_fmu
 
-        self.path, self.description = path, description
+        self.path, self.description, self.parameters = path, description, parameters
         self.of_states = description.modelExchange is not None  # whether they can be set
         self.real = "Real" if description.fmiVersion == "2.0" else "Float64"
         real = [v for v in description.modelVariables if v.type == self.real]
-        self.inputs, self.outputs = ([v for v in real if v.causality == c] for c in ("input", "output"))
+        inputs, outputs = ([v for v in real if v.causality == c] for c in ("input", "output"))
         rates = [unknown.variable for unknown in description.derivatives]
-        self.states = [rate.derivative for rate in rates]
+        states = [rate.derivative for rate in rates]
+        self.states, self.inputs, self.outputs = map(self._signals, (states, inputs, outputs))
         self.n = len(self.states)
-        known, found = [*self.states, *self.inputs], [*rates, *self.outputs]
-        for variable in (*known, *found):
-            if variable.dimensions:
-                raise EppError(f"{path}: {variable.name} is an array; expected scalar inputs, outputs and states.")
-        self.known, self.found = ([v.valueReference for v in of] for of in (known, found))
+        self.known, self.found = [*states, *inputs], [*rates, *outputs]
         # Factor and offset to SI units; those of states, which are rows of matrices alone, are left as they are.
         self.of_inputs, self.of_outputs = (
-            np.array([(1.0, 0.0)] * self.n + [self._unit(v)[1:] for v in of]).reshape(-1, 2)
+            np.array([(1.0, 0.0)] * self.n + [self._unit(s.variable)[1:] for s in of]).reshape(-1, 2)
             for of in (self.inputs, self.outputs)
         )
-        self.size = np.array([float(v.nominal or 1.0) for v in known])
+        self.size = np.array([float(s.variable.nominal or 1.0) for s in (*self.states, *self.inputs)])
         kind = "ModelExchange" if self.of_states else "CoSimulation"
         self.directional = (description.modelExchange or description.coSimulation).providesDirectionalDerivative
         try:
@@ -182,6 +199,21 @@ class _Unit:
         except Exception as error:  # of many kinds, as its library is loaded
             why = str(error).rstrip(".")
             raise EppError(f"{path}: cannot be instantiated ({why}); expected one that can.") from error
+
+    def _shape(self, variable: Any) -> tuple[int, ...]:
+        """Sizes of an array, which structural parameters may give; none of a number."""
+        return tuple(
+            int(d.start if d.variable is None else self.parameters.get(d.variable.name, d.variable.start))
+            for d in variable.dimensions
+        )
+
+    def _signals(self, variables: Sequence[Any]) -> list[_Signal]:
+        """Each number of these variables; those of an array ``x`` are ``x[1]`` and so on, its rows one by one."""
+        return [
+            _Signal(v.name + (f"[{','.join(str(i + 1) for i in place)}]" if place else ""), v)
+            for v in variables
+            for place in np.ndindex(self._shape(v))
+        ]
 
     def _unit(self, variable: Any) -> tuple[str, float, float]:
         """SI unit of a variable, factor and offset to it; the unit's own where it does not say what that is."""
@@ -192,21 +224,44 @@ class _Unit:
         exponents = {of_units: float(getattr(base, own)) for own, of_units in BASE_UNITS.items()}
         return units.unit_of(exponents), float(base.factor), float(base.offset)
 
-    def start(self, parameters: Mapping[str, float]) -> None:
-        """Initialise the unit with these parameters."""
-        unit, known = self.instance, {v.name: v for v in self.description.modelVariables if v.causality == "parameter"}
-        if self.real == "Real":
-            unit.setupExperiment()
-        for name, value in parameters.items():
+    def start(self) -> None:
+        """Initialise the unit with its parameters."""
+        unit = self.instance
+        known = {
+            v.name: v
+            for v in self.description.modelVariables
+            if v.causality in ("parameter", "structuralParameter") and v.type not in _NO_NUMBERS
+        }
+        for name in self.parameters:
             if name not in known:
                 expected = f"a parameter: {did_you_mean(name, list(known))}"
                 raise ModelError(self.path.name, name, expected, field="parameters")
-            kind = known[name].type
-            getattr(unit, f"set{kind}")([known[name].valueReference], [value if kind == self.real else round(value)])
+        given = [known[name] for name in self.parameters]
+        structural = [v for v in given if v.causality == "structuralParameter"]
+        if structural:
+            unit.enterConfigurationMode()
+            self._set_parameters(structural)
+            unit.exitConfigurationMode()
+        if self.real == "Real":
+            unit.setupExperiment()
+        self._set_parameters([v for v in given if v not in structural])
         unit.enterInitializationMode()
         unit.exitInitializationMode()
         if self.of_states:
             self._events()
+
+    def _set_parameters(self, variables: Sequence[Any]) -> None:
+        for variable in variables:
+            value, shape = self.parameters[variable.name], self._shape(variable)
+            if np.shape(value) != shape:
+                found = f"{self.path.name}: parameter {variable.name} has the shape {np.shape(value)}"
+                raise ModelError(found, expected=f"{shape}" if shape else "a number")
+            kind = _SET_AS.get((self.real, variable.type), variable.type)
+            numbers = np.ravel(np.asarray(value, float)).tolist()
+            whole = not kind.startswith(("Real", "Float"))
+            getattr(self.instance, f"set{kind}")(
+                [variable.valueReference], [*map(round, numbers)] if whole else numbers
+            )
 
     def _events(self) -> None:
         """Through the events at a point, to where it may be evaluated."""
@@ -215,8 +270,10 @@ class _Unit:
             pass
         self.instance.enterContinuousTimeMode()
 
-    def _get(self, references: Sequence[int], to_si: Array) -> Array:
-        values = getattr(self.instance, f"get{self.real}")(references) if references else []
+    def _get(self, variables: Sequence[Any], to_si: Array) -> Array:
+        count = {} if self.real == "Real" else {"nValues": len(to_si)}
+        references = [v.valueReference for v in variables]
+        values = getattr(self.instance, f"get{self.real}")(references, **count) if references else []
         return to_si[:, 0] * np.array(values, float) + to_si[:, 1]
 
     def at_start(self) -> Array:
@@ -227,23 +284,32 @@ class _Unit:
         """Rates of the states and outputs, shape (n + k,)."""
         if self.of_states:
             values, n = ((point - self.of_inputs[:, 1]) / self.of_inputs[:, 0]).tolist(), self.n
-            if self.inputs:
-                getattr(self.instance, f"set{self.real}")(self.known[n:], values[n:])
             if n:
                 self.instance.setContinuousStates((ctypes.c_double * n)(*values[:n]), n)
-            if self.description.numberOfEventIndicators:
-                self.instance.enterEventMode()
-                self._events()
+            # Inputs that jump may be set at events alone, and what a point switches is switched there.
+            self.instance.enterEventMode()
+            inputs = [v.valueReference for v in self.known if v.causality == "input"]
+            if inputs:
+                getattr(self.instance, f"set{self.real}")(inputs, values[n:])
+            self._events()
         return self._get(self.found, self.of_outputs)
+
+    def _directional(self) -> Array:
+        """Derivatives at the point, in the units of the unit, a column for each number of a state or input."""
+        count = {} if self.real == "Real" else {"nSensitivity": len(self.of_outputs)}
+        found = [v.valueReference for v in self.found]
+        return np.array([
+            self.instance.getDirectionalDerivative(found, [v.valueReference], seed.tolist(), **count)
+            for v in self.known
+            for seed in np.eye(math.prod(self._shape(v)))
+        ]).T.reshape(len(self.of_outputs), len(self.of_inputs))  # fmt: skip
 
     def jacobian(self, point: Array) -> Array:
         """Derivatives of what :meth:`evaluate` gives, shape (n + k, n + m)."""
-        J = np.zeros((len(self.found), len(point)))
         if self.directional:
             self.evaluate(point)
-            for j, reference in enumerate(self.known):
-                J[:, j] = self.instance.getDirectionalDerivative(self.found, [reference], [1.0])
-            return self.of_outputs[:, :1] * J / self.of_inputs[:, 0]
+            return self.of_outputs[:, :1] * self._directional() / self.of_inputs[:, 0]
+        J = np.zeros((len(self.of_outputs), len(point)))
         for j, h in enumerate(_STEP * self.size):
             by = {k: self.evaluate(point + k * h * np.eye(len(point))[j]) for k in (-2, -1, 1, 2)}
             J[:, j] = (8.0 * (by[1] - by[-1]) - (by[2] - by[-2])) / (12.0 * h)
@@ -282,6 +348,7 @@ class _Unit:
             point[:n] += step
             sizes = np.maximum(self.size, np.abs(point))[:n]
             if np.all(np.abs(step) <= 1e-12 * sizes):
+                point[:n][np.abs(point[:n]) <= 1e-12 * self.size[:n]] = 0.0  # what it is known to
                 if np.all(np.abs(self.evaluate(point)[:n]) <= _ROUNDING * np.abs(A) @ sizes):
                     return point
                 break
@@ -310,7 +377,7 @@ class _Unit:
             name=name or self.description.modelName,
             constant_state=constant[:n],
             constant_output=constant[n:],
-            units=tuple(self._unit(v)[0] for v in self.outputs),
+            units=tuple(self._unit(s.variable)[0] for s in self.outputs),
             levels=start[n:],
             x0=start[:n],
         )

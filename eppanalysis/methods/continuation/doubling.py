@@ -52,15 +52,15 @@ def doubled(family: Family, point: BranchPoint, length: float) -> BranchPoint:
     # reversed.
     dwell = -np.linalg.solve(orbit.A[m:, m:], orbit.A[m:, :m] @ start)
     twice = _gone_round_twice(orbit)
-    w = weights(twice, family.width)
-    along = point.tangent[[*range(m + arcs.n_arcs), *range(m, m + arcs.n_arcs), -1]]
     direction = np.concatenate([start, dwell, -dwell, [0.0]])
-    # The step goes across the branch of half the period, or Newton's method would follow that branch instead.
-    direction -= along * (np.sum(w * along * direction) / np.sum(w * along**2))
-    direction /= np.sqrt(np.sum(w * direction**2))
+    direction /= np.sqrt(np.sum(weights(twice, family.width) * direction**2))
+    # Distance is how far the dwell times of the turns are apart: on the branch of half the period they are alike, so
+    # that Newton's method cannot follow that one instead.
+    across = np.concatenate([np.zeros(m), dwell, -dwell, [0.0]])
+    across /= across @ direction
     begin = BranchPoint(family, value, twice, family.slope(twice, value), direction)
     for share in _SHARES:
-        new = step(begin, share * length)
+        new = step(begin, share * length, across)
         if new is not None and not half_alike(new.orbit, 1e-2 * share * length) and admissible(new):
             return new
     raise EppError(

@@ -157,9 +157,12 @@ def bordered(orbit: Orbit, slope: Array, row: Array, right: Array) -> Array:
     return solved(K, right / rows) * columns
 
 
-def step(point: BranchPoint, ds: float) -> BranchPoint | None:
-    """The point at a distance along the branch with the same sequence of events; None when Newton fails."""
-    found = _corrected(point, _along(point), ds, *point.ahead(ds))
+def step(point: BranchPoint, ds: float, row: Array | None = None) -> BranchPoint | None:
+    """The point at a distance along the branch with the same sequence of events; None when Newton fails.
+
+    The distance is measured by `row`, by default along the branch.
+    """
+    found = _corrected(point, _along(point) if row is None else row, ds, *point.ahead(ds))
     return None if found is None else _arrived(point, ds, found)
 
 

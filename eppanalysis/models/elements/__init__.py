@@ -20,7 +20,7 @@ from eppanalysis.models.elements.dynamic.controller import AntiWindupPID
 from eppanalysis.models.elements.dynamic.impact import ImpactStop
 from eppanalysis.models.elements.dynamic.parking import ParkingBandLaw, SampledLaw
 from eppanalysis.models.elements.dynamic.presliding import DahlFriction
-from eppanalysis.models.elements.dynamic.pulses import PulseWidthModulator
+from eppanalysis.models.elements.dynamic.pulses import NaturalPulseWidthModulator, PulseWidthModulator
 from eppanalysis.models.elements.dynamic.rate import RateLimitedServo, RateLimiter
 from eppanalysis.models.elements.dynamic.reset import CleggIntegrator, FirstOrderReset
 from eppanalysis.models.elements.dynamic.sampled import ControllerMemory, SampledController
@@ -77,6 +77,7 @@ __all__ = [
     "MonotoneTable",
     "LuGreFriction",
     "MidRiseQuantiser",
+    "NaturalPulseWidthModulator",
     "Nonlinearity",
     "NordinShaft",
     "OwnStates",

@@ -137,7 +137,7 @@ def test_no_element_escapes_what_is_asked_of_every_one_here() -> None:
     apart = {
         "lock_pin", "nordin_shaft", "dahl_friction", "lugre_friction", "anti_windup_pid", "clamped_pid", "rate_limiter",
         "rate_limited_servo", "clegg_integrator", "first_order_reset", "timed_relay", "bouc_wen", "impact_stop",
-        "pulse_width_modulator",
+        "pulse_width_modulator", "natural_pulse_width_modulator",
     }  # fmt: skip
     here = {element.kind for element in SHIPPED.values()}
     assert not here & apart and here | apart == set(ELEMENTS)
