@@ -47,6 +47,7 @@ from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.simulation.runs import run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.methods.simulation.states import OtherStates
+from eppanalysis.methods.steady.flow import advances
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
@@ -403,13 +404,18 @@ class _Search(SearchReport):
         centre = np.mean(orbit.starts[:-1, :n], axis=0) if self.rest is None else self.rest[0]
         x[~self.hybrid.compared], centre = self.hybrid.x0[~self.hybrid.compared], centre.copy()
         centre[~self.hybrid.compared] = self.hybrid.x0[~self.hybrid.compared]
-        return centre, x - centre, orbit.y[orbit.arcs.memory].copy()
+        # Times that elements remember go back with the clock, or they would lie far ahead.
+        rates = advances(self.hybrid)
+        back = max(((orbit.y[:n] - x)[rates[:n] != 0.0] / rates[:n][rates[:n] != 0.0]).tolist(), default=0.0)
+        return centre, x - centre, orbit.y[orbit.arcs.memory] - back * rates[n:]
 
     def _random(self) -> Iterator[tuple[Array, Array]]:
         """Starts in a box as large as the motions seen."""
         rng = np.random.default_rng(_SEED)
         boxes = [(r[0], np.abs(r[1]), r[2]) for r in self.rays]
-        boxes += [(*self._ray_to(o)[:1], 0.5 * o.scale[: self.hybrid.x0.size], o.y[o.arcs.memory]) for o in self.orbits]
+        for orbit in self.orbits:
+            centre, _, H = self._ray_to(orbit)
+            boxes.append((centre, 0.5 * orbit.scale[: centre.size], H))
         for i in range(N_RANDOM if boxes else 0):
             centre, size, H = boxes[i % len(boxes)]
             x = centre + 2.0 * rng.uniform(-1.0, 1.0, size.size) * size

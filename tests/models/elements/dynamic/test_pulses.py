@@ -318,10 +318,14 @@ class TestConverter:
             "run": {"t_end": "0.1 s"},
         }, name="converter")  # fmt: skip
 
-    def test_at_24_volts(self) -> None:
-        (stable,) = epp.find_limit_cycles(self.case(24.0)).stable
+    @pytest.mark.parametrize("supply", [22.0, 24.0])
+    def test_below_the_doubling_it_repeats_each_period(self, supply: float) -> None:
+        """And nothing rests: a pulse begins each period."""
+        found = epp.find_limit_cycles(self.case(supply))
+        assert not found.settles
+        (stable,) = found.stable
         assert stable.period == pytest.approx(self.T, rel=1e-12)
-        want = self.multipliers(24.0, 1, near=24.0)[0]
+        want = self.multipliers(supply, 1, near=supply)[0]
         found = complex(stable.multipliers[0])
         assert (found.real, abs(found.imag)) == pytest.approx((want.real, abs(want.imag)), rel=1e-6)
 
