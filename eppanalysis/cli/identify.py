@@ -172,7 +172,7 @@ def _show(fit: BenchFit) -> None:
         )
     echo("  " + " ".join([fit.limit_sentence(), *fit.notes]))
     if not fit.status.ok:
-        echo(f"  {fit.status.value}")
+        echo(f"  {fit.message}")
 
 
 def _write(found: Identification, output: Path, benches: Sequence[str]) -> None:

@@ -177,6 +177,10 @@ class _Unit:
         from fmpy.simulation import instantiate_fmu
 
         self.path, self.description, self.parameters = path, description, parameters
+        self.given = self._parameters()
+        self.structural = [v for v in self.given if v.causality == "structuralParameter"]
+        for variable in self.structural:
+            self._require_shape(variable)
         self.of_states = description.modelExchange is not None  # whether they can be set
         self.real = "Real" if description.fmiVersion == "2.0" else "Float64"
         real = [v for v in description.modelVariables if v.type == self.real]
@@ -203,7 +207,7 @@ class _Unit:
     def _shape(self, variable: Any) -> tuple[int, ...]:
         """Sizes of an array, which structural parameters may give; none of a number."""
         return tuple(
-            int(d.start if d.variable is None else self.parameters.get(d.variable.name, d.variable.start))
+            int(d.start if d.variable is None else np.asarray(self.parameters.get(d.variable.name, d.variable.start)))
             for d in variable.dimensions
         )
 
@@ -224,27 +228,39 @@ class _Unit:
         exponents = {of_units: float(getattr(base, own)) for own, of_units in BASE_UNITS.items()}
         return units.unit_of(exponents), float(base.factor), float(base.offset)
 
-    def start(self) -> None:
-        """Initialise the unit with its parameters."""
-        unit = self.instance
-        known = {
-            v.name: v
-            for v in self.description.modelVariables
-            if v.causality in ("parameter", "structuralParameter") and v.type not in _NO_NUMBERS
-        }
+    def _parameters(self) -> list[Any]:
+        """The parameters that are given.
+
+        Raises
+        ------
+        ModelError
+            If one is none of the unit.
+        """
+        kinds = ("parameter", "structuralParameter")
+        variables = [v for v in self.description.modelVariables if v.causality in kinds and v.type not in _NO_NUMBERS]
+        known = {v.name: v for v in variables}
         for name in self.parameters:
             if name not in known:
                 expected = f"a parameter: {did_you_mean(name, list(known))}"
                 raise ModelError(self.path.name, name, expected, field="parameters")
-        given = [known[name] for name in self.parameters]
-        structural = [v for v in given if v.causality == "structuralParameter"]
-        if structural:
+        return [known[name] for name in self.parameters]
+
+    def _require_shape(self, variable: Any) -> None:
+        found, shape = np.shape(self.parameters[variable.name]), self._shape(variable)
+        if found != shape:
+            what = f"{self.path.name}: parameter {variable.name} has the shape {found}"
+            raise ModelError(what, expected=f"{shape}" if shape else "a number")
+
+    def start(self) -> None:
+        """Initialise the unit with its parameters."""
+        unit = self.instance
+        if self.structural:
             unit.enterConfigurationMode()
-            self._set_parameters(structural)
+            self._set_parameters(self.structural)
             unit.exitConfigurationMode()
         if self.real == "Real":
             unit.setupExperiment()
-        self._set_parameters([v for v in given if v not in structural])
+        self._set_parameters([v for v in self.given if v not in self.structural])
         unit.enterInitializationMode()
         unit.exitInitializationMode()
         if self.of_states:
@@ -252,12 +268,9 @@ class _Unit:
 
     def _set_parameters(self, variables: Sequence[Any]) -> None:
         for variable in variables:
-            value, shape = self.parameters[variable.name], self._shape(variable)
-            if np.shape(value) != shape:
-                found = f"{self.path.name}: parameter {variable.name} has the shape {np.shape(value)}"
-                raise ModelError(found, expected=f"{shape}" if shape else "a number")
+            self._require_shape(variable)
             kind = _SET_AS.get((self.real, variable.type), variable.type)
-            numbers = np.ravel(np.asarray(value, float)).tolist()
+            numbers = np.ravel(np.asarray(self.parameters[variable.name], float)).tolist()
             whole = not kind.startswith(("Real", "Float"))
             getattr(self.instance, f"set{kind}")(
                 [variable.valueReference], [*map(round, numbers)] if whole else numbers
@@ -298,11 +311,17 @@ class _Unit:
         """Derivatives at the point, in the units of the unit, a column for each number of a state or input."""
         count = {} if self.real == "Real" else {"nSensitivity": len(self.of_outputs)}
         found = [v.valueReference for v in self.found]
-        return np.array([
-            self.instance.getDirectionalDerivative(found, [v.valueReference], seed.tolist(), **count)
-            for v in self.known
-            for seed in np.eye(math.prod(self._shape(v)))
-        ]).T.reshape(len(self.of_outputs), len(self.of_inputs))  # fmt: skip
+        columns = []
+        for v in self.known:
+            # Of itself a variable has the derivative 1, also where a unit knows those of its equations alone.
+            itself = np.repeat([v is other for other in self.found], [math.prod(self._shape(o)) for o in self.found])
+            for seed in np.eye(math.prod(self._shape(v))):
+                column = np.array(
+                    self.instance.getDirectionalDerivative(found, [v.valueReference], seed.tolist(), **count)
+                )
+                column[itself] = seed if itself.any() else 0.0
+                columns.append(column)
+        return np.array(columns).T.reshape(len(self.of_outputs), len(self.of_inputs))
 
     def jacobian(self, point: Array) -> Array:
         """Derivatives of what :meth:`evaluate` gives, shape (n + k, n + m)."""

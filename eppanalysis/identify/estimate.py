@@ -121,7 +121,7 @@ class BenchFit(Result):
     curves: Mapping[str, Any] = field(default_factory=dict)
 
     in_json = (
-        "bench source status message=status.value estimates=_by_name unidentified=_unidentified_names "
+        "bench source status message estimates=_by_name unidentified=_unidentified_names "
         "limited_by residuals notes n_rows n_used provenance"
     )
 
@@ -140,6 +140,11 @@ class BenchFit(Result):
     def limited_by(self) -> str:
         """The parameter that the data identify least, relative to its size."""
         return max(self.estimates, key=lambda e: (not e.identified, e.relative_width)).name if self.estimates else ""
+
+    @property
+    def message(self) -> str:
+        """What the status says of a fit: whether its estimates can be relied on."""
+        return self.status.value if self.status.ok else "The estimates are for inspection only: the notes say why."
 
     def _by_name(self) -> dict[str, Estimate]:
         return {e.name: e for e in self.estimates}
@@ -161,7 +166,7 @@ class BenchFit(Result):
     def __str__(self) -> str:
         """How many parameters the test identifies, and which of them it knows least."""
         known = len(self.estimates) - len(self.unidentified)
-        ended = "" if self.status.ok else f" {self.status.value}"
+        ended = "" if self.status.ok else f" {self.message}"
         counts = f"{known} of {count(len(self.estimates), 'parameter')} identified from {count(self.n_used, 'point')}"
         return f"{self.bench[:1].upper()}{self.bench[1:]}: {counts}. {self.limit_sentence()}{ended}".rstrip()
 

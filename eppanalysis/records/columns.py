@@ -128,7 +128,7 @@ def find_columns(
     choices: Mapping[str, tuple[str, str]],
     units: Mapping[str, str],
 ) -> tuple[Column, ...]:
-    """The columns of a table that are needed, and those of the optional ones that are there.
+    """The columns of a table that are needed, and those of the optional ones that are there; those chosen come first.
 
     Parameters
     ----------
@@ -147,8 +147,9 @@ def find_columns(
     CaseError
         If a role has no column or several, a column has no unit that needs one, or its unit measures something else.
     """
-    found = []
-    for role in (*needed, *optional):
+    found, named = [], list(choices)
+    # Where signals have times of their own, those of the signal that is named first count.
+    for role in sorted((*needed, *optional), key=lambda r: named.index(r) if r in named else len(named)):
         choice = choices.get(role)
         free = role in optional and choice is None
         places = _places(headings.all, role, choice, exactly=free and bool(choices))

@@ -98,6 +98,65 @@ def test_co_simulation(folder):
     np.testing.assert_allclose(loop.A, _drive(0.5)[0], rtol=1e-12)
 
 
+@pytest.mark.parametrize("directional", [True, False], ids=["directional", "differences"])
+@pytest.mark.parametrize("version", [2, 3])
+def test_oscillator_at_rest(folder, version, directional):
+    """Van der Pol's oscillator begins on one side of its cycle and is linearised at rest: ``[[0, 1], [-1, mu]]``."""
+    path = units.make(folder, "oscillator", version, directional=directional)
+    for mu in (1.0, 0.3):
+        with pytest.warns(
+            UserWarning, match=r"is not linear; it is linearised at rest .angle_state = 0, speed_state = 0"
+        ):
+            loop = epp.from_fmu(path, {("speed_state", "torque"): epp.Saturation()}, parameters={"mu": mu})
+        np.testing.assert_allclose(loop.A, [[0.0, 1.0], [-1.0, mu]], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(loop.B, [[0.0], [1.0]], rtol=1e-9, atol=1e-12)
+        np.testing.assert_array_equal(loop.signals.C[:3], [[1.0, 0.0], [0.0, 1.0], [1.0, 0.0]])
+        assert loop.x0.tolist() == [2.0, 0.0] and not np.any(loop.constant_state)
+
+
+def _state_space(n: int) -> dict[str, np.ndarray]:
+    """Matrices that are all different."""
+    return {name: np.round(np.random.default_rng(k).normal(size=(n, n)), 3) for k, name in enumerate("ABCD")}
+
+
+@pytest.mark.parametrize("directional", [True, False], ids=["directional", "differences"])
+def test_arrays(folder, directional):
+    """Each number of an array is a signal; inputs that jump are set at events; sizes follow a structural parameter."""
+    path = units.make(folder, "state_space", 3, directional=directional)
+    for n in (3, 2):
+        given = _state_space(n)
+        play = {("y[1]", "u[2]"): epp.Play(gap=0.1)}
+        given["D"][0, 1] = 0.0  # no way round the element without a state
+        loop = epp.from_fmu(path, play, parameters={**given, **({} if n == 3 else {"n": n})})
+        free = [k for k in range(n) if k != 1]
+        for found, expected in (
+            (loop.A, given["A"]), (loop.B, given["B"][:, 1:2]), (loop.B_input, given["B"][:, free]),
+            (loop.C, given["C"][:1]), (loop.signals.C[:n], given["C"]), (loop.signals.D[:n], given["D"][:, 1:2]),
+            (loop.signals.D_input[:n], given["D"][:, free]),
+        ):  # fmt: skip
+            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=0.0)
+        assert loop.state_names == tuple(f"x[{k + 1}]" for k in range(n))
+        assert loop.signals.names == (*(f"y[{k + 1}]" for k in range(n)), "u[2]")
+        assert dict(zip(loop.input_names, loop.v0, strict=True)) == {f"u[{k + 1}]": k + 1.0 for k in free}
+
+
+def test_parameters_that_are_arrays(folder):
+    """A parameter has the shape that it has in the unit."""
+    path, play = units.make(folder, "state_space", 3), {("y[1]", "u[1]"): epp.Play(gap=0.1)}
+    for given, words in (
+        ({"A": np.eye(2)}, r"state_space3.*fmu: parameter A has the shape .2, 2.; expected .3, 3."),
+        ({"A": 1.0}, r"parameter A has the shape ..; expected .3, 3."),
+        ({"n": [2]}, r"parameter n has the shape .1,.; expected a number"),
+        ({"n": 2, "A": np.eye(3)}, r"parameter A has the shape .3, 3.; expected .2, 2."),
+    ):
+        with pytest.raises(epp.ModelError, match=words):
+            epp.from_fmu(path, play, parameters=given)
+    with pytest.raises(epp.EppError, match="fmi3SetUInt64 fails"):
+        epp.from_fmu(path, play, parameters={"n": 9})
+    with pytest.raises(epp.ModelError, match=r"has no output 'y'; expected one of: y\[1\], y\[2\], y\[3\]"):
+        epp.from_fmu(path, {("y", "u[1]"): epp.Play(gap=0.1)})
+
+
 def test_limit_cycles_of_the_loop(folder):
     """The loop has the limit cycle of the same loop by hand."""
     path = units.make(folder, "drive", 2)

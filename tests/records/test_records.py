@@ -49,6 +49,9 @@ def test_signals_of_other_times_are_interpolated_and_said_to_be(tmp_path):
         "theta is fast.theta.", "rate is slow.rate.",
         "slow.rate is interpolated linearly at the times of fast.theta.",
     )  # fmt: skip
+    named = record_of(tmp_path / "two.mf4", UNITS, {"rate": ("slow.rate", ""), "theta": ("fast.theta", "")})
+    np.testing.assert_allclose(named.time, slow[slow >= 0.0], atol=1e-12)
+    assert named.notes[-1] == "fast.theta is interpolated linearly at the times of slow.rate."
 
 
 @pytest.mark.slow
