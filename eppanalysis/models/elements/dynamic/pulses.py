@@ -208,12 +208,10 @@ class NaturalPulseWidthModulator(_Modulator, kind="natural_pulse_width_modulator
 
     Parameters
     ----------
-    sample_time : float
-        Period of the pulses [s], positive.
-    level : float
-        Height of a pulse, positive [unit of the output].
+    sample_time, level : float
+        Period [s] and height of the pulses, positive [unit of the output].
     full : float, optional
-        Input of a pulse over the whole period, positive [unit of the input].
+        Height of the sawtooth, positive [unit of the input].
     dead_time : float, optional
         By how much each pulse is shorter, less than a period [s].
 

@@ -119,6 +119,68 @@ def test_the_greatest_force_of_a_driven_loop_in_closed_form(gamma: float) -> Non
     np.testing.assert_allclose(np.abs(run.signals["spring_output"]), want, rtol=1e-9)
 
 
+class TestPiezoelectricActuator:
+    """Numbers read from params_completo.m of https://github.com/gfloresc/L-CSS-Bouc-Wen (c12f11c), in micrometres.
+
+    Flores and Rakotondrabe 2022: ``lag dx/dt + x = gain u - F`` behind a voltage u, for ``80 sin(0.2 pi t)``.
+    """
+
+    LAG, GAIN, STIFFNESS, BETA, SIZE, OMEGA, KP, KI = 1e-3, 1.0773, 0.40648, 0.00833, 80.0, 0.2 * np.pi, 10.0, 0.5
+    SINES = {"aim": epp.inputs.Sine(SIZE, 0.1), "slope": epp.inputs.Sine(SIZE * OMEGA, 0.1, phase=np.pi / 2)}
+
+    def loop(self, rig: epp.blocks.StateSpaceBlock) -> epp.Diagram:
+        return epp.Diagram(
+            parts={"hysteresis": epp.BoucWen(self.STIFFNESS, self.BETA, self.BETA), "rig": rig},
+            connect=["aim -> rig.aim", "slope -> rig.slope", "rig.rate -> hysteresis", "hysteresis -> rig.force"],
+            inputs=["aim", "slope"],
+        )
+
+    def rig(self, A: Any, B: Any, C: Any, D: Any) -> epp.blocks.StateSpaceBlock:
+        names = {"input_names": ["aim", "slope", "force"], "output_names": ["x", "rate"]}
+        return epp.blocks.StateSpaceBlock(A=A, B=B, C=C, D=D, **names)
+
+    def test_the_force_of_the_open_actuator_in_closed_form(self) -> None:
+        """With beta = gamma it returns along a line and nears its bound as an exponential."""
+        a, p = self.STIFFNESS, 2.0 * self.BETA
+        most = brentq(lambda f: f / a - np.log1p(-p * f / a) / p - 2 * self.SIZE, 0.0, a / p * (1 - 1e-14), xtol=1e-13)
+        half = -a / p * np.expm1(-p * (self.SIZE - most / a))
+        open_rig = self.rig(
+            [[-1.0 / self.LAG]], [[self.GAIN / self.LAG, 0.0, -1.0 / self.LAG]], [[1.0], [0.0]], [[0.0] * 3, [0, 1, 0]]
+        )
+        run = epp.simulate(self.loop(open_rig), self.SINES, t_end=200.0, t_eval=[190.0, 192.5, 195.0, 197.5])
+        np.testing.assert_allclose(run.signals["hysteresis"], [half, most, -half, -most], rtol=1e-9)
+        assert most == pytest.approx(20.471234, abs=1e-6)
+        # Of the range of x it is so wide.
+        assert half / (self.GAIN * self.SIZE - most) == pytest.approx(0.1447, abs=1e-4)
+
+    def test_under_its_controller_against_another_integrator(self) -> None:
+        """The rate of the voltage has the force in it, through the rate of x."""
+        lag, gain, kp, ki = self.LAG, self.GAIN, self.KP, self.KI
+        dx = np.array([-(1.0 + gain * kp) / lag, gain * ki / lag])  # of x and the integral of the error
+        rate = -kp * dx - ki * np.array([1.0, 0.0])
+        rig = self.rig(
+            [dx.tolist(), [-1.0, 0.0]], [[gain * kp / lag, 0.0, -1.0 / lag], [1.0, 0.0, 0.0]],
+            [[1.0, 0.0], rate.tolist()], [[0.0] * 3, [ki - kp * gain * kp / lag, kp, kp / lag]],
+        )  # fmt: skip
+        times = np.linspace(20.0, 30.0, 401)
+        run = epp.simulate(self.loop(rig), self.SINES, t_end=30.0, t_eval=times)
+
+        def rates(t: float, y: Any) -> list[float]:
+            x, integral, force = y
+            error = self.SIZE * np.sin(self.OMEGA * t) - x
+            moved = (gain * (kp * error + ki * integral) - force - x) / lag
+            v = kp * (self.SIZE * self.OMEGA * np.cos(self.OMEGA * t) - moved) + ki * error
+            return [moved, error, self.STIFFNESS * v - self.BETA * (abs(v) * force + v * abs(force))]
+
+        want = solve_ivp(
+            rates, (0.0, 30.0), [0.0] * 3, method="Radau", rtol=1e-9, atol=1e-9, t_eval=times, max_step=0.01
+        )
+        np.testing.assert_allclose(run.signals["rig_x"], want.y[0], rtol=0, atol=1e-6)
+        np.testing.assert_allclose(run.signals["hysteresis"], want.y[2], rtol=0, atol=1e-6)
+        x = run.signals["rig_x"]
+        assert abs(x[200] - x[0]) / np.ptp(x) == pytest.approx(0.024, abs=0.002)
+
+
 def test_limits() -> None:
     a, b = np.array([1e-3, 0.1, 3.0, 2.0]), np.array([3e-4, 0.05, -1.0, 3.0])
     for one, other in zip(
