@@ -86,6 +86,9 @@ def simulate(
         raise EppError(f"simulate: t_end is {t_end}; expected a positive number of seconds.")
     if step is not None and not (np.isfinite(step) and step > 0):
         raise EppError(f"simulate: step is {step}; expected a positive number of seconds.")
+    for name, most in (("max_events", max_events), ("max_steps", max_steps)):
+        if most < 1:
+            raise EppError(f"simulate: {name} is {most}; expected 1 or more.")
 
     def run_to(t_end: float, t_eval: ArrayLike | None = None) -> Trajectory:
         times = sample_times(t_end, t_eval)

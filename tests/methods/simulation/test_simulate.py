@@ -641,6 +641,12 @@ def test_a_damped_smooth_motion_settles_however_small_it_has_become(t_end: float
     assert run.settled_at["sine_input"] == pytest.approx(math.asin(0.2), abs=1e-9)
 
 
+@pytest.mark.parametrize("name", ["max_events", "max_steps"])
+def test_a_limit_that_lets_nothing_happen_is_refused(name: str) -> None:
+    with pytest.raises(EppError, match=f"simulate: {name} is 0; expected 1 or more"):
+        epp.simulate(epp.case("backlash_servo"), **{name: 0})
+
+
 @pytest.mark.parametrize("step", [-0.01, 0.0, math.nan, math.inf])
 def test_step_must_be_positive(step: float) -> None:
     with pytest.raises(EppError, match=f"step is {step}; expected a positive number of seconds"):
