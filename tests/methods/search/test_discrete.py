@@ -95,6 +95,23 @@ def test_no_cycle_of_two_integrators_in_a_chain_is_stable() -> None:
     np.testing.assert_allclose(turns(aside, 100) - turns(aside, 50), [0.0, 4.0 * 50.0 * 1e-6], atol=1e-12)
 
 
+@pytest.mark.parametrize(("p", "q", "period"), [(1, 3, 3), (1, 2, 4), (3, 7, 7), (2, 5, 10)])
+def test_a_modulator_of_first_order_repeats_as_its_input_is_a_fraction(p: int, q: int, period: int) -> None:
+    """Friedman 1988: the bits for a constant p/q repeat after q samples if p and q are odd, else after 2q."""
+    loop = epp.LureSystem.build(
+        [[1.0]], [[-1.0]], [[1.0]], [epp.Comparator()], constant_state=[p / q], x0=[0.1], time_step=1.0,
+        element_names=["bit"],
+    )  # fmt: skip
+    (cycle,) = epp.find_limit_cycles(loop)
+    assert cycle.period == period and cycle.mean["bit_output"] == pytest.approx(p / q, abs=1e-12)
+    y, bits = 0.1, []
+    for _ in range(40 * period):
+        bits.append(1.0 if y >= 0.0 else -1.0)
+        y += p / q - bits[-1]
+    again = [n for n in range(1, 2 * period) if bits[-10 * period :] == bits[-10 * period - n : -n]]
+    assert again[0] == period
+
+
 @pytest.mark.slow  # 20 s; the multipliers that it hangs on are tested with the others
 def test_two_integrators_in_a_chain_have_continua_alone_in_any_form() -> None:
     """Each cycle of a modulator of second order is one of many, whatever its states measure."""
