@@ -37,6 +37,11 @@ def doubled(family: Family, point: BranchPoint, length: float) -> BranchPoint:
         If no multiplier is -1, no such orbit is found, or the loop has dead time.
     """
     orbit, value = point.orbit, point.value
+    if half_alike(orbit):
+        raise EppError(
+            f"continue_branch: origin is where the cycles of twice the period end, at {value:.6g}; expected a period "
+            "doubling of the branch of half the period."
+        )
     if orbit.arcs.n_timers:
         raise EppError("continue_branch: cycles of doubled period are not followed in a loop with dead time.")
     arcs, m = orbit.arcs, orbit.arcs.free.size

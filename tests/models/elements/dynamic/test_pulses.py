@@ -343,3 +343,11 @@ class TestConverter:
         np.testing.assert_allclose(double.points["period"], 2.0 * self.T, rtol=1e-12)
         (second,) = (point for point in double.special if point.kind == "period doubling")
         assert second.value == pytest.approx(brentq(beyond, 30.8, 31.4, (2, 31.0), xtol=1e-9), abs=1e-6)
+
+    def test_a_doubling_from_the_side_of_twice_the_period(self) -> None:
+        """It is the same point, and nothing of twice the period leaves there."""
+        case = self.case(24.8)
+        (end,) = epp.continue_branch(case, "supply", 24.8, 24.2).special
+        assert end.value == pytest.approx(24.516573, abs=1e-6)
+        with pytest.raises(epp.EppError, match="origin is where the cycles of twice the period end, at 24.5166"):
+            epp.continue_branch(case, "supply", 24.8, 24.2, origin=end)
