@@ -186,7 +186,10 @@ class Orbit:
         y -= self.arcs.shift * t
         if self.arcs.n_timers:
             y = with_history(self.hybrid, arcs, y, np.roll(self.tau, -first))
-        y[: self.arcs.n_state][~self.hybrid.compared & (np.arange(self.arcs.n_state) < self.hybrid.n_plant)] = 0.0
+        # Clocks, and what nothing reads, begin where they do on this one: remembered times have been turned back to it.
+        n = self.arcs.n_state
+        goes_on = np.flatnonzero(~self.hybrid.compared[:n] & (np.arange(n) < self.hybrid.n_plant))
+        y[goes_on] = self.y[goes_on]
         return y
 
 

@@ -318,11 +318,11 @@ class TestConverter:
             "run": {"t_end": "0.1 s"},
         }, name="converter")  # fmt: skip
 
-    @pytest.mark.parametrize("supply", [22.0, 24.0])
+    @pytest.mark.parametrize("supply", [22.0, 23.0, 24.0])
     def test_below_the_doubling_it_repeats_each_period(self, supply: float) -> None:
         """And nothing rests: a pulse begins each period."""
         found = epp.find_limit_cycles(self.case(supply))
-        assert not found.settles
+        assert not found.settles and "could not be closed" not in str(found)
         (stable,) = found.stable
         assert stable.period == pytest.approx(self.T, rel=1e-12)
         want = self.multipliers(supply, 1, near=supply)[0]
