@@ -51,6 +51,19 @@ def _number_of(value: float) -> Fraction:
     return simplest_between(exact * (1 - _WITHIN), exact * (1 + _WITHIN))
 
 
+def kept(value: float) -> float:
+    """The float next to the number that a float means, which means the same number again.
+
+    Examples
+    --------
+    >>> kept(2.0 * 0.4000000000000001)
+    0.8
+    """
+    while (nearest := float(number_of(value))) != value:
+        value = nearest
+    return value
+
+
 def coefficient_of(value: Fraction) -> Fraction:
     """The number of a coefficient that was computed exactly, from floats that each are off by rounding.
 

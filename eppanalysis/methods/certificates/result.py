@@ -201,7 +201,7 @@ def sentence(document: Mapping[str, Any], name: str = UNNAMED, values: str = "")
     if statement == STATEMENTS["cycles"].text:
         return _cycles_sentence(name, claim)
     if statement == STATEMENTS["orbit"].text:
-        return _orbit_sentence(name if known else "", claim)
+        return _orbit_sentence(name if known else "", claim, driven_by(document))
     return f"Proved of {name}: {statement}; {claim}."
 
 
@@ -235,12 +235,22 @@ def _gap(claim: Mapping[str, Any]) -> str:
     return rounded(Fraction(claim["backlash"]) * Fraction(math.degrees(1.0)) * (1 + Fraction(1, 10**12)), ROUND_FLOOR)
 
 
-def _orbit_sentence(name: str, claim: Mapping[str, Any]) -> str:
+def driven_by(document: Mapping[str, Any]) -> str:
+    """The sine under which an orbit is one, as "under ..."; empty where none drives the loop."""
+    if not document["loop"]["course"]["drive"]:
+        return ""
+    name, *numbers = document["loop"]["course"]["drive"]
+    amplitude, omega = (rounded(Fraction(value), ROUND_HALF_EVEN, 6) for value in numbers)
+    return f"under a sine of {amplitude} and {omega} rad/s at {words(visible(name))}"
+
+
+def _orbit_sentence(name: str, claim: Mapping[str, Any], under: str) -> str:
     """Of a loop that is known, or of what the file alone shows: that its arcs are those of a loop it does not."""
     period, events = _period(claim["period"]), f"{claim['events']} event{'s' * (claim['events'] != 1)}"
     near = f"within {rounded(Fraction(claim['box']), ROUND_FLOOR, 1)} of its size"
     if name:
-        return f"Proved: {name} has a limit cycle {period} with {events}, and {near} it is the only one with these."
+        what = f"{under} has a periodic response" if under else "has a limit cycle"
+        return f"Proved: {name} {what} {period} with {events}, and {near} it is the only one with these."
     return (
         f"Proved of the arcs in the file: they close to a limit cycle {period} with {events}, before which none of the "
         f"guards in the file rises, and {near} it is the only one with these."

@@ -14,16 +14,23 @@ from functools import cached_property
 import numpy as np
 
 from eppanalysis.arrays import Array
-from eppanalysis.errors import EppError, ModelError, did_you_mean
+from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.describing.balance import Balance, describe
 from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.steady.flow import later, strobe_of
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.inputs import InputSignal, Sine, input_signals_by_name
+from eppanalysis.models.systems.inputs import Sine
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import is_sampled
-from eppanalysis.models.systems.subject import CaseLike, PointLike, standing, system_of
+from eppanalysis.models.systems.subject import (
+    CaseLike,
+    PointLike,
+    driven_input,
+    own_sines,
+    standing,
+    system_of,
+)
 
 #: Longest step of a run, relative to the period of the input: no simple share of it, for switches of what keeps step
 #: with the input would fall on the ends of steps, where rounding has them met again and again.
@@ -188,9 +195,8 @@ def drive_of(
     EppError
         If it has no such input, another input is not constant, or the sine is not given.
     """
-    system = system_of(loop, analysis)
-    own = _own_sines(system, getattr(loop, "input", None))
-    name = _input_named(system, input, own, analysis)
+    system, own = system_of(loop, analysis), own_sines(loop, analysis)
+    name = driven_input(loop, input, analysis)
     if name in own:
         amplitude = own[name].amplitude if amplitude is None else amplitude
         frequency = own[name].frequency_hz if frequency is None else frequency
@@ -207,26 +213,3 @@ def drive_of(
     if form is not None:
         system, at = standing(form.system, at, analysis)
     return Drive(system, at, name, float(amplitude), 2.0 * np.pi * float(frequency), form)
-
-
-def _own_sines(system: LureSystem, given: object) -> dict[str, Sine]:
-    """The sines among the input signals of a case."""
-    if given is None:
-        return {}
-    signals: dict[str, InputSignal] = input_signals_by_name(system.input_names, given)  # type: ignore[arg-type]
-    return {name: one for name, one in signals.items() if isinstance(one, Sine) and one.amplitude > 0}
-
-
-def _input_named(system: LureSystem, input: str | None, own: dict[str, Sine], analysis: str) -> str:
-    """The input that is driven: as given, else the one with a sine, else the only one."""
-    names = tuple(system.input_names)
-    if not names:
-        raise EppError(f"{analysis}: {system.name} has no external input; expected one that a sine can drive.")
-    if input is not None:
-        if input not in names:
-            raise ModelError(f"{system.name} has no input {input!r}", expected=did_you_mean(input, names))
-        return input
-    likely = tuple(own) or names
-    if len(likely) > 1:
-        raise EppError(f"{analysis}: {system.name} has inputs {', '.join(likely)}; expected the name of one.")
-    return likely[0]

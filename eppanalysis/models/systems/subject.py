@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Protocol, TypeVar
 
-from eppanalysis.errors import EppError
+from eppanalysis.errors import EppError, ModelError, did_you_mean
 from eppanalysis.foreign import line_for
-from eppanalysis.models.systems.inputs import InputSignal
+from eppanalysis.models.systems.inputs import InputSignal, Sine, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.measured.loop import MeasuredLoop
 from eppanalysis.models.systems.operating import OperatingPoint
@@ -141,3 +141,36 @@ def require_case(case: C | LureSystem, analysis: str) -> C:
         )
     refuse_samples(case.to_system().elements, analysis)
     return case
+
+
+def own_sines(loop: LureSystem | CaseLike, analysis: str) -> dict[str, Sine]:
+    """The sines among the input signals of a case."""
+    given: Any = getattr(loop, "input", None)
+    if given is None:
+        return {}
+    signals = input_signals_by_name(system_of(loop, analysis).input_names, given)
+    return {name: one for name, one in signals.items() if isinstance(one, Sine) and one.amplitude > 0}
+
+
+def driven_input(loop: LureSystem | CaseLike, input: str | None, analysis: str) -> str:
+    """The input that a sine drives: as given, else the one of the case with a sine, else the only one.
+
+    Raises
+    ------
+    EppError
+        If there is none, or there are several.
+    ModelError
+        If there is none of that name.
+    """
+    system = system_of(loop, analysis)
+    names = tuple(system.input_names)
+    if not names:
+        raise EppError(f"{analysis}: {system.name} has no external input; expected one that a sine can drive.")
+    if input is not None:
+        if input not in names:
+            raise ModelError(f"{system.name} has no input {input!r}", expected=did_you_mean(input, names))
+        return input
+    likely = tuple(own_sines(loop, analysis)) or names
+    if len(likely) > 1:
+        raise EppError(f"{analysis}: {system.name} has inputs {', '.join(likely)}; expected the name of one.")
+    return likely[0]

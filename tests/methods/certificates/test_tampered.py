@@ -23,9 +23,11 @@ from eppanalysis.methods.certificates.elbow.find import gained
 from eppanalysis.methods.certificates.registry import STATEMENTS, of_text, sealed
 from eppanalysis.methods.certificates.result import sentence
 from eppanalysis.results import LimitCycle, Status
+from tests.driven_loops import saturated
 from tests.methods.certificates.tampering import Edit, another_form, another_size, twice
 from tests.methods.certificates.test_absence import tuned
 from tests.shared import mostly_slow
+from tests.switched_samples import switched
 
 pytest.importorskip("flint")
 Document = dict[str, Any]
@@ -59,6 +61,17 @@ def _orbit() -> Document:
     x, period = np.zeros(1), 2.0 * math.log(3.0)
     cycle = LimitCycle("exact orbit", Status.CONVERGED, period, {}, {}, {}, state=x, memory=(1.0,))
     return dict(epp.certify_orbit(relay, cycle).document)
+
+
+def _locked() -> Document:
+    case = switched("sampled controller")
+    return dict(epp.certify_orbit(case, epp.find_limit_cycles(case)[0]).document)
+
+
+def _response() -> Document:
+    loop = saturated()
+    (response, *_) = epp.forced_response(loop, amplitude=0.5, frequency=0.9 / (2.0 * math.pi), most_periods=1)
+    return dict(epp.certify_orbit(loop, response).document)
 
 
 def _elbow() -> Document:
@@ -128,6 +141,8 @@ MADE: dict[str, Callable[[], Document]] = {
     ),
     "absence, any element": _absence(L(([0.7, 1.0], [1.0, 0.0, 0.0]), epp.RelayDeadZone(threshold=0.5))),
     "orbit": _orbit,
+    "orbit, samples": _locked,
+    "orbit, sine": _response,
     "elbow": _elbow,
     "cells": _cells,
     "cells, two cycles": _two_cycles,
@@ -145,7 +160,8 @@ FAST += (
     "absence, range with play",
     "absence, any element",
 )
-FIRST = ("roots, dead zone", "balance, relay", "absence, saturation", "play, range", "absence, any element", "orbit")
+FIRST = ("roots, dead zone", "balance, relay", "absence, saturation", "play, range", "absence, any element")
+FIRST += ("orbit", "orbit, samples", "orbit, sine")
 #: Of which all of that takes a second or two.
 FASTEST = ("roots, dead zone", "absence, saturation", "absence, range", "absence, box", "absence, any element")
 FASTEST += ("absence, samples", "absence, dead time")

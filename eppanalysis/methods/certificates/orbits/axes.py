@@ -14,8 +14,7 @@ import numpy as np
 from scipy import linalg
 
 from eppanalysis.arrays import Array, IntArray
-from eppanalysis.methods.certificates.orbits.path import ExactPath
-from eppanalysis.methods.orbits.orbit import Orbit
+from eppanalysis.methods.certificates.orbits.path import Closed, ExactPath
 
 #: Bits of the entries of the axes; more only make the rationals longer.
 _BITS = 20
@@ -32,17 +31,17 @@ class OwnAxes:
     starts: Array  # (p, m): states behind the events, in the new unknowns
 
     @classmethod
-    def states(cls, path: ExactPath, orbit: Orbit) -> OwnAxes:
+    def states(cls, path: ExactPath, orbit: Closed) -> OwnAxes:
         """The states as they are given, each in the power of two next to the size of its motion."""
         sizes = orbit.scale[np.array(path.free, int)]
         return cls._with(path, orbit, np.diag(np.exp2(np.round(np.log2(sizes)))))
 
     @classmethod
-    def signals(cls, path: ExactPath, orbit: Orbit) -> OwnAxes | None:
+    def signals(cls, path: ExactPath, orbit: Closed) -> OwnAxes | None:
         """The inputs of the elements and their rates; None where they do not tell the state."""
         free = np.array(path.free, int)
         states = free < orbit.hybrid.x0.size
-        rows = _signals(orbit, free[states])
+        rows = _signals(path, orbit, free[states])
         if rows is None:
             return None
         basis = np.diag(orbit.scale[free])
@@ -53,7 +52,7 @@ class OwnAxes:
             return None
 
     @classmethod
-    def _with(cls, path: ExactPath, orbit: Orbit, basis: Array) -> OwnAxes:
+    def _with(cls, path: ExactPath, orbit: Closed, basis: Array) -> OwnAxes:
         from flint import fmpq_mat
 
         free = np.array(path.free, int)
@@ -71,12 +70,17 @@ def rational_of(value: float) -> Any:
     return fmpq(top, bottom)
 
 
-def _signals(orbit: Orbit, places: IntArray) -> Array | None:
+def _signals(path: ExactPath, orbit: Closed, places: IntArray) -> Array | None:
     """As many signals as there are states, the most independent ones over the motion, as rows on the states."""
+    from flint import arb
+
     model, n = orbit.hybrid.model, places.size
-    rates = np.einsum("pij,pj->pi", orbit.arcs.F, orbit.starts[:-1])[:, places] * 0.1 * np.abs(orbit.tau)[:, None]
-    both = np.concatenate([orbit.starts[:-1, places], orbit.ends[:, places]])
-    away = np.concatenate([both - both.mean(axis=0), rates])
+    v = np.hstack([orbit.starts[:-1, np.array(path.free, int)], np.ones((len(path.stages), 1))])
+    F = np.array([[[float(arb(x)) for x in row] for row in stage.rate.tolist()] for stage in path.stages])
+    ends = np.einsum("pij,pj->pi", linalg.expm(F * orbit.tau[:, None, None]), v)
+    rates = np.einsum("pij,pj->pi", F, v) * 0.1 * np.abs(orbit.tau)[:, None]
+    both = np.concatenate([v, ends])[:, path.moving]
+    away = np.concatenate([both - both.mean(axis=0), rates[:, path.moving]])
     A, rows = model.A[np.ix_(places, places)], [model.C[:, places]]
     for _ in range(n - 1):
         rows.append(rows[-1] @ A)

@@ -24,18 +24,29 @@ from eppanalysis.methods.certificates.orbits.document import document_of
 from eppanalysis.methods.certificates.orbits.guards import Violated, prove_arc, require_at_once, starts_of
 from eppanalysis.methods.certificates.orbits.modes import rational
 from eppanalysis.methods.certificates.orbits.multipliers import discs_of, return_map
-from eppanalysis.methods.certificates.orbits.path import ExactPath
+from eppanalysis.methods.certificates.orbits.path import Closed, ExactPath
 from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit, OrbitStability, Proof
 from eppanalysis.methods.certificates.orbits.shooting import Enclosure, Shooting
+from eppanalysis.methods.certificates.orbits.timed import (
+    Response,
+    Sinusoid,
+    TimedMotion,
+    driven_motion,
+    locked_motion,
+)
+from eppanalysis.methods.certificates.registry import STATEMENTS
 from eppanalysis.methods.orbits.exact import exact_orbit, start_of, steady_hybrid
 from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.orbit import Orbit, solve
 from eppanalysis.methods.orbits.shooting import orbits_near
+from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.methods.simulation.runs import run_hybrid
 from eppanalysis.methods.simulation.states import unobservable_apart
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.subject import CaseLike, facts_of, standing
+from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.sampled.strobe import is_sampled
+from eppanalysis.models.systems.subject import CaseLike, driven_input, facts_of, standing
 from eppanalysis.results import EXACT_ORBIT, LimitCycle
 from eppanalysis.results.provenance import Provenance
 
@@ -51,7 +62,9 @@ _TRIED = 4
 _NEARLY_CLOSED, _MOST_EVENTS = 1e-5, 2000
 
 
-def certify_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> CertifiedOrbit:
+def certify_orbit(
+    system: LureSystem | CaseLike, cycle: LimitCycle | Response, input: str | None = None
+) -> CertifiedOrbit:
     """Prove that a cycle exists, that it is the only one near, and whether it is stable.
 
     The proof is in rational and ball arithmetic. Each number of the loop (of its matrices, thresholds, slopes and held
@@ -62,10 +75,14 @@ def certify_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> Certified
     Parameters
     ----------
     system : LureSystem or Case
-        Piecewise affine, in continuous time, without dead time.
-    cycle : LimitCycle
-        As `find_limit_cycles` and `exact_orbit` give it; another one (a prediction, a run's) is made exact first. Its
-        operating point is where the inputs are held.
+        Piecewise affine, without dead time between continuous signals; with sampled controllers, or in discrete time,
+        too.
+    cycle : LimitCycle or PeriodicResponse
+        As `find_limit_cycles`, `exact_orbit` and `forced_response` give it; another cycle (a prediction, a run's) is
+        made exact first. Its operating point is where the inputs are held.
+    input : str, optional
+        Of a response: the driven input; by default that of the case's own sine, or the only one. The angular frequency
+        of the sine is one of the numbers of the loop.
 
     Returns
     -------
@@ -75,8 +92,8 @@ def certify_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> Certified
     Raises
     ------
     EppError
-        For a loop that is not covered: in discrete time, with dead time, with smooth elements, with sampled
-        controllers; for a cycle without a state; and where python-flint is not installed.
+        For a loop that is not covered: with dead time, with smooth elements, or with samples and a sine; for a cycle
+        without a state; and where python-flint is not installed.
 
     Notes
     -----
@@ -97,20 +114,40 @@ def certify_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> Certified
     (True, 'STABLE', '2.197224577')
     """
     require_packages("certify_orbit", "proof", "flint")
+    response, cycle = (None, cycle) if isinstance(cycle, LimitCycle) else (cycle, cycle.cycle)
     loop, at = standing(system, cycle.operating_point, "certify_orbit")
-    _refuse(loop)
     facts = dict(facts_of(system))
-    if cycle.method != EXACT_ORBIT:
+    if response is None and cycle.method != EXACT_ORBIT:
         cycle = exact_orbit(loop, cycle, at)
     cycle.require_state(loop.A.shape[0])
-    hybrid = steady_hybrid(loop, at)
-    same = (o for o in _closed(hybrid, cycle) if abs(o.period / cycle.period - 1.0) < _SAME_PERIOD)
-    orbit = next(same, None)
+    form = InSamples.at(loop, at) if loop.time_step else None
+    if form is not None:
+        loop, cycle = form.system, form.from_user(cycle)
+    _refuse(loop)
+    try:
+        sinusoid = None if response is None else Sinusoid.of(response, driven_input(system, input, "certify_orbit"))
+        orbit = _closed_of(loop, cycle, response, sinusoid, at)
+    except NotCovered as no:
+        return CertifiedOrbit(Proof.NOT_DECIDED, str(no), operating_point=at, provenance=_provenance(loop, facts))
     if orbit is None:
         why = "" if unobservable_apart(loop) is None else ", as an unobservable integral goes on"
         reason = f"From the state of the cycle the loop does not return to it after its period{why}."
         return CertifiedOrbit(Proof.NOT_DECIDED, reason, operating_point=at, provenance=_provenance(loop, facts))
-    return replace(certified(orbit), operating_point=at, provenance=_provenance(loop, facts))
+    found = certified(orbit, sinusoid)
+    state = found.state if form is None or not found.proved else form.state(orbit.y)
+    return replace(found, state=state, operating_point=at, provenance=_provenance(loop, facts))
+
+
+def _closed_of(
+    loop: LureSystem, cycle: LimitCycle, response: Response | None, sinusoid: Sinusoid | None, at: OperatingPoint
+) -> Orbit | TimedMotion | None:
+    """The motion of a cycle, closed in floats; None where it does not close."""
+    if response is not None and sinusoid is not None:
+        return driven_motion(loop, response, sinusoid, at)
+    if is_sampled(loop.elements):
+        return locked_motion(loop, cycle, at)
+    hybrid = steady_hybrid(loop, at)
+    return next((o for o in _closed(hybrid, cycle) if abs(o.period / cycle.period - 1.0) < _SAME_PERIOD), None)
 
 
 def proof_of_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> tuple[CertifiedOrbit | None, str]:
@@ -148,15 +185,13 @@ def _provenance(loop: LureSystem, facts: dict[str, Any]) -> Provenance:
 
 
 def _refuse(loop: LureSystem) -> None:
-    """Loops that are not piecewise affine in continuous time.
+    """Loops that are not piecewise affine.
 
     Raises
     ------
     EppError
     """
-    covered = "certify_orbit covers piecewise-affine loops in continuous time without dead time"
-    if loop.time_step:
-        raise EppError(f"{loop.name} is in discrete time; {covered}.")
+    covered = "certify_orbit covers piecewise-affine loops without dead time"
     if np.any(loop.delays > 0):
         raise EppError(f"{loop.name} has a dead time of {loop.delays.max():g} s; {covered}.")
     for name, element in zip(loop.element_names, loop.elements, strict=True):
@@ -164,25 +199,31 @@ def _refuse(loop: LureSystem) -> None:
             raise EppError(f"{loop.name}: {name} is smooth between its switches, not affine; {covered}.")
 
 
-def certified(orbit: Orbit) -> CertifiedOrbit:
+def certified(orbit: Orbit | TimedMotion, sinusoid: Sinusoid | None = None) -> CertifiedOrbit:
     """What is proved of an orbit with its sequence of events, closed in floats; the sequence is taken as it is.
 
     Parameters
     ----------
-    orbit : Orbit
+    orbit : Orbit or TimedMotion
         Whether it is a motion of the loop is not taken for granted: its events are proved.
+    sinusoid : Sinusoid, optional
+        That drives the loop.
     """
     try:
         path = ExactPath.of(orbit)
     except NotCovered as why:
         return CertifiedOrbit(Proof.NOT_DECIDED, str(why))
+    unknowns, most = len(path.timed) * (path.m + 1), STATEMENTS["orbit"].functions().UNKNOWNS
+    if unknowns > most:
+        reason = f"The equations of the cycle have {unknowns} unknowns, of which the checker takes {most} at most."
+        return CertifiedOrbit(Proof.NOT_DECIDED, reason, events=_events(path))
     best = CertifiedOrbit(Proof.NOT_DECIDED, events=_events(path))
     for make in (OwnAxes.states, OwnAxes.signals):
         axes = make(path, orbit)
         if axes is None:
             continue
         for bits in PRECISIONS:
-            found = _at_precision(orbit, axes, bits)
+            found = _at_precision(orbit, axes, bits, sinusoid)
             best = found if found.proved or not best.proved else best
             if _final(best, path):
                 return best
@@ -195,14 +236,14 @@ def _final(found: CertifiedOrbit, path: ExactPath) -> bool:
     return found.status is Proof.VIOLATED or (found.proved and decided)
 
 
-def _at_precision(orbit: Orbit, axes: OwnAxes, bits: int) -> CertifiedOrbit:
+def _at_precision(orbit: Closed, axes: OwnAxes, bits: int, sinusoid: Sinusoid | None) -> CertifiedOrbit:
     """What is proved with so many bits."""
     from flint import ctx
 
     events = _events(axes.path)
     with ctx.workprec(bits):
         try:
-            return _proved(orbit, axes, bits)
+            return _proved(orbit, axes, bits, sinusoid)
         except Violated as why:
             return CertifiedOrbit(Proof.VIOLATED, str(why), events=events)
         except NotCovered as why:
@@ -216,7 +257,7 @@ def _events(path: ExactPath) -> tuple[str, ...]:
     return tuple(path.guard_name(stage.fired) for stage in path.stages)
 
 
-def _proved(orbit: Orbit, axes: OwnAxes, bits: int) -> CertifiedOrbit:
+def _proved(orbit: Closed, axes: OwnAxes, bits: int, sinusoid: Sinusoid | None) -> CertifiedOrbit:
     """The certificate at a precision; raises where it is not to be had."""
     from flint import arb
 
@@ -234,7 +275,7 @@ def _proved(orbit: Orbit, axes: OwnAxes, bits: int) -> CertifiedOrbit:
         state=orbit.y[: orbit.hybrid.n_plant].copy(),
         n_pieces=pieces,
         evidence=_evidence(orbit, axes, shooting, enclosure, bits),
-        document=document_of(path, axes.basis, shooting, enclosure),
+        document=document_of(path, axes.basis, shooting, enclosure, sinusoid),
     )
     return _with_stability(made, path, shooting, enclosure)
 
@@ -280,9 +321,9 @@ def _with_stability(made: CertifiedOrbit, path: ExactPath, shooting: Shooting, e
     return replace(made, stability=OrbitStability.of(sum(d.outside for d in discs)))
 
 
-def _evidence(orbit: Orbit, axes: OwnAxes, shooting: Shooting, enclosure: Enclosure, bits: int) -> dict[str, str]:
+def _evidence(orbit: Closed, axes: OwnAxes, shooting: Shooting, enclosure: Enclosure, bits: int) -> dict[str, str]:
     """What the proof can be done again from; numbers of the loop as the fractions that were taken."""
-    model, sequence = orbit.hybrid.model, orbit.arcs.event_sequence
+    model, course = orbit.hybrid.model, axes.path.course
     tables = {name: _fractions(getattr(model, name)) for name in model._fields if "smooth" not in name}
     middle = [_exactly(v) for start in enclosure.starts for v in start.entries()[: axes.path.m]]
     return {
@@ -290,9 +331,9 @@ def _evidence(orbit: Orbit, axes: OwnAxes, shooting: Shooting, enclosure: Enclos
         "numbers": NUMBERS,
         "precision_bits": str(bits),
         "tables": json.dumps(tables),
-        "modes": json.dumps(sequence.modes.tolist()),
-        "guards": json.dumps(sequence.guards.tolist()),
-        "at_once": json.dumps((sequence.at_once == 1).tolist()),
+        "modes": json.dumps(course.modes.tolist()),
+        "guards": json.dumps(course.guards.tolist()),
+        "at_once": json.dumps(course.at_once.tolist()),
         "unknown_places": json.dumps(list(axes.path.free)),
         "axes": json.dumps([[v.hex() for v in row] for row in axes.basis.tolist()]),
         "held": json.dumps(_fractions(orbit.y)),

@@ -10,13 +10,15 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
-from eppanalysis.methods.certificates.numbers import middle_of
+from eppanalysis.methods.certificates.numbers import middle_of, number_of
 from eppanalysis.methods.certificates.orbits.axes import rational_of
 from eppanalysis.methods.certificates.orbits.guards import weights_of
 from eppanalysis.methods.certificates.orbits.path import Course, ExactPath, Stage
 from eppanalysis.methods.certificates.orbits.shooting import Enclosure, Shooting
+from eppanalysis.methods.certificates.orbits.timed import Sinusoid, takes_own_samples
 from eppanalysis.methods.certificates.registry import STATEMENTS, sealed
 from eppanalysis.methods.orbits.exact import steady_hybrid
+from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
@@ -27,13 +29,17 @@ _ROOM = 4
 _STILL = 2.0**-30
 
 
-def document_of(path: ExactPath, basis: Array, shooting: Shooting, enclosure: Enclosure) -> dict[str, Any]:
+def document_of(
+    path: ExactPath, basis: Array, shooting: Shooting, enclosure: Enclosure, sinusoid: Sinusoid | None = None
+) -> dict[str, Any]:
     """The certificate of an orbit: plain data, statement, loop, claim, evidence.
 
     Parameters
     ----------
     basis : array, shape (m, m)
         From the unknowns of the path to the places of y that are unknown.
+    sinusoid : Sinusoid, optional
+        That drives the loop.
     """
     columns = shooting.columns[: path.m + 1]
     legs = zip(enclosure.starts, enclosure.durations, strict=True)
@@ -47,7 +53,7 @@ def document_of(path: ExactPath, basis: Array, shooting: Shooting, enclosure: En
     return sealed(
         {
             "statement": STATEMENTS["orbit"].text,
-            "loop": {"arcs": _arcs(path), "course": _course(path, basis)},
+            "loop": {"arcs": _arcs(path), "course": _course(path, basis, sinusoid)},
             "claim": {
                 "events": len(path.stages),
                 "period": [str(period - off), str(period + off)],
@@ -68,10 +74,12 @@ def _arcs(path: ExactPath) -> list[dict[str, Any]]:
     return [_arc(path, stage) for stage in path.stages]
 
 
-def _course(path: ExactPath, basis: Array) -> dict[str, Any]:
-    """Where the arcs come from: through which modes and events of a loop they go, and in which unknowns."""
+def _course(path: ExactPath, basis: Array, sinusoid: Sinusoid | None) -> dict[str, Any]:
+    """Where the arcs come from: the sine that drives a loop, its modes and events, and the unknowns."""
     course = path.course
+    numbers = () if sinusoid is None else (number_of(sinusoid.amplitude), number_of(sinusoid.omega))
     return {
+        "drive": [] if sinusoid is None else [sinusoid.input, *map(str, numbers)],
         "modes": course.modes.tolist(),
         "guards": course.guards.tolist(),
         "unknown": list(course.free),
@@ -91,14 +99,29 @@ def other_arcs(given: Mapping[str, Any], system: LureSystem, at: OperatingPoint)
         Where the external inputs are held.
     """
     try:
-        return "" if _own_arcs(given, steady_hybrid(system, at)) == given["arcs"] else "its arcs are others"
+        loop = InSamples.at(system, at).system if system.time_step else system
+        sinusoid = sinusoid_of(given["course"])
+        hybrid = steady_hybrid(loop, at) if sinusoid is None else sinusoid.hybrid(loop, at)
+        sine = None if sinusoid is None else sinusoid.place(loop)
+        return "" if _own_arcs(given, hybrid, sine) == given["arcs"] else "its arcs are others"
     except EppError as reason:
         return f"it has no such cycle ({str(reason).rstrip('.')})"
     except (LookupError, TypeError, ValueError, ArithmeticError):
         return "it has no such modes and events"
 
 
-def _own_arcs(given: Mapping[str, Any], hybrid: HybridSystem) -> list[dict[str, Any]]:
+def sinusoid_of(course: Mapping[str, Any]) -> Sinusoid | None:
+    """The sine that drives the loop of a file; None where none does."""
+    if not course["drive"]:
+        return None
+    name, *numbers = course["drive"]
+    amplitude, omega = (float(Fraction(value)) for value in numbers)
+    if not (amplitude > 0 and omega > 0):
+        raise ValueError("a sine whose zeros are not where its element has them")
+    return Sinusoid(name, amplitude, omega)
+
+
+def _own_arcs(given: Mapping[str, Any], hybrid: HybridSystem, sine: int | None) -> list[dict[str, Any]]:
     """The arcs of a system on the course that a file tells."""
     from flint import fmpq, fmpq_mat
 
@@ -113,8 +136,10 @@ def _own_arcs(given: Mapping[str, Any], hybrid: HybridSystem) -> list[dict[str, 
         raise ValueError("modes, events or places that the system does not have")
     for place, value in held.items():
         y[place] = float(Fraction(value))
+    if not takes_own_samples(hybrid, y[n:]):
+        raise ValueError("samples at other times")
     at_once = np.array([arc["at_once"] for arc in given["arcs"]])
-    path = ExactPath.along(hybrid, Course(modes, guards, at_once, tuple(unknown)), y)
+    path = ExactPath.along(hybrid, Course(modes, guards, at_once, tuple(unknown), sine), y)
     rows = [[fmpq(*Fraction(v).as_integer_ratio()) for v in [*row, "0"]] for row in told["basis"]]
     return _arcs(path.in_basis(fmpq_mat([*rows, [fmpq(int(i == path.m)) for i in range(path.m + 1)]])))
 

@@ -32,7 +32,7 @@ class Violated(Exception):
 class Start:
     """How a guard leaves the start of an arc."""
 
-    order: int | None  # of the first derivative that is not exactly zero; None for a guard that is zero all along
+    order: int  # of the first derivative that is not exactly zero
     rises: bool  # its sign
 
 
@@ -42,13 +42,13 @@ def starts_of(path: ExactPath, arc: int, state: Any) -> dict[int, Start]:
     Raises
     ------
     NotCovered
-        Where a guard is so near zero that the ball holds it, and no equation of the orbit says that it is zero.
+        Where a guard is so near zero that the ball holds it, and no equation of the orbit says that it is zero; or
+        where it stays at zero: what an element does then is told by no guard.
     """
     from flint import arb_mat
 
     stage, out = path.stages[arc], {}
     for g, row in stage.guards:
-        out[g] = Start(None, False)
         for order in range(path.m + 2):
             value = (arb_mat(row) * state).entries()[0]
             if value > 0 or value < 0:
@@ -62,6 +62,8 @@ def starts_of(path: ExactPath, arc: int, state: Any) -> dict[int, Start]:
             # The next derivative: a guard that is zero by an equation of the orbit leaves zero by the first that is not
             # (docs/theory/proofs.md, No event earlier).
             row = row * stage.rate
+        else:
+            raise NotCovered(f"'{path.guard_name(g)}' stays exactly at zero.")
     return out
 
 
@@ -82,10 +84,12 @@ def require_at_once(path: ExactPath, arc: int, starts: dict[int, Start]) -> None
     place = {g: (not _passed(path, g, start), k) for k, (g, start) in enumerate(starts.items())}
     for g, start in starts.items():
         if start.rises and place[g] < place[fired]:
-            names = f"'{path.guard_name(g)}'", f"'{path.guard_name(fired)}'"
-            raise NotCovered(
-                f"{names[0]} and {names[1]} are due at one instant, and the sequence has the latter first."
-            )
+            raise _due_first(path, g, fired)
+
+
+def _due_first(path: ExactPath, guard: int, fired: int) -> NotCovered:
+    names = f"'{path.guard_name(guard)}'", f"'{path.guard_name(fired)}'"
+    return NotCovered(f"{names[0]} and {names[1]} are due at one instant, and the sequence has the latter first.")
 
 
 def _passed(path: ExactPath, guard: int, start: Start) -> bool:
@@ -121,8 +125,11 @@ def prove_arc(path: ExactPath, arc: int, start: Any, duration: Any, scale: np.nd
                 f"'{path.guard_name(g)}' happens at once where the sequence waits for '{path.guard_name(stage.fired)}'."
             )
     ends = {g for g, row in stage.guards if path.zero_at_end(arc, row)}
+    first = next(g for g, _ in stage.guards if g in ends)
+    if first != stage.fired:
+        raise _due_first(path, first, stage.fired)
     pieces = _Pieces(stage, ends, start, duration, _Norm(stage, path.moving, scale))
-    failed = pieces.prove({g: s.order for g, s in starts.items() if s.order is not None})
+    failed = pieces.prove({g: s.order for g, s in starts.items()})
     if failed is not None:
         g, happens = failed
         names = f"'{path.guard_name(g)}'", f"'{path.guard_name(stage.fired)}'"

@@ -1,7 +1,12 @@
 """A closed sequence of events in exact arithmetic: its arcs on the unknowns of shooting, and which rows vanish.
 
-The unknowns v of an arc are the places of y that move, with a 1 behind them; inputs that are held, and memory values
-that no event renews, are numbers. Whether a guard is exactly zero behind an event is decided by rows: it is where its
+The unknowns v of an arc are the places of y that move, with a 1 behind them; inputs that are held, memory values that
+no event renews, and counts of samples are numbers. What tells the time moves, too: the clock of sampled controllers is
+a state that every sample sets back to zero, and a sine with its cosine are two states that each zero of the sine sets
+to what they are there, exactly. So a motion that is locked to samples or to a sine closes as any other does, and the
+time of its events is that of guards like any other.
+
+Whether a guard is exactly zero behind an event is decided by rows: it is where its
 row, carried back to the end of the last arc that takes time, is a combination of the row of the guard that fired there
 and of those of the inputs that are stuck.
 """
@@ -10,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,9 +25,38 @@ from eppanalysis.methods.certificates.orbits.modes import ExactMode, ExactModes,
 from eppanalysis.methods.orbits.arcs import LETS_GO
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.sampled.strobe import Strobe
 
 #: Share of the period that is taken for none; what follows then has to be proved to happen without delay.
 _NO_TIME = 1e-13
+
+
+class Closed(Protocol):
+    """What the proof takes of an orbit that is closed in floats, beside its course."""
+
+    @property
+    def hybrid(self) -> HybridSystem:
+        """The loop."""
+
+    @property
+    def y(self) -> Array:
+        """State and memory values at the start, shape (N,)."""
+
+    @property
+    def starts(self) -> Array:
+        """The same behind each event, shape (p + 1, N)."""
+
+    @property
+    def tau(self) -> Array:
+        """Times between the events [s], shape (p,)."""
+
+    @property
+    def scale(self) -> Array:
+        """Size of the motion in each place, never zero, shape (N,)."""
+
+    @property
+    def period(self) -> float:
+        """Period [s]."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +76,11 @@ class Stage:
         return dict(self.guards)[self.fired]
 
 
+def together(tau: Array, period: float) -> BoolArray:
+    """Which of the times between events are none."""
+    return np.asarray(np.abs(tau) <= _NO_TIME * period)
+
+
 @dataclass(frozen=True)
 class Course:
     """Through which modes and events a cycle goes."""
@@ -50,6 +89,15 @@ class Course:
     guards: IntArray  # (p,): number of the guard at whose event each arc ends
     at_once: BoolArray  # (p,): whether the event follows the one before without delay
     free: tuple[int, ...]  # places of y that are unknown
+    sine: int | None = None  # place of the sine that drives the loop, before that of its cosine
+
+
+class ClosedOnCourse(Closed, Protocol):
+    """The same that tells its course."""
+
+    @property
+    def course(self) -> Course:
+        """Modes and events."""
 
 
 @dataclass(frozen=True)
@@ -62,12 +110,12 @@ class ExactPath:
     timed: tuple[int, ...]  # arcs that take time
     continuum: bool  # whether a memory value that no event renews acts on the motion
     course: Course
-    held: dict[int, Any]  # memory values that no event renews, by their places in y
+    held: dict[int, Any]  # memory values that no event renews, and counts at the start, by their places in y
     #: For each arc that takes time: rows that are zero at its end.
     vanishing: dict[int, list[Any]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, orbit: Orbit) -> ExactPath:
+    def of(cls, orbit: Orbit | ClosedOnCourse) -> ExactPath:
         """The path of an orbit that is closed in floats.
 
         Raises
@@ -75,10 +123,12 @@ class ExactPath:
         NotCovered
             For events that the proof does not cover.
         """
+        if not isinstance(orbit, Orbit):
+            return cls.along(orbit.hybrid, orbit.course, orbit.y)
         sequence = orbit.arcs.event_sequence
         if np.any(sequence.at_once == LETS_GO):
             raise NotCovered("An element releases because its input is about to jump; such events are not covered.")
-        at_once = (sequence.at_once == 1) | (np.abs(orbit.tau) <= _NO_TIME * orbit.period)
+        at_once = (sequence.at_once == 1) | together(orbit.tau, orbit.period)
         free = tuple(int(i) for i in orbit.arcs.free)
         return cls.along(orbit.hybrid, Course(sequence.modes, sequence.guards, at_once, free), orbit.y)
 
@@ -203,12 +253,13 @@ class _Reduction:
             rows[i][m] = rational(y[i])
         for k, i in enumerate(self.free):
             rows[i][m], rows[i][k] = zero, rational(1.0)
-        self.spread = fmpq_mat(rows)
+        self.spreads = [fmpq_mat(rows)]  # from v to y on each arc; they differ by memory values that are no unknowns
         self.fixed = [i for i in range(N) if i not in self.free]
         n, count = self.exact.n, int(self.model.first[-1, 2])
         self.idle = [i for i in self.fixed if n <= i < n + count]
         self.held = [(i, rational(y[i])) for i in self.idle]
         self.continuum = False
+        self.clock, self.counts = _clock(hybrid, self.free)
 
     def stage(self, arc: int) -> Stage:
         """An arc with the event at its end."""
@@ -218,26 +269,73 @@ class _Reduction:
         before, after = self.mode(arc), self.course.modes[(arc + 1) % len(self.course.guards)]
         if guard < 0 or guard not in dict(before.guards):
             raise NotCovered("The sequence has an event that the modes of its arc do not have.")
-        rate = (before.rate * self.spread).tolist()
+        spread = self.spreads[arc]
+        rate = (before.rate * spread).tolist()
         if any(v != 0 for i in self.fixed if i < self.exact.n for v in rate[i]):
             moved = "a clock, or an unobservable integral"
             raise NotCovered(f"The loop has a state that is not periodic ({moved}); a proof needs that all are.")
-        # A value that no event renews and that moves the states: there is a cycle for each of its values.
-        self.continuum |= any(before.rate[i, j] != 0 for i in range(self.exact.n) for j in self.idle)
-        jump = (self.exact.event(before, guard, int(after[self.element(guard)])) * self.spread).tolist()
-        if any(jump[i] != self.spread.tolist()[i] for i in self.fixed):
-            raise NotCovered("An event changes a value that the cycle should keep.")
+        event = self.exact.event(before, guard, int(after[self.element(guard)]))
+        self.continuum |= self._holds(before.rate, dict(before.guards)[guard], event)
+        guards = tuple((g, row * spread) for g, row in before.guards)
+        jump = (event * spread).tolist()
+        self._tell_time(jump, guard, dict(guards)[guard].tolist()[0])
+        self.spreads.append(self._following(arc, jump))
         m = len(self.free)
         last = [rational(float(j == m)) for j in range(m + 1)]
         zero = [rational(0.0)] * (m + 1)
         return Stage(
             fmpq_mat([*(rate[i] if i < self.exact.n else zero for i in self.free), zero]),
-            tuple((g, row * self.spread) for g, row in before.guards),
+            guards,
             guard,
             fmpq_mat([*(jump[i] for i in self.free), last]),
-            {e: row * self.spread for e, row in before.levels.items()},
+            {e: row * spread for e, row in before.levels.items()},
             bool(self.course.at_once[arc]),
         )
+
+    def _holds(self, rate: Any, fired: Any, event: Any) -> bool:
+        """Whether a value that the motion does not determine acts on it: there is a cycle for each of its values."""
+        values = [j for j in self.idle if j not in self.counts]
+        others = [[v if i != j else 0 for j, v in enumerate(row)] for i, row in enumerate(event.tolist())]
+        return any(row[j] != 0 for row in (*rate.tolist(), *fired.tolist(), *others) for j in values)
+
+    def _tell_time(self, jump: list[list[Any]], guard: int, fired: list[Any]) -> None:
+        """Set the clock back to zero at an event that it brings about, and the sine to what it is at its zeros.
+
+        Parameters
+        ----------
+        jump : list of lists
+            Map of the event, on v, of which rows are changed.
+        fired : list
+            Row of the guard, on v.
+        """
+        m = len(self.free)
+        if self.clock is not None and (speed := fired[self.free.index(self.clock)]) != 0:
+            time = -fired[m] / speed
+            for i, per_second in ((self.clock, 1), *self.counts.items()):
+                jump[i][m] -= time * per_second
+        sine = self.course.sine
+        if sine is not None and self.element(guard) == len(self.hybrid.elements) - 1:
+            upward = self.model.guard_z[guard, 0] > 0
+            for i, value in ((sine, 0.0), (sine + 1, 1.0 if upward else -1.0)):
+                jump[i] = [*[rational(0.0)] * m, rational(value)]
+
+    def _following(self, arc: int, jump: list[list[Any]]) -> Any:
+        """From v to y on the next arc: with the memory values behind an event, after the last arc those at the start.
+
+        Raises
+        ------
+        NotCovered
+            If a value that is no unknown depends on one, or is another one than it should be.
+        """
+        from flint import fmpq_mat
+
+        m, rows = len(self.free), self.spreads[arc].tolist()
+        first = self.spreads[0].tolist() if arc == len(self.course.guards) - 1 else rows
+        for i in self.fixed:
+            if any(jump[i][:m]) or (jump[i][m] != first[i][m] and (i not in self.idle or first is not rows)):
+                raise NotCovered("An event changes a value that the cycle should keep.")
+            rows[i][m] = jump[i][m]
+        return fmpq_mat(rows)
 
     def mode(self, arc: int) -> ExactMode:
         """The combination of modes on an arc."""
@@ -267,7 +365,7 @@ class _Reduction:
             automaton = self.hybrid.automata[e]
             if not self.exact.pull(e) * rational(float(automaton.modes[int(after[e])].jump)) < 0:
                 raise NotCovered(f"'{name}': the loop does not pull the input back against the jump there.")
-            if not path.zero_at_end(arc, self.exact.level(e, int(after[e])) * self.spread):
+            if not path.zero_at_end(arc, self.exact.level(e, int(after[e])) * self.spreads[arc]):
                 raise NotCovered(f"'{name}': the input is not exactly on the level that it should stick to.")
         self._require_no_jump(path, arc, e, before)
 
@@ -287,4 +385,30 @@ class _Reduction:
     def _input(self, arc: int, z: int) -> Any:
         from flint import fmpq_mat
 
-        return fmpq_mat([self.mode(arc).inputs.tolist()[z]]) * self.spread
+        return fmpq_mat([self.mode(arc).inputs.tolist()[z]]) * self.spreads[arc]
+
+
+def _clock(hybrid: HybridSystem, free: Sequence[int]) -> tuple[int | None, dict[int, Any]]:
+    """Place of the clock of sampled controllers in y, where it is unknown, and by how much their counts rise a second.
+
+    Raises
+    ------
+    NotCovered
+        If another element reads the clock.
+    """
+    strobe, model, counts = Strobe.of(hybrid), hybrid.model, dict[int, Any]()
+    if strobe is None or strobe.clock not in free:
+        return None, counts
+    for e, (z, _, h) in enumerate(model.first[:-1]):
+        end = int(model.first[e + 1, 0])
+        if e not in strobe.numbers:
+            if np.any(model.C[z:end, strobe.clock]):
+                raise NotCovered(f"{hybrid.element_names[e]} remembers times; sampled controllers alone may.")
+            continue
+        for g in np.flatnonzero(model.guard_element == e):
+            # The guard is the clock less the count in seconds: what it weighs the count by is the length of a tick.
+            for a in np.flatnonzero(model.guard_h[g]):
+                counts[hybrid.x0.size + int(h + a)] = -rational(model.guard_z[g, end - 1 - z]) / rational(
+                    model.guard_h[g, a]
+                )
+    return strobe.clock, counts

@@ -11,7 +11,7 @@ import numpy as np
 
 from eppanalysis.arguments import checked
 from eppanalysis.arrays import Array, ComplexArray
-from eppanalysis.methods.certificates.result import WithFile
+from eppanalysis.methods.certificates.result import WithFile, driven_by
 
 if TYPE_CHECKING:
     import pandas
@@ -63,7 +63,8 @@ class CertifiedOrbit(WithFile):
     period : float
         Period [s]; nan where nothing is proved.
     period_ball : str
-        Ball that holds the period [s], as ``[middle +/- radius]`` in decimals.
+        Ball that holds the period [s], as ``[middle +/- radius]`` in decimals: of a cycle that is locked to samples a
+        whole number of them, of a response a whole number of periods of the sine.
     radius : float
         Of the balls that hold the states at the events and the times between them, relative to the size of the motion
         in each state and to the period.
@@ -117,8 +118,10 @@ class CertifiedOrbit(WithFile):
         """What is proved, with the numbers, and what is not, with the reason."""
         if not self.proved:
             return f"{self.status.value} {self.message}".rstrip()
+        under = driven_by(self.document)
+        what = f"{under}, a periodic response" if under else "a limit cycle"
         found = (
-            f"Proved: a limit cycle with a period of {self.period:.4g} s exists; it is known to {self.radius:.1g} of "
+            f"Proved: {what} with a period of {self.period:.4g} s exists; it is known to {self.radius:.1g} of "
             f"its size, and within {self.unique_within:.1g} of it the only one with these {len(self.events)} events."
         )
         return f"{found} {self.stability.value} {self.stability_message}".rstrip()

@@ -19,7 +19,7 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.methods.certificates.numbers import NotCovered
 from eppanalysis.methods.certificates.orbits.axes import OwnAxes
-from eppanalysis.methods.orbits.orbit import Orbit
+from eppanalysis.methods.certificates.orbits.path import Closed
 
 #: Relative sizes of the box that are tried, largest first.
 _BOXES = tuple(10.0**-k for k in range(3, 16))
@@ -58,11 +58,11 @@ class Shooting:
     ----------
     axes : OwnAxes
         The path, in the unknowns in which it is solved.
-    orbit : Orbit
+    orbit : Closed
         Closed in floats: where Newton's method begins.
     """
 
-    def __init__(self, axes: OwnAxes, orbit: Orbit) -> None:
+    def __init__(self, axes: OwnAxes, orbit: Closed) -> None:
         from flint import arb_mat
 
         path = axes.path

@@ -50,8 +50,7 @@ def is_sampled(elements: Iterable[Nonlinearity]) -> bool:
 _INSTEAD = {
     "continue_folds": "locked cycles end at borders, not in folds; use design_bounds",
     "fold_boundary": "use outcome_boundary with run='cycles'",
-    "certify": "find_limit_cycles lists cycles without a proof",
-    "certify_orbit": "exact_orbit closes a locked cycle without a proof",
+    "certify": "certify_orbit proves cycles that are locked to the samples",
     "frozen_nyquist": "use predict_limit_cycles and margins",
     "olop": "use predict_limit_cycles and forced_response",
     "frequency_response": "samples come round with the input at single frequencies only; use amplitude_response",

@@ -409,13 +409,6 @@ def test_what_is_not_covered_is_refused(loop: epp.LureSystem, why: str) -> None:
         epp.certify_orbit(loop, cycle)
 
 
-def test_discrete_time_is_refused() -> None:
-    case = epp.case("backlash_discrete_pi")
-    cycle = LimitCycle("exact orbit", Status.CONVERGED, 1.0, {}, {}, {}, state=np.zeros(2))
-    with pytest.raises(EppError, match="discrete time"):
-        epp.certify_orbit(case, cycle)
-
-
 def test_without_flint_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     loop, cycle = hysteresis(0.5)
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
