@@ -264,11 +264,11 @@ class _Cell:
 
     def certify(self) -> None:
         """Absence of cycles, or where that is not proved one of those that exist."""
-        from eppanalysis.methods.certificates.certify import certify
+        from eppanalysis.methods.certificates.certify import proof_of_absence
         from eppanalysis.methods.certificates.orbits.certify import proof_of_orbit
 
-        kind, found = Proved.UNDECIDED, certify(self.case, "absence")
-        if found.proved:
+        kind = Proved.UNDECIDED
+        if proof_of_absence(self.case)[0] is not None:
             kind = Proved.PROVED_FREE
         elif any(proof_of_orbit(self.case, cycle)[0] is not None for cycle in self.search):
             kind = Proved.PROVED_TO_OSCILLATE

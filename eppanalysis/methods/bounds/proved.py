@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
 from eppanalysis.methods.bounds.result import BoundCell, Finding, ProvedSides
-from eppanalysis.methods.certificates.certify import certify
+from eppanalysis.methods.certificates.certify import certify, proof_of_absence
 from eppanalysis.methods.certificates.orbits.certify import proof_of_orbit
 from eppanalysis.methods.search.find import find_limit_cycles
 
@@ -68,8 +68,7 @@ def _absences(question: BoundProblem, bound: float, sign: float) -> Iterator[tup
     for distance in _DISTANCES:
         value = bound - sign * distance * abs(bound)
         if question.low <= value <= question.high:
-            found = certify(question.case_at(value), "absence")
-            yield value, found if found.proved else None, found.message
+            yield value, *proof_of_absence(question.case_at(value))
 
 
 def _over_range(

@@ -165,6 +165,15 @@ def certify(
         return Certificate(asked, Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
 
 
+def proof_of_absence(case: CaseLike) -> tuple[Certificate | None, str]:
+    """The proof that a case has no periodic motion but rest, or None and why there is none."""
+    try:
+        found = certify(case, "absence")
+    except EppError as error:
+        return None, str(error)
+    return found if found.proved else None, found.message
+
+
 def _roots(
     system: LureSystem, stated: dict[str, Any], box: Any, at: OperatingPoint, made: Callable[..., Certificate]
 ) -> Certificate:
