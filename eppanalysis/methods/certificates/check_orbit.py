@@ -20,7 +20,7 @@ STATEMENT = "one closed orbit of a sequence of affine arcs in a box, and no even
 BITS, TERMS, REACH, HALVINGS = 256, 16, 2.5, 40
 #: Most characters of a file, and of a number in it; most unknowns, and rows of a matrix; most products of numbers in
 #: the matrices of all pieces of arcs, a million of which take two seconds; most shares of an arc that are compared.
-LENGTH, DIGITS, UNKNOWNS, SIZE, PRODUCTS, SHARES = 2_000_000, 4000, 600, 60, 4_000_000, 8
+LENGTH, DIGITS, UNKNOWNS, SIZE, PRODUCTS, SHARES = 2_000_000, 4000, 1200, 60, 4_000_000, 8
 ROWS = [[(Fraction,)]]
 ARC = {"rate": ROWS, "guards": ROWS, "on_rates": [(bool,)], "fired": (int,), "jump": ROWS, "levels": ROWS}
 COURSE = {"modes": [[(int,)]], "guards": [(int,)], "unknown": [(int,)], "held": [[(int,), (Fraction,)]], "basis": ROWS}

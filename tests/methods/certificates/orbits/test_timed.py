@@ -84,13 +84,43 @@ def test_a_relay_behind_a_sampler_is_locked_to_the_samples() -> None:
     assert counts == [24, 26]
 
 
-def in_step(loop: epp.LureSystem, cycle: LimitCycle) -> bool:
-    """Whether two controllers of one sample time take their samples as far apart as their offsets are."""
-    two = [e for e in loop.elements if isinstance(e, epp.SampledController)]
-    if len(two) < 2 or two[0].sample_time != two[1].sample_time:
-        return True
-    apart = (cycle.memory[1].due - cycle.memory[0].due - two[1].offset + two[0].offset) / two[0].sample_time
-    return abs(apart - round(apart)) < 1e-6
+#: Elements with a field, and their outputs, which a relay with hysteresis keeps.
+LAWS = (
+    (lambda r: epp.HysteresisRelay(-r, r), lambda z, r, w: math.copysign(1.0, z) if abs(z) > r else w),
+    (lambda r: epp.RelayDeadZone(threshold=r), lambda z, r, _: math.copysign(1.0, z) if abs(z) > r else 0.0),
+    (lambda r: epp.DeadZoneSaturation(r, 2.0, 1.0), lambda z, r, _: np.clip(2.0 * (z - np.clip(z, -r, r)), -1.0, 1.0)),
+)
+
+
+def random_sampled(seed: int) -> tuple[epp.LureSystem, float, float, Any]:
+    """Two to four lags in a chain, a sampler, an element: the loop, its sample time, field and law."""
+    rng = np.random.default_rng(seed)
+    n, (make, law) = int(rng.integers(2, 5)), LAWS[seed % len(LAWS)]
+    A = np.diag(-np.round(rng.uniform(0.3, 3.0, n), 2)) + np.diag(np.ones(n - 1), -1)
+    T, r = float(rng.choice([0.2, 0.25, 0.5, 1 / 3])), float(np.round(rng.uniform(0.05, 0.6), 2))
+    B, C = np.zeros((n, 2)), np.zeros((2, n))
+    B[0, 1], C[0, -1] = -np.round(rng.uniform(5.0, 40.0), 1), 1.0
+    D = [[0.0, 0.0], [1.0, 0.0]]
+    return epp.LureSystem.build(A, B, C, [reader(T), make(r)], D=D, x0=np.ones(n)), T, r, law
+
+
+@pytest.mark.parametrize("seed", [*range(6), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(6, 40))])
+def test_loops_at_random_come_round_as_proved(seed: int) -> None:
+    """From sample to sample by matrix exponentials: round after the period proved, and not before."""
+    loop, T, r, law = random_sampled(seed)
+    cycle = epp.simulate(loop, t_end=200.0 * T + 60.0).limit_cycle
+    exact = None if cycle is None else epp.exact_orbit(loop, cycle)
+    if exact is None or not exact.status.ok:
+        return
+    found, n = epp.certify_orbit(loop, exact), len(loop.A) - 1
+    assert found.proved, str(found)
+    flow = expm(np.block([[loop.A[:n, :n], loop.B[:n, 1:2]], [np.zeros((1, n + 1))]]) * T)
+    x, w, path = found.state[:n], (-1.0, 1.0, 0.0)[found.document["loop"]["course"]["modes"][0][1] % 3], []
+    for _ in range(round(found.period / T)):
+        w = law(float(x[-1]), r, w)
+        x = (flow @ np.append(x, w))[:n]
+        path.append(np.max(np.abs(x - found.state[:n])))
+    assert path[-1] < 1e-9 * np.abs(found.state).max() < 1e-6 < min(path[:-1])
 
 
 @pytest.mark.parametrize(
@@ -108,20 +138,17 @@ def test_controllers_of_all_kinds_lock(controllers: tuple[epp.SampledController,
     """With a delay, of several sample times and offsets, at one instant, and with states that are renewed last."""
     loop = relay_behind(*controllers)
     p, _, q = T.partition("/")
-    run = epp.simulate(loop, t_end=200.0).limit_cycle
+    run = epp.simulate(loop, t_end=60.0).limit_cycle
     assert run is not None
-    cycles = [c for c in (epp.exact_orbit(loop, run), *epp.find_limit_cycles(loop)) if in_step(loop, c)]
-    assert cycles
-    for cycle in cycles:
-        found = epp.certify_orbit(loop, cycle)
-        assert_locked(found, round(cycle.period * int(q) / int(p)), T)
-        assert epp.check_certificate(found.write(tmp_path / "orbit.json"), loop).about is True
+    found = epp.certify_orbit(loop, epp.exact_orbit(loop, run))
+    assert_locked(found, round(run.period * int(q) / int(p)), T)
+    assert epp.check_certificate(found.write(tmp_path / "orbit.json"), loop).about is True
 
 
 def test_a_loop_whose_samples_come_otherwise_is_another(tmp_path: Path) -> None:
     """Arcs of one order of two samplers are none of the loop with the other order, of which the arcs are as good."""
     loop, other = (relay_behind(reader(0.2), reader(0.2, offset=offset)) for offset in (0.05, 0.15))
-    run = epp.simulate(loop, t_end=200.0).limit_cycle
+    run = epp.simulate(loop, t_end=60.0).limit_cycle
     assert run is not None
     cycle = epp.exact_orbit(loop, run)
     found = epp.certify_orbit(loop, cycle)
@@ -135,7 +162,7 @@ def test_a_loop_whose_samples_come_otherwise_is_another(tmp_path: Path) -> None:
 def test_samples_at_one_instant_are_taken_along_the_signal() -> None:
     """Where the second reader were first, which reads what the first one holds, the loop would have another cycle."""
     loop, other = relay_behind(reader(0.2), reader(0.2)), relay_behind(reader(0.2, offset=1e-4), reader(0.2))
-    run = epp.simulate(other, t_end=200.0).limit_cycle
+    run = epp.simulate(other, t_end=60.0).limit_cycle
     assert run is not None
     system, at = standing(other, None, "certify_orbit")
     motion = locked_motion(system, epp.exact_orbit(other, run), at)
@@ -171,7 +198,7 @@ def test_the_converter_cycles_beside_others(tmp_path: Path) -> None:
     assert epp.check_certificate(found.write(tmp_path / "orbit.json"), case).about is True
 
 
-@pytest.mark.parametrize("dead", [0.1, 0.16, 0.18])
+@pytest.mark.parametrize("dead", [pytest.param(0.1, marks=pytest.mark.slow), 0.16, 0.18])
 def test_a_dead_zone_behind_a_sampler(dead: float, tmp_path: Path) -> None:
     """What is proved are patterns of the relay that the closed form has at that dead zone."""
     case, known = dead_zone(dead), {p.samples for p in patterns(0.5, 12) if p.low < dead < p.high}
@@ -189,7 +216,7 @@ def test_a_dead_zone_behind_a_sampler(dead: float, tmp_path: Path) -> None:
 
 def test_beyond_the_border_nothing_is_proved() -> None:
     """A cycle ends where a sample meets the threshold: just before it is proved, and just beyond, in the events and
-    the numbers that it had, it is not; from its state nothing is proved there either that the closed form has not.
+    the numbers that it had, it is not.
     """
     system, at = standing(dead_zone(0.18), None, "certify_orbit")
     for cycle in epp.find_limit_cycles(system):
@@ -203,8 +230,6 @@ def test_beyond_the_border_nothing_is_proved() -> None:
                 beside = dead_zone(float(f"{dead:.12g}"))
                 found = certified(replace(motion, hybrid=steady_hybrid(beside.to_system(), at)))
                 assert found.proved is there, (edge, dead, str(found))
-                if not there:
-                    assert not epp.certify_orbit(beside, cycle).proved or not there
 
 
 def test_a_loop_in_discrete_time_locks(tmp_path: Path) -> None:
