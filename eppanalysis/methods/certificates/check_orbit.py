@@ -23,7 +23,8 @@ BITS, TERMS, REACH, HALVINGS = 256, 16, 2.5, 40
 LENGTH, DIGITS, UNKNOWNS, SIZE, PRODUCTS, SHARES = 2_000_000, 4000, 1200, 60, 4_000_000, 8
 ROWS = [[(Fraction,)]]
 ARC = {"rate": ROWS, "guards": ROWS, "on_rates": [(bool,)], "fired": (int,), "jump": ROWS, "levels": ROWS}
-COURSE = {"modes": [[(int,)]], "guards": [(int,)], "unknown": [(int,)], "held": [[(int,), (Fraction,)]], "basis": ROWS}
+COURSE = {"modes": [[(int,)]], "guards": [(int,)], "at_once": [(bool,)], "unknown": [(int,)], "basis": ROWS}
+COURSE["held"] = [[(int,), (Fraction,)]]
 # Input, amplitude and angular frequency [rad/s] of the sine that drives the loop, if one does.
 COURSE["drive"] = lambda part: [(str,), (Fraction,), (Fraction,)] if part else [(str,)]
 FORM = {
@@ -165,16 +166,17 @@ class Orbit:
         return in_span(row * through, self.zero[before])
 
     def starts(self, k, state):
-        """Of each guard the first derivative that is not zero by its row, and whether it rises."""
+        """Of each guard the first derivative that is not zero by its row, whether it rises; None for a rate of zero."""
         out = []
-        for row in self.arcs[k].guards:
+        for row, on_rate in zip(self.arcs[k].guards, self.arcs[k].on_rates, strict=True):
             order, value = 0, (arb_mat(row) * state)[0, 0]
             while not (value > 0 or value < 0) and order < row.ncols():
                 require(self.at_start(k, row), "a guard that may be on either side of zero behind an event")
                 row, order = row * self.arcs[k].rate, order + 1
                 value = (arb_mat(row) * state)[0, 0]
-            require(value > 0 or value < 0, "a guard that stays at zero")
-            out.append((order, bool(value > 0)))
+            moves = value > 0 or value < 0
+            require(moves or on_rate, "a guard that stays at zero")
+            out.append((order, bool(value > 0)) if moves else None)
         return out
 
     def equations(self, x, spread, sizes):
@@ -208,11 +210,12 @@ class Orbit:
         """No guard rises on an arc before its own: Taylor polynomials in Bernstein form, piece by piece."""
         arc, rate = self.arcs[k], arb_mat(self.arcs[k].rate)
         starts, m = self.starts(k, start), len(weights)
-        require(duration > 0 and not any(rises for _, rises in starts), "an event that happens at once")
+        require(duration > 0 and not any(s and s[1] for s in starts), "an event that happens at once")
         sizes = [[abs(v) * w for v, w in zip(row[:m], weights, strict=True)] for row in rate.tolist()[:m]]
         growth = max([arb(2) ** -40] + [(sum(s, arb(0)) / w).upper() for s, w in zip(sizes, weights, strict=True)])
         end, ends = (rate * duration).exp() * start, [in_span(row, self.zero[k]) for row in arc.guards]
-        require(not any(ends[: arc.fired]), "an event that is not the first one due")
+        first = not any(s and ends[g] for g, s in enumerate(starts[: arc.fired]))
+        require(first, "an event that is not the first one due")
 
         def below(g, state, length, order, last):
             """Whether a guard over a power of the time since a piece's start (left until the event) lies below zero."""
@@ -228,7 +231,7 @@ class Orbit:
             share = [[fmpq(fmpz.bin_uiui(i, j), fmpz.bin_uiui(d, j)) for j in range(i + 1)] for i in range(d + 1)]
             return all(sum((y * s for y, s in zip(c, row, strict=False)), rest) < 0 for row in share)
 
-        left = [(start, duration, [*range(len(starts))], True, True, 0)]
+        left = [(start, duration, [g for g, s in enumerate(starts) if s], True, True, 0)]
         while left:
             state, length, guards, first, last, depth = left.pop()
             self.products += self.size**3
@@ -247,7 +250,7 @@ class Orbit:
         k = (k + 1) % len(self.arcs)
         while self.arcs[k].at_once:
             arc, starts = self.arcs[k], self.starts(k, state)
-            due = [(order != 0 or arc.on_rates[g], g) for g, (order, rises) in enumerate(starts) if rises]
+            due = [(s[0] != 0 or arc.on_rates[g], g) for g, s in enumerate(starts) if s and s[1]]
             require(due and min(due)[1] == arc.fired, "an event without delay that is not the first one due")
             state, k = arb_mat(arc.jump) * state, (k + 1) % len(self.arcs)
 

@@ -74,9 +74,9 @@ def _signals(path: ExactPath, orbit: Closed, places: IntArray) -> Array | None:
     """As many signals as there are states, the most independent ones over the motion, as rows on the states."""
     from flint import arb
 
-    model, n = orbit.hybrid.model, places.size
-    v = np.hstack([orbit.starts[:-1, np.array(path.free, int)], np.ones((len(path.stages), 1))])
-    F = np.array([[[float(arb(x)) for x in row] for row in stage.rate.tolist()] for stage in path.stages])
+    model, n, stages = orbit.hybrid.model, places.size, [path.stages[k] for k in path.places]
+    v = np.hstack([orbit.starts[:-1, np.array(path.free, int)], np.ones((len(path.places), 1))])
+    F = np.array([[[float(arb(x)) for x in row] for row in stage.rate.tolist()] for stage in stages])
     ends = np.einsum("pij,pj->pi", linalg.expm(F * orbit.tau[:, None, None]), v)
     rates = np.einsum("pij,pj->pi", F, v) * 0.1 * np.abs(orbit.tau)[:, None]
     both = np.concatenate([v, ends])[:, path.moving]

@@ -254,7 +254,7 @@ def _at_precision(orbit: Closed, axes: OwnAxes, bits: int, sinusoid: Sinusoid | 
 
 
 def _events(path: ExactPath) -> tuple[str, ...]:
-    return tuple(path.guard_name(stage.fired) for stage in path.stages)
+    return tuple(path.guard_name(int(guard)) for guard in path.course.guards)
 
 
 def _proved(orbit: Closed, axes: OwnAxes, bits: int, sinusoid: Sinusoid | None) -> CertifiedOrbit:

@@ -13,7 +13,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.certificates.numbers import middle_of, number_of
 from eppanalysis.methods.certificates.orbits.axes import rational_of
 from eppanalysis.methods.certificates.orbits.guards import weights_of
-from eppanalysis.methods.certificates.orbits.path import Course, ExactPath, Stage
+from eppanalysis.methods.certificates.orbits.path import Course, ExactPath
 from eppanalysis.methods.certificates.orbits.shooting import Enclosure, Shooting
 from eppanalysis.methods.certificates.orbits.timed import Sinusoid, takes_own_samples
 from eppanalysis.methods.certificates.registry import STATEMENTS, sealed
@@ -71,7 +71,7 @@ def document_of(
 
 
 def _arcs(path: ExactPath) -> list[dict[str, Any]]:
-    return [_arc(path, stage) for stage in path.stages]
+    return [_arc(path, k) for k in range(len(path.stages))]
 
 
 def _course(path: ExactPath, basis: Array, sinusoid: Sinusoid | None) -> dict[str, Any]:
@@ -82,6 +82,7 @@ def _course(path: ExactPath, basis: Array, sinusoid: Sinusoid | None) -> dict[st
         "drive": [] if sinusoid is None else [sinusoid.input, *map(str, numbers)],
         "modes": course.modes.tolist(),
         "guards": course.guards.tolist(),
+        "at_once": course.at_once.tolist(),
         "unknown": list(course.free),
         "held": [[place, str(value)] for place, value in path.held.items()],
         "basis": [[str(rational_of(v)) for v in row] for row in basis.tolist()],
@@ -138,18 +139,19 @@ def _own_arcs(given: Mapping[str, Any], hybrid: HybridSystem, sine: int | None) 
         y[place] = float(Fraction(value))
     if not takes_own_samples(hybrid, y[n:]):
         raise ValueError("samples at other times")
-    at_once = np.array([arc["at_once"] for arc in given["arcs"]])
+    at_once = np.array(told["at_once"])
     path = ExactPath.along(hybrid, Course(modes, guards, at_once, tuple(unknown), sine), y)
     rows = [[fmpq(*Fraction(v).as_integer_ratio()) for v in [*row, "0"]] for row in told["basis"]]
     return _arcs(path.in_basis(fmpq_mat([*rows, [fmpq(int(i == path.m)) for i in range(path.m + 1)]])))
 
 
-def _arc(path: ExactPath, stage: Stage) -> dict[str, Any]:
+def _arc(path: ExactPath, k: int) -> dict[str, Any]:
+    stage = path.stages[k]
     numbers = [g for g, _ in stage.guards]
     return {
         "rate": _rows(stage.rate),
         "guards": [_rows(row)[0] for _, row in stage.guards],
-        "on_rates": [bool(np.any(path.hybrid.model.guard_rate[g])) for g in numbers],
+        "on_rates": [path.on_rates(k, g) for g in numbers],
         "fired": numbers.index(stage.fired),
         "jump": _rows(stage.jump),
         "levels": [_rows(row)[0] for row in stage.levels.values()],

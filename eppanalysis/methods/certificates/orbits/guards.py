@@ -32,7 +32,7 @@ class Violated(Exception):
 class Start:
     """How a guard leaves the start of an arc."""
 
-    order: int  # of the first derivative that is not exactly zero
+    order: int | None  # of the first derivative that is not exactly zero; None for a rate that stays at zero
     rises: bool  # its sign
 
 
@@ -63,7 +63,9 @@ def starts_of(path: ExactPath, arc: int, state: Any) -> dict[int, Start]:
             # (docs/theory/proofs.md, No event earlier).
             row = row * stage.rate
         else:
-            raise NotCovered(f"'{path.guard_name(g)}' stays exactly at zero.")
+            if not path.on_rates(arc, g):
+                raise NotCovered(f"'{path.guard_name(g)}' stays exactly at zero.")
+            out[g] = Start(None, False)
     return out
 
 
@@ -81,7 +83,7 @@ def require_at_once(path: ExactPath, arc: int, starts: dict[int, Start]) -> None
     fired = path.stages[arc].fired
     if not starts[fired].rises:
         raise NotCovered(f"'{path.guard_name(fired)}' has not risen where the sequence has it without delay.")
-    place = {g: (not _passed(path, g, start), k) for k, (g, start) in enumerate(starts.items())}
+    place = {g: (not _passed(path, arc, g, start), k) for k, (g, start) in enumerate(starts.items())}
     for g, start in starts.items():
         if start.rises and place[g] < place[fired]:
             raise _due_first(path, g, fired)
@@ -92,9 +94,9 @@ def _due_first(path: ExactPath, guard: int, fired: int) -> NotCovered:
     return NotCovered(f"{names[0]} and {names[1]} are due at one instant, and the sequence has the latter first.")
 
 
-def _passed(path: ExactPath, guard: int, start: Start) -> bool:
+def _passed(path: ExactPath, arc: int, guard: int, start: Start) -> bool:
     """Whether a guard that is not on rates is above zero."""
-    return start.rises and start.order == 0 and not np.any(path.hybrid.model.guard_rate[guard])
+    return start.rises and start.order == 0 and not path.on_rates(arc, guard)
 
 
 def prove_arc(path: ExactPath, arc: int, start: Any, duration: Any, scale: np.ndarray) -> int:
@@ -125,11 +127,11 @@ def prove_arc(path: ExactPath, arc: int, start: Any, duration: Any, scale: np.nd
                 f"'{path.guard_name(g)}' happens at once where the sequence waits for '{path.guard_name(stage.fired)}'."
             )
     ends = {g for g, row in stage.guards if path.zero_at_end(arc, row)}
-    first = next(g for g, _ in stage.guards if g in ends)
+    first = next(g for g, begin in starts.items() if g in ends and begin.order is not None)
     if first != stage.fired:
         raise _due_first(path, first, stage.fired)
     pieces = _Pieces(stage, ends, start, duration, _Norm(stage, path.moving, scale))
-    failed = pieces.prove({g: s.order for g, s in starts.items()})
+    failed = pieces.prove({g: s.order for g, s in starts.items() if s.order is not None})
     if failed is not None:
         g, happens = failed
         names = f"'{path.guard_name(g)}'", f"'{path.guard_name(stage.fired)}'"

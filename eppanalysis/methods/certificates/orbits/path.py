@@ -13,15 +13,17 @@ and of those of the inputs that are stuck.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import accumulate, chain
 from typing import Any, Protocol
 
 import numpy as np
 
 from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.methods.certificates.numbers import NotCovered
-from eppanalysis.methods.certificates.orbits.modes import ExactMode, ExactModes, in_span, rational
+from eppanalysis.methods.certificates.orbits.modes import ExactMode, ExactModes, as_row, in_span, rational
 from eppanalysis.methods.orbits.arcs import LETS_GO
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -69,6 +71,9 @@ class Stage:
     jump: Any  # (m + 1, m + 1): map of the event
     levels: dict[int, Any]  # for each element that sticks: its input less its level
     at_once: bool  # whether the event follows the one before without delay
+    #: Whether the guards are those at a jump: of each element that follows its input, on the way of the input by the
+    #: jump in place of its rate, and a 1 for the event itself, which comes where none of these does.
+    at_jump: bool = False
 
     @property
     def fired_row(self) -> Any:
@@ -111,6 +116,7 @@ class ExactPath:
     continuum: bool  # whether a memory value that no event renews acts on the motion
     course: Course
     held: dict[int, Any]  # memory values that no event renews, and counts at the start, by their places in y
+    places: tuple[int, ...]  # of the stage that ends with each event of the course
     #: For each arc that takes time: rows that are zero at its end.
     vanishing: dict[int, list[Any]] = field(default_factory=dict)
 
@@ -149,11 +155,13 @@ class ExactPath:
         if all(course.at_once):
             raise NotCovered("All events of the cycle fall on one instant.")
         made = _Reduction(hybrid, course, y)
-        stages = tuple(made.stage(a) for a in range(len(course.guards)))
-        timed = tuple(a for a, instant in enumerate(course.at_once) if not instant)
-        path = cls(hybrid, stages, made.free, timed, made.continuum, course, dict(made.held))
+        groups = [made.stages(a) for a in range(len(course.guards))]
+        places = tuple(accumulate(map(len, groups), initial=-1))[1:]
+        stages = tuple(chain.from_iterable(groups))
+        timed = tuple(a for a, stage in enumerate(stages) if not stage.at_once)
+        path = cls(hybrid, stages, made.free, timed, made.continuum, course, dict(made.held), places)
         path._find_vanishing()
-        for a in range(len(stages)):
+        for a in range(len(groups)):
             made.require_event(path, a)
         return path
 
@@ -166,6 +174,15 @@ class ExactPath:
     def moving(self) -> list[int]:
         """Which unknowns are states: the others are memory values, which keep theirs between events."""
         return [i for i, place in enumerate(self.free) if place < self.hybrid.x0.size]
+
+    @property
+    def timed_events(self) -> list[int]:
+        """Events of the course before which the arcs lie that take time."""
+        return [bisect_left(self.places, a) for a in self.timed]
+
+    def on_rates(self, arc: int, guard: int) -> bool:
+        """Whether a guard of an arc is one on rates."""
+        return bool(np.any(self.hybrid.model.guard_rate[guard])) and not self.stages[arc].at_jump
 
     def since(self, arc: int) -> tuple[int, Any]:
         """The last arc before that takes time, and the map from its end to the start of `arc`."""
@@ -189,8 +206,7 @@ class ExactPath:
 
     def guard_name(self, guard: int) -> str:
         """Element and event of a guard, for people."""
-        element = int(self.hybrid.model.guard_element[guard])
-        return f"{self.hybrid.element_names[element]}: {self.hybrid.guard_name(guard)}"
+        return _name_of(self.hybrid, guard)
 
     def in_basis(self, basis: Any) -> ExactPath:
         """The same path with other unknowns u, where ``v = basis u``, exactly.
@@ -260,6 +276,71 @@ class _Reduction:
         self.held = [(i, rational(y[i])) for i in self.idle]
         self.continuum = False
         self.clock, self.counts = _clock(hybrid, self.free)
+
+    def stages(self, arc: int) -> list[Stage]:
+        """An arc with the event at its end; where that makes an input jump that is followed, both by themselves."""
+        from flint import fmpq_mat
+
+        stage, size = self.stage(arc), range(len(self.free) + 1)
+        cause = int(self.course.guards[(arc + 1) % len(self.course.guards)] if self._lets_go(arc) else stage.fired)
+        rows = self._left_behind(arc, cause)
+        if not rows and cause == stage.fired and not self._lets_go(arc - 1):
+            return [stage]
+        always, none = (fmpq_mat([[int(i == j) for j in size] for i in of]) for of in (size[-1:], size))
+        jump = replace(stage, guards=(*rows, (cause, always)), at_once=True, at_jump=True)
+        if cause not in dict(stage.guards) or stage.fired not in dict(jump.guards):
+            raise NotCovered(f"'{_name_of(self.hybrid, stage.fired)}' is no effect of a jump.")
+        # Behind what has let go the jump is still to come: no other event is between.
+        if self._lets_go(arc - 1):
+            return [jump]
+        return [replace(stage, fired=cause, jump=none), jump]
+
+    def _lets_go(self, arc: int) -> bool:
+        """Whether the event of an arc is that of an element whose input the next event is about to make jump."""
+        p = len(self.course.guards)
+        guard, cause = int(self.course.guards[arc % p]), int(self.course.guards[(arc + 1) % p])
+        e, source = self.element(guard), self.element(cause)
+        caused = e != source and bool(self.course.at_once[(arc + 1) % p]) and bool(self.model.reach[source, e])
+        return caused and bool(np.any(self.model.guard_rate[guard]))
+
+    def _left_behind(self, arc: int, cause: int) -> list[tuple[int, Any]]:
+        """Guards on rates of elements that follow an input, with rows on the way of that by the jump of an event.
+
+        Raises
+        ------
+        NotCovered
+            If another element between could switch by the jump, too.
+        """
+        model, before, source = self.model, self.course.modes[arc], self.element(cause)
+        after, rows = before.copy(), []
+        after[source] = model.guard_target[cause]
+        old, new = self.exact.mode(before), self.exact.mode(after)
+        jump = self.exact.event(old, cause, int(after[source]))
+        for e in model.order.tolist():
+            m = int(model.mode_first[e]) + int(before[e])
+            follows = model.mode_lags[m] and not self.exact.sticks(e, int(before[e]))
+            if e == source or not (follows and model.reach[source, e]):
+                continue
+            z, way = int(model.first[e, 0]), (new.inputs * jump - old.inputs) * self.spreads[arc]
+            for g in range(int(model.guard_first[m]), int(model.guard_first[m + 1])):
+                weights = [rational(v) for v in model.guard_rate[g].tolist()]
+                still = as_row([0] * (len(self.free) + 1))
+                row = sum((as_row(way.tolist()[z + a]) * w for a, w in enumerate(weights) if w != 0), still)
+                if any(v != 0 for v in row.tolist()[0]):
+                    self._require_straight(source, e)
+                    rows.append((g, row))
+        return rows
+
+    def _require_straight(self, source: int, e: int) -> None:
+        """No element that switches lies between one that jumps and one that follows."""
+        model = self.model
+        for other in range(len(self.hybrid.automata)):
+            between = other not in (source, e) and model.reach[source, other] and model.reach[other, e]
+            if between and len(self.hybrid.automata[other].guards):
+                names = self.hybrid.element_names
+                raise NotCovered(
+                    f"A jump of {names[source]} reaches {names[e]}, which follows its input, by way of {names[other]}."
+                )
 
     def stage(self, arc: int) -> Stage:
         """An arc with the event at its end."""
@@ -354,9 +435,9 @@ class _Reduction:
             If another mode follows, what should stick is not on its level there, or a jump reaches an element that
             follows its input or sticks.
         """
-        guard = path.stages[arc].fired
+        guard = int(self.course.guards[arc])
         e, name = self.element(guard), path.guard_name(guard)
-        before, after = self.course.modes[arc], self.course.modes[(arc + 1) % len(path.stages)]
+        before, after = self.course.modes[arc], self.course.modes[(arc + 1) % len(self.course.guards)]
         expected = before.copy()
         expected[e] = self.model.guard_target[guard]
         if not np.array_equal(after, expected):
@@ -365,20 +446,22 @@ class _Reduction:
             automaton = self.hybrid.automata[e]
             if not self.exact.pull(e) * rational(float(automaton.modes[int(after[e])].jump)) < 0:
                 raise NotCovered(f"'{name}': the loop does not pull the input back against the jump there.")
-            if not path.zero_at_end(arc, self.exact.level(e, int(after[e])) * self.spreads[arc]):
+            if not path.zero_at_end(path.places[arc], self.exact.level(e, int(after[e])) * self.spreads[arc]):
                 raise NotCovered(f"'{name}': the input is not exactly on the level that it should stick to.")
         self._require_no_jump(path, arc, e, before)
 
     def _require_no_jump(self, path: ExactPath, arc: int, source: int, before: Sequence[int]) -> None:
-        """Elements that follow their input, or stick, and that the event reaches, meet no jump."""
+        """Elements that stick or follow their input meet no jump, but those of which a guard at the jump tells."""
+        stage = path.stages[path.places[arc]]
+        told = {self.element(g) for g, _ in stage.guards} if stage.at_jump and not self._lets_go(arc) else set()
         for e in range(len(before)):
             lags = self.model.mode_lags[self.model.mode_first[e] + before[e]]
-            if e == source or not (lags and self.model.reach[source, e]):
+            if e == source or e in told or not (lags and self.model.reach[source, e]):
                 continue
             for z in range(int(self.model.first[e, 0]), int(self.model.first[e + 1, 0])):
                 old = self._input(arc, z)
-                new = self._input(arc + 1, z) * path.stages[arc].jump
-                if not path.zero_at_end(arc, new - old):
+                new = self._input(arc + 1, z) * stage.jump
+                if not path.zero_at_end(path.places[arc], new - old):
                     names = self.hybrid.element_names
                     raise NotCovered(f"A jump of {names[source]} reaches {names[e]}, which follows its input.")
 
@@ -386,6 +469,11 @@ class _Reduction:
         from flint import fmpq_mat
 
         return fmpq_mat([self.mode(arc).inputs.tolist()[z]]) * self.spreads[arc]
+
+
+def _name_of(hybrid: HybridSystem, guard: int) -> str:
+    """Element and event of a guard, for people."""
+    return f"{hybrid.element_names[int(hybrid.model.guard_element[guard])]}: {hybrid.guard_name(guard)}"
 
 
 def _clock(hybrid: HybridSystem, free: Sequence[int]) -> tuple[int | None, dict[int, Any]]:

@@ -72,7 +72,7 @@ class Shooting:
             _, through = path.since(path.timed[(place + 1) % self.n_legs])
             stage = path.stages[a]
             self.legs.append(Leg(arb_mat(stage.rate), arb_mat(stage.fired_row), arb_mat(through)))
-        timed = np.array(path.timed, int)
+        timed = np.array(path.timed_events, int)
         # Scales are powers of two, by which balls are multiplied without rounding.
         state, T = np.ones(self.m), float(_power_of_two(np.array(orbit.period)))
         # One row and one column of the equations for each unknown, leg by leg: m states, then the length.

@@ -15,7 +15,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.certificates.numbers import NotCovered, kept, number_of
 from eppanalysis.methods.certificates.orbits.path import Course, together
 from eppanalysis.methods.orbits.exact import steady_hybrid
-from eppanalysis.methods.orbits.samples.locked import close_locked
+from eppanalysis.methods.orbits.samples.locked import SampledTurn, begun_behind, close_locked
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.steady.closing import close
 from eppanalysis.methods.steady.flow import later, run_over, stacked
@@ -31,6 +31,8 @@ from eppanalysis.results import LimitCycle
 
 #: Range of a place, relative to its size, that is rounding.
 _ROUNDING = 1e-9
+#: Distance from a motion, relative to its size, that is none.
+_SAME = 1e-6
 #: Name of the element that marks the zeros of a sine.
 _ZEROS = "sine"
 
@@ -221,10 +223,19 @@ def locked_motion(system: LureSystem, cycle: LimitCycle, at: OperatingPoint) -> 
     start = strobe.begun(begun.x0, begun.H0, begun.modes0)
     if not takes_own_samples(hybrid, start.H0):
         raise NotCovered("On the cycle the samples of the controllers come at other times than in the loop.")
-    found = close_locked(strobe, start, round(cycle.period / strobe.period))
-    if found is None or abs(found.n * strobe.period / cycle.period - 1.0) > 1e-6:
+    n = round(cycle.period / strobe.period)
+    # Once round elements are in the modes, and hold the values, in which they come back.
+    once = SampledTurn.of(strobe, start, n) if n else None
+    start = start if once is None else begun_behind(strobe, once.run, once.last)
+    found = None if once is None else close_locked(strobe, start, n)
+    if found is None or found.n != n or not _is_near(found.at_samples, stacked(start)[strobe.free], found.scale):
         return None
     return TimedMotion.of(found.start, found.run, found.last, found.steady.sought[found.steady.held])
+
+
+def _is_near(rows: Array, there: Array, scale: Array) -> bool:
+    """Whether one of the places that a motion passes is another one."""
+    return bool(np.abs((rows - there) / scale).max(axis=1).min() < _SAME)
 
 
 def driven_motion(system: LureSystem, response: Response, sinusoid: Sinusoid, at: OperatingPoint) -> TimedMotion | None:
@@ -245,10 +256,13 @@ def driven_motion(system: LureSystem, response: Response, sinusoid: Sinusoid, at
     x, memory, modes = run.state[first].copy(), run.memory_values[first], run.modes[first]
     x[s : s + 2] = 0.0, 1.0
     start = hybrid.at(x, memory, modes)
-    again = run_over(start, (response.multiple + 0.2) * period)
-    if again is None:
+    again, own = run_over(start, (response.multiple + 0.2) * period), run_over(begun, 1.2 * period)
+    if again is None or own is None:
         return None
-    zeros = np.flatnonzero(again.guard[: again.n_kept] == upward)
-    whole = zeros.size >= response.multiple
-    held = steady.sought[steady.held]
-    return TimedMotion.of(start, again, int(zeros[response.multiple - 1]), held, s) if whole else None
+    zeros, first = (np.flatnonzero(r.guard[: r.n_kept] == upward) for r in (again, own))
+    if zeros.size < response.multiple:
+        return None
+    motion = TimedMotion.of(start, again, int(zeros[response.multiple - 1]), steady.sought[steady.held], s)
+    n = hybrid.n_plant
+    near = _is_near(again.state[zeros, :n], own.state[first[0], :n], motion.scale[:n])
+    return motion if near else None

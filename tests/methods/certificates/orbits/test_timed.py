@@ -21,8 +21,8 @@ from eppanalysis.methods.certificates.orbits.certify import certified
 from eppanalysis.methods.certificates.orbits.timed import Sinusoid, driven_motion, locked_motion
 from eppanalysis.methods.certificates.registry import sealed
 from eppanalysis.methods.orbits.exact import steady_hybrid
+from eppanalysis.methods.simulation.in_samples import InSamples
 from eppanalysis.models.systems.subject import standing
-from eppanalysis.results import LimitCycle, Status
 from tests.driven_loops import saturated
 from tests.sampled_relay import patterns, sampled_relay
 
@@ -180,9 +180,10 @@ def test_what_a_sample_leaves_on_a_threshold_is_not_decided() -> None:
     sign = epp.SampledController([[-1.0]], [[0.0]], [[1.0]], [[0.0]], sample_time=0.5, x0=[1.0], y0=[-1.0])
     for edge, proved in ((0.75, True), (1.0, False), (1.25, True)):
         edges = epp.DeadZone(lower=-edge, upper=edge)
-        loop = epp.LureSystem.build([[-1.0]], [[0.0, 1.0]], [[0.0], [0.0]], [sign, edges], D=[[0.0, 0.0], [1.0, 0.0]])
-        cycle = LimitCycle("exact orbit", Status.CONVERGED, 1.0, {}, {}, {}, state=np.zeros(2))
-        found = epp.certify_orbit(loop, cycle)
+        loop = epp.LureSystem.build([[-1.0]], [[1.0, 1.0]], [[0.0], [0.0]], [sign, edges], D=[[0.0, 0.0], [1.0, 0.0]])
+        cycle = epp.simulate(loop, t_end=60.0).limit_cycle
+        assert cycle is not None
+        found = epp.certify_orbit(loop, epp.exact_orbit(loop, cycle))
         assert found.proved is proved, str(found)
         assert proved or "stays exactly at zero" in found.message
 
@@ -254,10 +255,62 @@ def test_a_loop_in_discrete_time_locks(tmp_path: Path) -> None:
         np.testing.assert_allclose(np.ptp(np.array(path) @ loop.C[0]), cycle.peak_to_peak["plant"], rtol=1e-9)
 
 
-def test_a_jump_that_reaches_play_is_not_covered() -> None:
+@pytest.mark.parametrize(
+    "name", ["kp05_ki02", pytest.param("kp02_ki02", marks=pytest.mark.slow), pytest.param("", marks=pytest.mark.slow)]
+)
+def test_play_under_a_sampled_pi_controller(name: str, tmp_path: Path) -> None:
+    """Its input jumps from sample to sample: it is pushed, lets go and is met by jumps alone. Iterated directly."""
+    case = epp.case("_".join(["backlash_discrete_pi", name]).rstrip("_"))
+    loop, periods = case.to_system(), []
+    half = 0.5 * float(loop.elements[0].gap)
+    for cycle in epp.find_limit_cycles(case):
+        found, n = epp.certify_orbit(case, cycle), round(cycle.period)
+        assert_locked(found, n, "1")
+        assert found.stability is (STABLE if cycle.stable else ONE_OUTSIDE)
+        assert epp.check_certificate(found.write(tmp_path / "orbit.json"), case).about is True
+        x, path = found.state, []
+        # Pushed up or down where the period begins, and further on by its law.
+        w = float(loop.C[0] @ x) + half * {1: -1.0, 2: 1.0}[found.document["loop"]["course"]["modes"][0][1]]
+        for _ in range(n):
+            z = float(loop.C[0] @ x)
+            w = min(max(w, z - half), z + half)
+            x = loop.A @ x + loop.B[:, 0] * w
+            path.append(np.max(np.abs(x - found.state)))
+        assert path[-1] < 1e-12 < 0.01 < min(path[:-1])
+        periods.append(float(n))
+    assert set(periods) == {exact.period for exact in case.expected.exact}
+
+
+def test_play_that_lets_go_at_another_sample_is_refused() -> None:
+    """One sample earlier its input is still pushed on, and one later it would have let go before."""
     case = epp.case("backlash_discrete_pi_kp05_ki02")
-    found = epp.certify_orbit(case, epp.find_limit_cycles(case)[0])
-    assert found.status is epp.Proof.NOT_DECIDED and "reaches play" in found.message
+    system, at = standing(case, None, "certify_orbit")
+    form = InSamples.at(system, at)
+    motion = locked_motion(form.system, form.from_user(epp.find_limit_cycles(case)[0]), at)
+    assert motion is not None and certified(motion).proved
+    course, p = motion.course, len(motion.tau)
+    release = next(k for k in range(1, p - 1) if "lets go" in motion.hybrid.guard_name(int(course.guards[k])))
+    for first, second in ((release - 1, release), (release, release + 1)):
+        order = list(range(p))
+        order[first], order[second] = second, first
+        guards, modes, tau = course.guards[order], course.modes.copy(), motion.tau.copy()
+        play = 0 if second == release else 2
+        modes[second, 1] = play if second == release else course.modes[release, 1]
+        tau[[release, release + 1]] = tau[[release + 1, release]]
+        at_once = tau < 1e-9
+        other = replace(motion, tau=tau, course=replace(course, guards=guards, modes=modes, at_once=at_once))
+        assert not certified(other).proved
+
+
+def test_a_jump_that_reaches_play_by_way_of_a_switch_is_not_covered() -> None:
+    elements = [reader(0.2), epp.HysteresisRelay(-0.1, 0.1), epp.Play(gap=0.3)]
+    B, C, D = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
+    B[0, 2], C[0, 2], D[1, 0], D[2, 1] = -1.0, 1.0, 1.0, 1.0
+    loop = epp.LureSystem.build(LAGS, B, C, elements, D=D, x0=[1.0, 0.0, 0.0])
+    run = epp.simulate(loop, t_end=60.0).limit_cycle
+    assert run is not None
+    found = epp.certify_orbit(loop, epp.exact_orbit(loop, run))
+    assert found.status is epp.Proof.NOT_DECIDED and "no effect of a jump" in found.message
 
 
 def under(loop: epp.LureSystem, amplitude: float, omega: float) -> list[epp.PeriodicResponse]:
