@@ -237,9 +237,10 @@ def _gap(claim: Mapping[str, Any]) -> str:
 
 def driven_by(document: Mapping[str, Any]) -> str:
     """The sine under which an orbit is one, as "under ..."; empty where none drives the loop."""
-    if not document["loop"]["course"]["drive"]:
+    drive = document.get("loop", {}).get("course", {}).get("drive")
+    if not drive:
         return ""
-    name, *numbers = document["loop"]["course"]["drive"]
+    name, *numbers = drive
     amplitude, omega = (rounded(Fraction(value), ROUND_HALF_EVEN, 6) for value in numbers)
     return f"under a sine of {amplitude} and {omega} rad/s at {words(visible(name))}"
 

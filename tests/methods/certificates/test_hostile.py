@@ -279,7 +279,15 @@ def test_arcs_of_many_pieces_and_states_end_in_a_sentence() -> None:
         "levels": [],
         "at_once": False,
     }
-    course = {"modes": [[0]], "guards": [0], "unknown": [0], "held": [], "basis": [["1"]]}
+    course = {
+        "modes": [[0]],
+        "guards": [0],
+        "at_once": [False],
+        "unknown": [0],
+        "held": [],
+        "basis": [["1"]],
+        "drive": [],
+    }
     document = {
         "statement": STATEMENTS["orbit"].text,
         "loop": {"arcs": [arc], "course": course},
@@ -308,7 +316,15 @@ def test_arcs_of_many_unknowns_are_refused_at_once(rows: int, count: int) -> Non
         "levels": [],
         "at_once": False,
     }
-    course = {"modes": [[0]], "guards": [0], "unknown": [0], "held": [], "basis": [["1"]]}
+    course = {
+        "modes": [[0]],
+        "guards": [0],
+        "at_once": [False],
+        "unknown": [0],
+        "held": [],
+        "basis": [["1"]],
+        "drive": [],
+    }
     document = {
         "statement": STATEMENTS["orbit"].text,
         "loop": {"arcs": [arc] * count, "course": course},

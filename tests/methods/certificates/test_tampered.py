@@ -68,6 +68,11 @@ def _locked() -> Document:
     return dict(epp.certify_orbit(case, epp.find_limit_cycles(case)[0]).document)
 
 
+def _jumps() -> Document:
+    case = epp.case("backlash_discrete_pi_kp05_ki02")
+    return dict(epp.certify_orbit(case, epp.find_limit_cycles(case)[0]).document)
+
+
 def _response() -> Document:
     loop = saturated()
     (response, *_) = epp.forced_response(loop, amplitude=0.5, frequency=0.9 / (2.0 * math.pi), most_periods=1)
@@ -143,6 +148,7 @@ MADE: dict[str, Callable[[], Document]] = {
     "orbit": _orbit,
     "orbit, samples": _locked,
     "orbit, sine": _response,
+    "orbit, jumps": _jumps,
     "elbow": _elbow,
     "cells": _cells,
     "cells, two cycles": _two_cycles,

@@ -45,7 +45,7 @@ def test_a_loop_is_begun_behind_any_of_its_samples() -> None:
 
 @pytest.mark.parametrize(
     ("analysis", "instead"),
-    [("certify", "find_limit_cycles"), ("frozen_nyquist", "use predict_limit_cycles"), ("A batch", "simulate")],
+    [("certify", "certify_orbit"), ("frozen_nyquist", "use predict_limit_cycles"), ("A batch", "simulate")],
 )
 def test_an_analysis_that_does_not_cover_samples_names_those_that_do(analysis, instead) -> None:
     refuse_samples([epp.Play(1.0)], analysis)
