@@ -92,8 +92,8 @@ def certify_orbit(
     Raises
     ------
     EppError
-        For a loop that is not covered: with dead time, with smooth elements, or with samples and a sine; for a cycle
-        without a state; and where python-flint is not installed.
+        For a loop that is not covered: with dead time, with smooth elements, with samples that never come round
+        together; for a cycle without a state; and where python-flint is not installed.
 
     Notes
     -----
