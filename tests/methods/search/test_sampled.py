@@ -221,3 +221,25 @@ def test_the_state_of_rest_has_a_clock_at_zero() -> None:
     found = epp.find_limit_cycles(loop)
     assert found.settles and len(found) == 0
     assert found.rest_state == pytest.approx(np.zeros(len(loop.A)), abs=1e-9)
+
+
+@pytest.mark.parametrize("offsets", [(0.1, 0.2), (0.2, 0.1)])
+def test_cycles_keep_the_offsets_of_two_controllers(offsets):
+    """Samples of one rate never come nearer to each other: of a cycle, too, the time between them is that given."""
+
+    def held(offset):
+        return epp.SampledController([], np.zeros((0, 1)), np.zeros((1, 0)), [[1.0]], sample_time=0.25, offset=offset)
+
+    loop = epp.Diagram(
+        parts={
+            "sensor": held(offsets[0]),
+            "relay": epp.RelayDeadZone(threshold=0.1, level=1.0),
+            "actuator": held(offsets[1]),
+            "plant": epp.blocks.TransferFunction(num=[5.0], den=[1.0, 1.0, 0.0], start=[0.3, -0.2]),
+        },
+        connect=["-plant -> sensor", "sensor -> relay", "relay -> actuator", "actuator -> plant"],
+    ).to_system()
+    cycles = epp.find_limit_cycles(loop).cycles
+    due = np.array([[cycle.memory[k].due for k in (0, 2)] for cycle in cycles])
+    assert len(due) > 3
+    np.testing.assert_allclose((due[:, 1] - due[:, 0]) % 0.25, (offsets[1] - offsets[0]) % 0.25, atol=1e-12)

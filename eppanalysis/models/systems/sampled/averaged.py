@@ -115,8 +115,9 @@ class AveragedSystem(LureSystem):
         return np.where(w == 0.0, 1e-12 / max(c.sample_time for c in self.layout.controllers), w)
 
     def started(self, state: Array, memory: tuple) -> tuple[Array, tuple]:
-        """State and memory of the loop that it replaces at a state of its own, with a sample to come at once."""
+        """State and memory of the loop that it replaces at a state of its own, with the first sample to come at once."""
         p, n = self.layout, len(self.layout.plant)
+        earliest = min(c.offset for c in p.controllers)
         x = np.zeros(len(self.origin.A))
         x[p.plant] = state[:n]
         rest, forms, first, out = iter(memory), iter(Forms.of(p).each), n, []
@@ -128,7 +129,7 @@ class AveragedSystem(LureSystem):
             own = state[first : first + len(form.A)]
             first += len(form.A)
             held = tuple((form.C[: e.n_outputs] @ own).tolist())
-            out.append(ControllerMemory(tuple(own[: len(np.asarray(e.x0))].tolist()), held, 0.0))
+            out.append(ControllerMemory(tuple(own[: len(np.asarray(e.x0))].tolist()), held, e.offset - earliest))
         return x, tuple(out)
 
 
