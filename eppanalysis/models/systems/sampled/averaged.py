@@ -115,7 +115,7 @@ class AveragedSystem(LureSystem):
         return np.where(w == 0.0, 1e-12 / max(c.sample_time for c in self.layout.controllers), w)
 
     def started(self, state: Array, memory: tuple) -> tuple[Array, tuple]:
-        """State and memory of the loop that it replaces at a state of its own, with the first sample to come at once."""
+        """State and memory of the loop that it replaces at a state of its own; the first sample comes at once."""
         p, n = self.layout, len(self.layout.plant)
         earliest = min(c.offset for c in p.controllers)
         x = np.zeros(len(self.origin.A))
