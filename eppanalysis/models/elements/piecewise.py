@@ -183,10 +183,6 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
         every = np.concatenate([ratios, *beside])
         return float(every.min()), float(every.max())
 
-    def linear_gain(self) -> Array:
-        """The steepest slope, infinite at a jump."""
-        return np.array([[max(self.slope_bounds(), key=abs)]])
-
     def exact(self, read: Reading) -> Pieces:
         """Its pieces on either side of zero in exact numbers; where the output at zero is not zero, as a jump there."""
         b, m, c = ([read(x) for x in values.tolist()] for values in (self.breakpoints, self.slopes, self.intercepts))

@@ -223,6 +223,13 @@ def test_through_a_relay_there_are_no_margins_and_that_is_said() -> None:
     )
 
 
+@pytest.mark.parametrize("element", [epp.Tanh(level=0.3, slope=2.0), epp.Arctan(level=0.3, slope=2.0)])
+def test_a_saturation_without_a_corner_has_the_margins_of_its_slope_at_zero(element: epp.Nonlinearity) -> None:
+    found = epp.margins(epp.LureSystem.from_tf(THIRD, element))
+    agree(found, 2.0 * control.tf2ss(*THIRD))
+    assert found.stable and found.rule == (f"{element.kind}: 2 (its steepest slope).",)
+
+
 def test_a_relay_aside_of_the_loop_leaves_its_margins() -> None:
     # The second state is moved by a relay on the first and seen by nobody.
     loop = epp.LureSystem.build(

@@ -160,10 +160,6 @@ class MonotoneTable(Tabulated, kind="monotone_table"):
         roots = roots.real[np.abs(roots.imag) <= _REAL * np.abs(roots)]
         return np.asarray(roots[(roots > self.inputs[piece - 1]) & (roots < self.inputs[piece])])
 
-    def linear_gain(self) -> Array:
-        """The steepest slope."""
-        return np.array([[max(self.slope_bounds(), key=abs)]])
-
     def automaton(self) -> Automaton:
         """One mode a piece, with the square and the cube of the distance from the middle of the table."""
         # About one centre by the binomial formula, so that one square and one cube of the input serve all modes.

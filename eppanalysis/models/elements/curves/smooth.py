@@ -87,10 +87,6 @@ class Cube(_Power, kind="cube"):
             self.scale * (3 * b * b + 0.75 * a * a), complex
         )
 
-    def linear_gain(self) -> Array:
-        """The steepest slope, which is infinite."""
-        return np.array([[max(self.slope_bounds(), key=abs)]])
-
     def automaton(self) -> Automaton:
         """One smooth mode."""
         return automata.smooth("cube", self.scale)
