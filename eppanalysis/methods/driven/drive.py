@@ -17,6 +17,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.describing.balance import Balance, describe
 from eppanalysis.methods.simulation.in_samples import InSamples
+from eppanalysis.methods.simulation.states import OtherStates, without_held_states
 from eppanalysis.methods.steady.flow import later, strobe_of
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import Sine
@@ -31,6 +32,7 @@ from eppanalysis.models.systems.subject import (
     standing,
     system_of,
 )
+from eppanalysis.results import LimitCycle
 
 #: Longest step of a run, relative to the period of the input: no simple share of it, for switches of what keeps step
 #: with the input would fall on the ends of steps, where rounding has them met again and again.
@@ -43,12 +45,13 @@ _WHOLE = 1e-9
 class Drive:
     """A loop whose inputs are constant but for one: ``amplitude * sin(omega t)`` about where it is held."""
 
-    system: LureSystem
+    system: LureSystem  # without what nothing drives, which would make every response one of a continuum
     at: OperatingPoint  # where the inputs are held, the driven one included
     input: str
     amplitude: float  # in the unit of the input
     omega: float  # angular frequency [rad/s]
     form: InSamples | None = None  # how a loop in discrete time is run
+    states: OtherStates | None = None  # its states beside its user's; None where they are the same
 
     @property
     def given(self) -> LureSystem:
@@ -59,6 +62,12 @@ class Drive:
         """The hybrid system begun at a state of the loop (n,), with the input at phase zero."""
         start = (state, ()) if self.form is None else self.form.start(state, ())
         return self.hybrid.begun(*start)
+
+    def to_user(self, cycle: LimitCycle, start: HybridSystem | None = None) -> LimitCycle:
+        """A motion of the loop as its user knows it; in discrete time one that begins at a sample, at a start."""
+        own = cycle if self.form is None else self.form.to_user(cycle, start)
+        own = own if self.states is None else self.states.to_user(own)
+        return replace(own, operating_point=self.at)
 
     @property
     def period(self) -> float:
@@ -156,6 +165,7 @@ class Drive:
             self.amplitude if amplitude is None else amplitude,
             self.omega if omega is None else omega,
             self.form,
+            self.states,
         )
         new.__dict__.update(_unit=self._unit, balance=self.balance)  # which do not depend on the sine
         return new
@@ -209,7 +219,9 @@ def drive_of(
         point = operating_point if isinstance(operating_point, OperatingPoint) else point.with_inputs(operating_point)
     middle = point.inputs.get(name, float(system.v0[system.input_names.index(name)]))
     system, at = standing(loop, point.with_inputs({name: middle}), analysis)
+    states = without_held_states(system)
+    system = system if states is None else states.system
     form = InSamples.at(system, at) if system.time_step else None
     if form is not None:
         system, at = standing(form.system, at, analysis)
-    return Drive(system, at, name, float(amplitude), 2.0 * np.pi * float(frequency), form)
+    return Drive(system, at, name, float(amplitude), 2.0 * np.pi * float(frequency), form, states)

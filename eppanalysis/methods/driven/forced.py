@@ -480,8 +480,7 @@ def periodic_response(drive: Drive, multiple: int, response: SteadyMotion) -> Pe
     if strobe is not None:
         locked = LockedOrbit.closed(strobe, response, round(response.duration / strobe.period))
         assert locked is not None  # a run of it ends early only where the motion itself does
-        cycle = locked_cycle(drive.system, locked)
-        cycle = replace(drive.form.to_user(cycle, locked.start) if drive.form else cycle, operating_point=drive.at)
+        cycle = drive.to_user(locked_cycle(drive.system, locked), locked.start)
         return PeriodicResponse(multiple, drive.phase(locked.start.x0), drive.amplitude, cycle, response.one_of_many)
     shown, placed = response, next(drive.alongside(response.start, 0.0, 1))
     if placed is not None:
@@ -493,7 +492,7 @@ def periodic_response(drive: Drive, multiple: int, response: SteadyMotion) -> Pe
     (once,) = shown.passes
     turn = shown.start, once.run, int(once.run.order[-1]) if once.run.count else -1
     rows = np.vstack([once.rows, stacked(once.run.end(shown.start))])
-    cycle = replace(steady_cycle(drive.system, response, turn, rows, response.duration), operating_point=drive.at)
+    cycle = drive.to_user(steady_cycle(drive.system, response, turn, rows, response.duration))
     phase = drive.phase(shown.start.x0)
     phase = 0.0 if 2 * np.pi - phase < 1e-9 else phase
     return PeriodicResponse(multiple, phase, drive.amplitude, cycle, response.one_of_many)

@@ -262,6 +262,32 @@ def test_a_play_that_stays_in_its_gap_is_one_of_a_continuum():
     assert 0.196 < branch.frequency.max() < 0.1990
 
 
+def test_an_integrator_that_nothing_drives_is_a_constant_and_makes_no_continuum():
+    """A PID without an integral part holds what that part starts with: the response is that of a shifted setpoint."""
+    kp, td, tf, offset = 2.0, 0.3, 0.05, 0.5
+
+    def servo(controller):
+        return epp.Diagram(
+            parts={
+                "controller": controller,
+                "relay": epp.HysteresisRelay(-0.1, 0.1),
+                "plant": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 2.0, 1.0, 0.0]),
+            },
+            connect=["setpoint - plant -> controller", "controller -> relay", "relay -> plant"],
+            inputs=["setpoint"],
+        )
+
+    sine = {"input": "setpoint", "amplitude": 3.0, "frequency": 0.2}
+    pid = servo(epp.blocks.PID(kp=kp, td=td, tf=tf, start=[offset, 0.0]))
+    (found,) = epp.forced_response(pid, **sine)
+    filtered = epp.blocks.TransferFunction(num=[kp * (tf + td), kp], den=[tf, 1.0])
+    (expected,) = epp.forced_response(servo(filtered), **sine, operating_point={"setpoint": offset / kp})
+    assert not found.one_of_many and found.stable
+    assert np.abs(found.cycle.multipliers) == pytest.approx(np.abs(expected.cycle.multipliers), abs=1e-9)
+    assert found.response("plant") == pytest.approx(expected.response("plant"), rel=1e-9)
+    assert found.cycle.state[0] == offset and found.cycle.state.size == pid.to_system().A.shape[0]
+
+
 def test_a_loop_with_an_oscillation_of_its_own_is_entrained_or_is_quasi_periodic():
     # A relay oscillates by itself: a strong sine near its frequency takes it along, a weak one far from it does not.
     system = epp.Diagram(
