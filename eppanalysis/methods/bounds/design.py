@@ -451,7 +451,9 @@ def _joined(
     if bound.cycle is None:
         why = bound.message.removesuffix(".")
         if cell.finding is not Finding.BOUND:
-            return replace(cell, message=f"{cell.message} Tried: {why}.")
+            # That cycles go on to the end of the range is then the describing functions' word alone.
+            failed = Finding.FAILED
+            return replace(cell, finding=failed, message=f"{failed.sentence} {note} Tried: {why}.".replace("  ", " "))
         return replace(cell, message=f"{note} Not corrected: {why}. Not verified.".strip())
     if cell.finding is not Finding.BOUND:
         # Describing functions saw the family go on to the end of the range, or saw nothing.

@@ -6,6 +6,8 @@ by the static friction) it swings back, and at the belt's speed that ends the fa
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -129,3 +131,25 @@ t_end = "8 s"
     lbf = case.si("fs", "1 lbf")
     assert found.within[0] == pytest.approx(2.0 * lbf, rel=2e-3)
     assert "fs of 2.06 lbf" in str(found)
+
+
+@pytest.mark.slow
+def test_cycles_that_describing_functions_alone_see_do_not_go_on_to_the_end_of_the_range():
+    """A gap in a loop that its integral part destabilises: exact cycles at 1.36, and beyond the linear limit at 1.98
+    motions grow or rest, where describing functions go on to see a cycle.
+    """
+    servo = epp.Diagram(
+        parts={
+            "controller": epp.blocks.PI(kp=2.85, ti=0.75),
+            "plant": epp.blocks.TransferFunction(num=[0.376], den=[1.0, 1.23, 1.96, 0.48]),
+            "gear": epp.Play(gap=0.7),
+        },
+        connect=["-gear -> controller", "controller -> plant", "plant -> gear"],
+    )
+    case, high = epp.Case.from_system(servo, name="servo"), 10.0
+    (cell,) = epp.design_bounds(case, "gear.gap", "controller.kp", at=[0.7], within=(0.3, high), verify=False)
+    at_end = case.with_values({"controller.kp": high}).to_system()
+    ends = {epp.simulate(replace(at_end, x0=size * at_end.x0), t_end=100.0).status.name for size in (0.1, 1.0, 10.0)}
+    assert ends <= {"SETTLED", "DIVERGED"} and epp.predict_limit_cycles(at_end), ends
+    assert cell.finding is Finding.FAILED and "cycles exist" not in cell.message, cell.message
+    assert "no limit cycle at 0.3, " in cell.message and "10, and limit cycles at" in cell.message
