@@ -315,21 +315,27 @@ i64 verdict(Vector ev_t, Indices ev_guard, Matrix ev_x, Matrix ev_v, i64 count, 
     return UNDECIDED;
 }
 
-/// Least and greatest values of the state at the kept events of the second half of a run, or zeros.
-std::tuple<Vector, Vector> late_range(Vector ev_t, Matrix ev_x, i64 count, double t_end) {
-    i64 at{};
+/// Least and greatest values of the state over the kept events of the second half of a run, or zeros.
+///
+/// A state may be zero at every event, as a speed is where a motion turns: how far it goes between two follows from
+/// its rate.
+std::tuple<Vector, Vector> late_range(Vector ev_t, Matrix ev_x, Matrix ev_v, i64 count, double t_end) {
+    i64 at{}, after{};
+    double between{};
     i64 keep = ev_x.shape(0);
     i64 n = ev_x.shape(1);
     Vector low = zeros<double>(n);
     Vector high = zeros<double>(n);
     for (i64 k = 0, k_end = least_of<i64>(count, keep); k < k_end; ++k) {
         at = modulo(count - 1 - k, keep);
+        after = (k == 0) ? at : modulo(count - k, keep);
         if (ev_t(at) < (0.5 * t_end)) {
             break;
         }
         for (i64 i = 0; i < n; ++i) {
+            between = 0.1 * std::fabs(ev_v(at, i)) * (ev_t(after) - ev_t(at));
             low(i) = (k == 0) ? ev_x(at, i) : least_of(low(i), ev_x(at, i));
-            high(i) = (k == 0) ? ev_x(at, i) : greatest_of(high(i), ev_x(at, i));
+            high(i) = (k == 0) ? ev_x(at, i) : greatest_of(high(i), greatest_of(ev_x(at, i), low(i) + between));
         }
     }
     return {low, high};
@@ -347,7 +353,7 @@ i64 verdict_of_run(const Model& model, Vector ev_t, Indices ev_guard, Matrix ev_
     // Beside a start a million times farther out a cycle seems to be rest: switches that go on are held against what
     // moves while they do.
     if (code == SETTLED) {
-        std::tie(low_late, high_late) = late_range(ev_t, ev_x, count, t_end);
+        std::tie(low_late, high_late) = late_range(ev_t, ev_x, ev_v, count, t_end);
         moves = false;
         for (i64 i = 0; i < compared.size(); ++i) {
             moves = moves || (compared(i) && (high_late(i) - low_late(i)) > (ROUNDED * (high(i) - low(i))));

@@ -44,7 +44,7 @@ i64 shortest(Vector ev_t, Indices ev_guard, Matrix ev_x, i64 count, i64 keep, i6
     Flags compared);
 i64 verdict(Vector ev_t, Indices ev_guard, Matrix ev_x, Matrix ev_v, i64 count, double t_end, Vector low, Vector high,
     Vector rate_end, Flags compared, bool late, Vector found);
-std::tuple<Vector, Vector> late_range(Vector ev_t, Matrix ev_x, i64 count, double t_end);
+std::tuple<Vector, Vector> late_range(Vector ev_t, Matrix ev_x, Matrix ev_v, i64 count, double t_end);
 i64 verdict_of_run(const Model& model, Vector ev_t, Indices ev_guard, Matrix ev_x, Matrix ev_v, i64 count,
     double t_end, Vector low, Vector high, Vector x_end, Vector rate_end, Flags compared, Vector found);
 std::tuple<bool, double> rounding_of_motion(Matrix states, Matrix memory, Vector moves, double period, Flags compared,

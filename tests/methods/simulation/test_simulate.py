@@ -135,6 +135,24 @@ def test_a_run_rests_once_its_signals_do_not_once_nothing_switches(begin, unit):
     assert expected <= run.settled_since + 1e-9 <= expected + 2.0 * run.t[1]
 
 
+@pytest.mark.parametrize("t_end", [60.0, 120.0, 200.0])
+def test_a_smooth_loop_that_dies_out_rests_since_it_has_however_long_it_runs(t_end: float) -> None:
+    """Nothing in it switches; its turns go on, each a fraction of the one before, down to 1e-30 of the first."""
+    level, slope = 0.5, 1.33
+    loop = epp.LureSystem.from_tf(([9.67], [1.0, 8.647, 22.7, 20.21, 4.7]), epp.Tanh(level=level, slope=slope))
+    run = epp.simulate(loop, t_end=t_end)
+
+    def rates(_: float, x: np.ndarray) -> np.ndarray:
+        return loop.A @ x + loop.B[:, 0] * level * np.tanh(slope / level * (loop.C[0] @ x))
+
+    alone = solve_ivp(rates, (0.0, 60.0), loop.x0, method="DOP853", rtol=1e-11, atol=1e-13, max_step=0.05)
+    x = loop.C[0] @ alone.y
+    signals = x, level * np.tanh(slope / level * x)
+    last = max(alone.t[np.flatnonzero(np.abs(v) > 1e-3 * np.ptp(v))[-1]] for v in signals)
+    assert run.status is Status.SETTLED
+    assert last - 0.05 <= run.settled_since <= last + 0.05 + 2.0 * run.t[1]
+
+
 @pytest.mark.parametrize("farther", [1e4, 1e6, 1e8])
 @pytest.mark.parametrize("name", ["relay_hyst_goncalves6", "pid_hunting"])
 def test_a_run_from_far_out_comes_to_the_same_cycle(name: str, farther: float) -> None:
