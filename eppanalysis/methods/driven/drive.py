@@ -16,8 +16,9 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.describing.balance import Balance, describe
+from eppanalysis.methods.orbits.decoupled import in_decoupled_states
 from eppanalysis.methods.simulation.in_samples import InSamples
-from eppanalysis.methods.simulation.states import OtherStates, without_held_states
+from eppanalysis.methods.simulation.states import OtherStates
 from eppanalysis.methods.steady.flow import later, strobe_of
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import Sine
@@ -45,7 +46,9 @@ _WHOLE = 1e-9
 class Drive:
     """A loop whose inputs are constant but for one: ``amplitude * sin(omega t)`` about where it is held."""
 
-    system: LureSystem  # without what nothing drives, which would make every response one of a continuum
+    #: In states of its own: what nothing drives would make every response one of a continuum, and turned ones mix what
+    #: sticks with what moves.
+    system: LureSystem
     at: OperatingPoint  # where the inputs are held, the driven one included
     input: str
     amplitude: float  # in the unit of the input
@@ -219,7 +222,7 @@ def drive_of(
         point = operating_point if isinstance(operating_point, OperatingPoint) else point.with_inputs(operating_point)
     middle = point.inputs.get(name, float(system.v0[system.input_names.index(name)]))
     system, at = standing(loop, point.with_inputs({name: middle}), analysis)
-    states = without_held_states(system)
+    states = in_decoupled_states(system)
     system = system if states is None else states.system
     form = InSamples.at(system, at) if system.time_step else None
     if form is not None:

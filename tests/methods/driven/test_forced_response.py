@@ -8,6 +8,7 @@ from scipy.linalg import expm
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError, ModelError
+from tests.coordinates import rotated
 from tests.driven_loops import TURN, duffing, loop, saturated
 
 
@@ -286,6 +287,35 @@ def test_an_integrator_that_nothing_drives_is_a_constant_and_makes_no_continuum(
     assert np.abs(found.cycle.multipliers) == pytest.approx(np.abs(expected.cycle.multipliers), abs=1e-9)
     assert found.response("plant") == pytest.approx(expected.response("plant"), rel=1e-9)
     assert found.cycle.state[0] == offset and found.cycle.state.size == pid.to_system().A.shape[0]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_turned_states_leave_a_response_the_one_that_it_is(seed):
+    """What a position and a controller's constant are mixed with makes no response one of a continuum."""
+    servo = epp.Diagram(
+        parts={
+            "controller": epp.blocks.PID(kp=3.3, td=0.582, tf=0.0167),
+            "valve": epp.Preload(level=0.424, slope=1.38),
+            "mass": epp.blocks.Mass(mass=2.02, damping=0.641, start=[1.7, 0.0]),
+            "friction": epp.Friction(coulomb=0.156, static=0.2028),
+        },
+        connect=[
+            "setpoint - mass.position -> controller",
+            "controller -> valve",
+            "valve - friction -> mass",
+            "mass.speed -> friction",
+        ],
+        inputs=["setpoint"],
+    ).to_system()
+    (given,) = epp.forced_response(servo, "setpoint", amplitude=0.7, frequency=0.13)
+    other = rotated(servo, seed)
+    (turned,) = epp.forced_response(other, "setpoint", amplitude=0.7, frequency=0.13)
+    assert not turned.one_of_many and turned.stable and given.stable
+    assert half(turned, "mass_position") == pytest.approx(half(given, "mass_position"), rel=1e-9)
+    # Its state is one of the turned loop: the signals there are those of the motion.
+    at_start = other.signals.C @ turned.cycle.state
+    place = other.signals.names.index("mass_position")
+    assert at_start[place] == pytest.approx(turned.cycle.waveform["mass_position"][0], rel=1e-9)
 
 
 def test_a_loop_with_an_oscillation_of_its_own_is_entrained_or_is_quasi_periodic():
