@@ -51,6 +51,7 @@ _SOME = 8
 #: parting of the runs from both sides, relative to their responses' distance, up to which they are at the one between.
 _HALVINGS, _LOOKS, _TOGETHER = 30, 5, 0.05
 _FOLLOWS, _EVERY = "comes to follow the input", "repeats itself every {} periods"
+_LEAVES = "ends early, or grows beyond bounds"
 _PARTS = {
     Motion.IRREGULAR: "does not repeat itself: neighbouring motions part by a factor {0:.3g} each period of the input",
     Motion.QUASI_PERIODIC: (
@@ -180,7 +181,7 @@ def _of_run(drive: Drive, most_periods: int, provenance: Provenance) -> ForcedRe
     elif found.periods:
         goes_on = f"it {_PARTS[Motion.UNDECIDED].format(0.0, found.periods)}"
     else:
-        goes_on = "it ends early, or grows beyond bounds"
+        goes_on = f"it {_LEAVES}"
     return ForcedResponse(
         input=drive.input,
         amplitude=drive.amplitude,
@@ -215,6 +216,7 @@ class Search:
     reached: int = 0
     repeats: int = 0
     settled: bool = False
+    leaves: bool = False  # whether the run from the loop's own start ends early, or grows beyond bounds
     end: HybridSystem | None = None
     own: list[Entrainment] = field(default_factory=list)
 
@@ -364,6 +366,7 @@ class Search:
                 now, made = later(now, self.shortest * self.drive.period), made + self.shortest
                 states.append((stacked(now or start) - made * self.drive.period * advances(start))[repeating(start)])
             if now is None:
+                self.leaves |= to_the_end
                 return Motion.UNDECIDED, float("nan")
             if to_the_end:
                 self.reached, self.end = max(self.reached, made), now
@@ -520,6 +523,8 @@ def _sentence(
         goes_on = f"does not repeat itself: quasi-periodic, {own.in_words(drive.frequency)}"
     elif own is not None and by_law and not own.is_told(drive.omega):
         goes_on = f"is on its own oscillation. {_UNTOLD}"
+    elif search.leaves:
+        goes_on = _LEAVES
     elif motion is not Motion.PERIODIC:
         goes_on = _PARTS[motion].format(float(np.exp(exponent)), search.reached)
     elif own is not None and by_law:

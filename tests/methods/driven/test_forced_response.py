@@ -289,6 +289,21 @@ def test_an_integrator_that_nothing_drives_is_a_constant_and_makes_no_continuum(
     assert found.cycle.state[0] == offset and found.cycle.state.size == pid.to_system().A.shape[0]
 
 
+def test_a_run_that_grows_without_bound_is_said_to():
+    """Beyond the dead zone 8/(s (s + 1)^2) under proportional control is unstable, and a sine of 1 leaves it."""
+    servo = epp.Diagram(
+        parts={
+            "gap": epp.DeadZone(-0.1, 0.1),
+            "plant": epp.blocks.TransferFunction(num=[8.0], den=[1.0, 2.0, 1.0, 0.0]),
+        },
+        connect=["setpoint - plant -> gap", "gap -> plant"],
+        inputs=["setpoint"],
+    )
+    found = epp.forced_response(servo, "setpoint", amplitude=1.0, frequency=0.2)
+    assert found.motion == "undecided" and "own start ends early, or grows beyond bounds." in found.message
+    assert epp.simulate(servo, epp.inputs.Sine(1.0, 0.2), t_end=500.0).status.name == "DIVERGED"
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_turned_states_leave_a_response_the_one_that_it_is(seed):
     """What a position and a controller's constant are mixed with makes no response one of a continuum."""
