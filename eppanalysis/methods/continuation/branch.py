@@ -168,21 +168,19 @@ def continue_branch(
 def _with_others(walk: Continuation, branch: Branch, most: int) -> Branch:
     """The branch, with those of cycles found in what it does not cover, and what even these leave."""
     others: list[Branch] = []
-    tried: list[float] = []
-    sought = _SOUGHT
+    tried: dict[float, str] = {}  # what was found where nothing leads on
     while len(others) < most:
         left = [v for g in _gaps(walk, branch, others) for v in _places(walk, g) if v not in tried]
         if not left:
             break
-        tried.append(left[0])
         found = _branch_from(walk, left[0])
+        tried[left[0]] = _SOUGHT if found is None else _MANY if len(found) == 1 else ""
         if found is not None and len(found) > 1:
             others.append(found)
-        elif found is not None:
-            sought = _MANY
-    missing = _gaps(walk, branch, others)
-    if tried:
-        missing = tuple(g if g.turns else replace(g, why=f"{g.why}; {sought}") for g in missing)
+    missing = tuple(
+        replace(g, why="; ".join(dict.fromkeys([g.why, *(w for v, w in tried.items() if w and g.low <= v <= g.high)])))
+        for g in _gaps(walk, branch, others)
+    )
     part = " Together they cover" if others else " It covers"
     message = branch.message + (f"{part} a part of the range." if missing else "")
     return replace(branch, message=message, missing=missing, others=tuple(others))
