@@ -17,7 +17,7 @@ import numpy as np
 
 from eppanalysis.arrays import Array
 from eppanalysis.cases import Case, Missing, as_case, variation_of
-from eppanalysis.cases.command_line import Asking
+from eppanalysis.cases.command_line import Commands
 from eppanalysis.cases.values.quantities import format_si
 from eppanalysis.cases.variation import takes
 from eppanalysis.diagnose.linear import Linear, is_linear
@@ -428,7 +428,7 @@ class _Tried:
             own, value = self.case.value(name), changed.value(name)
             now, held = (self.case.text(name, v, DIGITS) for v in (own, value))
             text = f"{words(name)} {held} in place of {now}"
-        command = Asking.of(changed).command("cycles")
+        command = Commands.of(changed).command("cycles")
         command = command or f"epp.find_limit_cycles(case.with_values({{{name!r}: {held!r}}}))"
         return Remedy(name, own, value, text, command, search.n_runs)
 

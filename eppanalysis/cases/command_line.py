@@ -119,7 +119,7 @@ def _typed(value: Any) -> str:
 
 
 @dataclass(frozen=True)
-class Asking:
+class Commands:
     """Next steps with a case.
 
     Attributes
@@ -133,7 +133,7 @@ class Asking:
     words: tuple[str, ...]
 
     @classmethod
-    def of(cls, case: Case, *, carried: bool = False) -> Asking:
+    def of(cls, case: Case, *, carried: bool = False) -> Commands:
         """By what the command line calls the case; see :func:`called`."""
         return cls(case, called(case, carried=carried))
 
@@ -150,7 +150,7 @@ class Asking:
         Examples
         --------
         >>> from eppanalysis.cases import case
-        >>> Asking.of(case("wheelchair")).bounds("loop.gain", "play.gap")
+        >>> Commands.of(case("wheelchair")).bounds("loop.gain", "play.gap")
         'eppanalysis bounds wheelchair --over play.gap --from "12 mm" --points 1 --limit loop.gain'
         """
         over = over or self.beside(limit)

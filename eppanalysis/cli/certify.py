@@ -22,7 +22,7 @@ from eppanalysis.cli.common import (
     print_table,
 )
 from eppanalysis.errors import EppError
-from eppanalysis.methods.certificates.registry import Asked
+from eppanalysis.methods.certificates.registry import Claim
 
 if TYPE_CHECKING:
     from eppanalysis.methods.certificates.result import Certificate
@@ -35,7 +35,7 @@ MaybeCase = Annotated[
     typer.Argument(metavar="CASE", help="Case file (TOML), or name of a shipped case.", show_default=False),
 ]
 Statement = Annotated[
-    Asked | None,
+    Claim | None,
     typer.Option(
         "--statement",
         help="roots: all roots of the describing-function balance in a box (default); absence: no periodic motion but "
@@ -83,7 +83,7 @@ def certify(
     ranges = by_name("--within", (named_range("--within", text, found, found.parameters) for text in within))
     for name, value in ((name, value) for name, both in ranges.items() for value in both):
         check_value(found, "--within", name, value)
-    result = prove(found, statement or (Asked.ABSENCE if ranges else Asked.ROOTS), within=ranges or None)
+    result = prove(found, statement or (Claim.ABSENCE if ranges else Claim.ROOTS), within=ranges or None)
     answer("certify", found, settings, as_json, result, lambda: _show(result))
     if output is not None:
         _write(result, output)

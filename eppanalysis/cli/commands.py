@@ -535,13 +535,13 @@ def _show_prediction(case: Case, prediction: Prediction) -> None:
 
 
 def _show_trajectory(case: Case, run: Trajectory) -> None:
-    from eppanalysis.cases.command_line import Asking
+    from eppanalysis.cases.command_line import Commands
     from eppanalysis.results import Status
     from eppanalysis.tables.console import cycles_table, rest_table
 
     echo(f"{run} {count(run.n_events, 'event').capitalize()}.")
     if run.status is Status.UNDECIDED:
-        echo(f"Simulate for longer: {Asking.of(case).longer(max(run.end_time, run.carried_to))}")
+        echo(f"Simulate for longer: {Commands.of(case).longer(max(run.end_time, run.carried_to))}")
     point = run.operating_point
     if point is not None and point.is_driven:
         echo(f"{point}: the command response computes the periodic response.")
@@ -560,12 +560,12 @@ def _tell_others(case: Case, run: Trajectory) -> None:
 
 
 def _show_ladder(case: Case, ladder: Ladder) -> None:
-    from eppanalysis.cases.command_line import Asking
+    from eppanalysis.cases.command_line import Commands
     from eppanalysis.tables.console import AS_FOUND, as_found, ladder_table, rungs_table
 
     echo(f"{ladder.headline()}.\n{ladder.verdict}")
     if ladder.run.limit_cycle is not None or (ladder.search is not None and ladder.search.stable):
-        echo(f"Why it oscillates, and what ends it: {Asking.of(case).remedies()}")
+        echo(f"Why it oscillates, and what ends it: {Commands.of(case).remedies()}")
     expected = case.expected
     if expected.finding:
         must = f" (must {expected.outcome}: {AS_FOUND[as_found(case, ladder)]})" if expected.outcome else ""

@@ -50,7 +50,7 @@ def cycles(
     """Search for limit cycles, stable and unstable, as exact orbits, and say how; a search may miss one."""
     check_output(output)
     found = load_case(case, settings)
-    from eppanalysis.cases.command_line import Asking
+    from eppanalysis.cases.command_line import Commands
     from eppanalysis.methods.search.find import find_limit_cycles
     from eppanalysis.tables.files import cycle_table
 
@@ -68,7 +68,7 @@ def cycles(
         if remedies is not None:
             echo("\n".join(remedies.lines()))
         elif search.stable:
-            echo(f"Why it oscillates, and what ends it: {Asking.of(found).remedies()}")
+            echo(f"Why it oscillates, and what ends it: {Commands.of(found).remedies()}")
         _show_triggers(found, hits, why)
 
     answer("cycles", found, settings, as_json, Found(str(search), data()), show)

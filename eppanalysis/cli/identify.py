@@ -243,7 +243,7 @@ def diagnose(
 
 
 def _show_diagnosis(case: Case, result: Diagnosis) -> None:
-    from eppanalysis.cases.command_line import Asking
+    from eppanalysis.cases.command_line import Commands
     from eppanalysis.tables.console import candidates_table
 
     for note in result.record.notes:
@@ -257,4 +257,4 @@ def _show_diagnosis(case: Case, result: Diagnosis) -> None:
     for line in result.remedies():
         echo(line)
     if result.named:
-        echo(f"What ends the oscillation of the model: {Asking.of(case).remedies()}")
+        echo(f"What ends the oscillation of the model: {Commands.of(case).remedies()}")

@@ -36,11 +36,11 @@ def report(
     check(output)
     found = [load_case(text, settings) for text in expanded(cases)]
     with progress("report") as advance:
-        write_report(found, output, full=full, progress=advance or _told([case.title for case in found]))
+        write_report(found, output, full=full, progress=advance or _progress_over([case.title for case in found]))
     echo(f"{output}: written.")
 
 
-def _told(titles: Sequence[str]) -> Progress:
+def _progress_over(titles: Sequence[str]) -> Progress:
     """Where no bar is seen, a line for each of several cases, and for each section of a single one."""
     told: set[str] = set()
 

@@ -322,12 +322,12 @@ def _counts(dataset: xarray.Dataset) -> dict[str, Any]:
 
 def _sentences(dataset: xarray.Dataset, counts: dict[str, Any]) -> Iterator[str]:
     """What was swept, and how the cells ended."""
-    from eppanalysis.sweep.labels import ranges_of, told
+    from eppanalysis.sweep.labels import in_words_of, ranges_of
 
     yield f"{count(counts['cells'], 'design')}: {ranges_of(dataset)}"
     for name, found in counts.items():
         if name != "cells" and (name != "status" or {"failed", "not_run"} & set(found)):
-            yield f"{name.replace('_', ' ')}: {told(dataset, name)}"
+            yield f"{name.replace('_', ' ')}: {in_words_of(dataset, name)}"
 
 
 def _report(dataset: xarray.Dataset, counts: dict[str, Any], curves: Sequence[Boundary]) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from eppanalysis.cases import Case
-from eppanalysis.cases.command_line import Asking
+from eppanalysis.cases.command_line import Commands
 from eppanalysis.diagnose.record import Oscillation, waveform
 from eppanalysis.diagnose.result import DISTURBANCE, LINEAR, OWN, Explanation
 from eppanalysis.models.systems.lure import LureSystem
@@ -28,27 +28,27 @@ def question(
     size : float
         Amplitude of a disturbance, as it explains the record [SI].
     """
-    asking = Asking.of(case) if isinstance(case, Case) else None
+    commands = Commands.of(case) if isinstance(case, Case) else None
     if e.name == DISTURBANCE:
-        return _of_disturbance(asking, e, found, size)
+        return _of_disturbance(commands, e, found, size)
     if e.name == LINEAR:
-        asked = (asking and asking.command("margins")) or f"epp.margins({'case' if asking else 'loop'})"
-        return f"How far the gain is from its limit: {asked}"
-    if asking is None:
+        command = (commands and commands.command("margins")) or f"epp.margins({'case' if commands else 'loop'})"
+        return f"How far the gain is from its limit: {command}"
+    if commands is None:
         return ""
     if e.name == OWN:
-        return next((f"How far {n} must go for it to end: {q}" for n in asking.over if (q := asking.bounds(n))), "")
-    asked = asking.bounds(e.parameter, e.over) if e.parameter else ""
-    if not asked:
+        return next((f"How far {n} must go for it to end: {q}" for n in commands.over if (q := commands.bounds(n))), "")
+    command = commands.bounds(e.parameter, e.over) if e.parameter else ""
+    if not command:
         return ""
     if not e.in_proportion:
-        return f"How large {e.parameter} may be beside the model's other elements: {asked}"
+        return f"How large {e.parameter} may be beside the model's other elements: {command}"
     half = _half(found, units)
-    if asking.words:
-        asked = asking.bounds(e.parameter, e.over, "--allow", half)
+    if commands.words:
+        command = commands.bounds(e.parameter, e.over, "--allow", half)
     else:
-        asked = f"{asked.removesuffix(')')}, allow={half!r})"
-    return f"How large {e.parameter} may be for an oscillation of half the size ({half} peak to peak): {asked}"
+        command = f"{command.removesuffix(')')}, allow={half!r})"
+    return f"How large {e.parameter} may be for an oscillation of half the size ({half} peak to peak): {command}"
 
 
 def _half(found: Oscillation, units: Mapping[str, str]) -> str:
@@ -59,15 +59,17 @@ def _half(found: Oscillation, units: Mapping[str, str]) -> str:
     return f"{name} {number(0.5 * readable(unit)[1] * float(np.ptp(shape)), DIGITS - 1)} {written(unit)}".rstrip()
 
 
-def _of_disturbance(asking: Asking | None, e: Explanation, found: Oscillation, size: float) -> str:
+def _of_disturbance(commands: Commands | None, e: Explanation, found: Oscillation, size: float) -> str:
     place = e.note.removeprefix("comes in at ")
     if place == e.note or not np.isfinite(size):  # behind an element, where no command lets a sine come in
         return ""
     rate = found.omega / (2.0 * np.pi)
     sine = (f"{size:.{DIGITS}g}", f"{rate:.{DIGITS}g}")
-    asked = (
-        asking.command("response", "--input", place, "--amplitude", sine[0], "--frequency", sine[1]) if asking else ""
+    command = (
+        commands.command("response", "--input", place, "--amplitude", sine[0], "--frequency", sine[1])
+        if commands
+        else ""
     )
-    subject = "case" if asking else "loop"
-    asked = asked or f"epp.forced_response({subject}, {place!r}, amplitude={sine[0]}, frequency={sine[1]})"
-    return f"How the loop answers what {e.note}: {asked}"
+    subject = "case" if commands else "loop"
+    command = command or f"epp.forced_response({subject}, {place!r}, amplitude={sine[0]}, frequency={sine[1]})"
+    return f"How the loop answers what {e.note}: {command}"

@@ -355,7 +355,7 @@ class _Work:
         tolerance, missing = None, ""
         beyond: _Beyond = _nothing
         if math.isfinite(bound):
-            beyond = _asked(sweep.pool, _beyond, here, self.limit, within, own, (bound, cell.sign), self.allowed)
+            beyond = _submitted(sweep.pool, _beyond, here, self.limit, within, own, (bound, cell.sign), self.allowed)
             try:
                 tolerance = self._tolerance(here.with_values({self.over: cell.value}), sweep, tell)
             except EppError as error:
@@ -396,7 +396,7 @@ class _Work:
         )
 
 
-def _asked(pool: Executor | None, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Callable[[], T]:
+def _submitted(pool: Executor | None, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Callable[[], T]:
     """What a function gives: of processes, where there are some, which go on meanwhile, else at once."""
     if pool is not None:
         return pool.submit(function, *args, **kwargs).result

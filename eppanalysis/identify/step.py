@@ -268,15 +268,15 @@ def _settle(
 ) -> _Solution:
     """What the data leave possible; one parameter after the other is held until the data identify the rest."""
 
-    def told(ask: Callable[[Array], Drawn], total: int | None) -> Callable[[Array], Drawn]:
+    def counted(ask: Callable[[Array], Drawn], total: int | None) -> Callable[[Array], Drawn]:
         number = count(1)
 
-        def asked(place: Array) -> Drawn:
+        def drawn(place: Array) -> Drawn:
             if progress is not None:
                 progress(next(number), total, "identify: intervals")
             return ask(place)
 
-        return asked
+        return drawn
 
     low, high = bounds_of(response.unknowns)
     cloud = Cloud(q, q, np.zeros((q.size, q.size)), math.inf)
@@ -287,10 +287,10 @@ def _settle(
         scale = spread / np.sqrt(np.diag(matrix))
         matrix = matrix * np.outer(scale, scale)
         if cloud.effective > ENOUGH * DRAWS:
-            cloud = explore(told(whitener.residual, None), q, matrix, low, high, seed)
+            cloud = explore(counted(whitener.residual, None), q, matrix, low, high, seed)
         q = cloud.best
     if cloud.effective <= ENOUGH * DRAWS:
-        cloud = walk(told(whitener.cost, WALKED), q, matrix, (low, high), seed)
+        cloud = walk(counted(whitener.cost, WALKED), q, matrix, (low, high), seed)
         q = cloud.best
     student = _student(cloud.effective)
     spread = student * np.sqrt(np.diag(cloud.matrix))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from eppanalysis.cases import Case
-from eppanalysis.cases.command_line import Asking
+from eppanalysis.cases.command_line import Commands
 from eppanalysis.errors import EppError
 from eppanalysis.limits import MARGIN, Limit, Printed
 from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
@@ -26,7 +26,7 @@ _AT = 1e-9
 class Found:
     """What was computed for a report, and the next steps."""
 
-    asking: Asking
+    commands: Commands
     run: Trajectory
     cycles: CycleSearch | None
     branch: Branch | None
@@ -36,12 +36,12 @@ class Found:
     @property
     def case(self) -> Case:
         """The case."""
-        return self.asking.case
+        return self.commands.case
 
     def advice(self) -> str:
         """What to do, in lines; a command is at the end of a line."""
         oscillates = self.cycles is not None and self.cycles.stable
-        more = [f"Why it oscillates, and what ends it: {self.asking.remedies()}"] if oscillates else []
+        more = [f"Why it oscillates, and what ends it: {self.commands.remedies()}"] if oscillates else []
         return "\n".join([*self._lines(), *more])
 
     def _lines(self) -> list[str]:
@@ -74,20 +74,20 @@ class Found:
         own = "Nothing from its own start; other starts are undecided. " if rests else ""
         if cycles is not None and not opened:
             own = "No start of the search oscillates; its own run is not at rest by its end, and may creep on. "
-        search = [f"Search from other starts: {self.asking.cycles()}"] if cycles is None else []
+        search = [f"Search from other starts: {self.commands.cycles()}"] if cycles is None else []
         return [f"{own}Simulate for longer: {self._longer()}", *search, *keep]
 
     def _longer(self) -> str:
-        return self.asking.longer(self.case.t_end)
+        return self.commands.longer(self.case.t_end)
 
     def _how_far(self, asked: str, besides: str = "") -> list[str]:
         """How far a parameter must go: over another one, or alone where the loop has no other."""
-        names = [name for name in self.asking.over if name != besides]
+        names = [name for name in self.commands.over if name != besides]
         if not names:
             return []
-        question = self.asking.bounds(names[0])
+        question = self.commands.bounds(names[0])
         if not question and names[0] == "loop.gain" and not has_samples(self.case.to_system()):
-            question = self.asking.largest(names[0])
+            question = self.commands.largest(names[0])
         return [f"{asked}: {question}"] if question else []
 
     def _the(self, branch: Branch) -> str:
@@ -102,7 +102,7 @@ class Found:
         now = self.case.text(branch.parameter, own)
         if (own - end.value) * (1 if above else -1) < -_AT * abs(own):
             return [f"Keep {the} {kept}; it is {now} now."]
-        question = self.asking.bounds(branch.parameter)
+        question = self.commands.bounds(branch.parameter)
         others = f" Others may remain; this tests for them: {question}" if question else " Others may remain."
         return [f"Bring {the} from {now} {kept}: there this oscillation does not exist.{others}"]
 

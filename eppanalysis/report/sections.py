@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from eppanalysis.cases import Case, variation_of
-from eppanalysis.cases.command_line import Asking, called
+from eppanalysis.cases.command_line import Commands, called
 from eppanalysis.cases.variation import time_of_maps
 from eppanalysis.methods.bounds.numbers import why_no_bounds
 from eppanalysis.methods.bounds.searched import why_by_search
@@ -267,7 +267,7 @@ def _map(case: Case) -> str:
     factors = [case.readable(name)[1] for name in axes]
     x, y = (f'case.value("{name}") * {factor!r}' for name, factor in zip(axes, factors, strict=True))
     mark = f'figure.axes[0].plot({x}, {y}, "k*", markersize=12)'
-    finer = f"A finer one: {Asking.of(case, carried=True).sweep(variation_of(case).axes(max(_POINTS)))}"
+    finer = f"A finer one: {Commands.of(case, carried=True).sweep(variation_of(case).axes(max(_POINTS)))}"
     coarse = _COARSE.format(n=n, finer=finer) if n < max(_POINTS) else ""
     return _MAP.format(axes=repr(axes), mark=mark, coarse=coarse, t_end=repr(time_of_maps(case)))
 
@@ -288,7 +288,7 @@ def _is_guided(case: Case) -> bool:
 def _guideline(case: Case) -> str:
     """At the case's own gain, and how to have it at others."""
     more = (
-        Asking.of(case, carried=True).command("guide", "-o", "guide.html")
+        Commands.of(case, carried=True).command("guide", "-o", "guide.html")
         or f"epp.design_guide(case, {_gains(case)!r})"
     )
     return _GUIDELINE.format(full=f"At other gains: {more}")

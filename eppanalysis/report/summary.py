@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eppanalysis.cases import Case
-from eppanalysis.cases.command_line import Asking, commands_in
+from eppanalysis.cases.command_line import Commands, commands_in
 from eppanalysis.errors import EppError
 from eppanalysis.limits import Printed
 from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
@@ -118,11 +118,11 @@ def first_page(
     largest = _largest(run, cycles, signal)
     branch = _of_own_cycles(case, run, cycles, branch)
     end = _nearest_end(case, branch)
-    asking = Asking.of(case) if called is None else Asking(case, tuple(called))
+    commands = Commands.of(case) if called is None else Commands(case, tuple(called))
     return FirstPage(
         verdict=_verdict(run, cycles, largest, signal),
         numbers=tuple(_numbers(case, run, largest, branch, end, signal))[:3],
-        advice=Found(asking, run, cycles, branch, end, proof).advice(),
+        advice=Found(commands, run, cycles, branch, end, proof).advice(),
         known=tuple(_known(case, run, ladder, cycles, proof)),
         picture=_picture(run, ladder, signal),
     )

@@ -34,7 +34,7 @@ def outcomes_in(cells: xarray.Dataset) -> list[str]:
 UNKNOWN = "Unknown: the run neither settles nor repeats itself by its end (run.t_end)."
 
 
-def told(cells: xarray.Dataset, name: str) -> str:
+def in_words_of(cells: xarray.Dataset, name: str) -> str:
     """In how many of the designs the loop does what, or what is proved of it, the most first."""
     values, counts = np.unique(cells[name].values, return_counts=True)
     parts = [f"{meanings(cells[name])[int(values[k])]} in {counts[k]}" for k in np.argsort(-counts, kind="stable")]
@@ -44,7 +44,7 @@ def told(cells: xarray.Dataset, name: str) -> str:
 def put_verdict_of(figure: Figure, cells: xarray.Dataset, details: str = "") -> None:
     """What the loop does in the designs that are drawn, above their picture."""
     name = next((n for n in ("proved", *outcomes_in(cells)) if n in cells), None)
-    verdict = told(cells, name).capitalize() if name and cells[name].size else ""
+    verdict = in_words_of(cells, name).capitalize() if name and cells[name].size else ""
     allowed = f"allowed is {cells.attrs['allowed']}" if is_sized(cells) else ""
     small = ", ".join(filter(None, (allowed, details)))
     if verdict.startswith("Unknown") and name == "outcome":

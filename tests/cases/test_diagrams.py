@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.cases.command_line import Asking
+from eppanalysis.cases.command_line import Commands
 from eppanalysis.cases.files import shipped_cases_folder
 from eppanalysis.models.diagrams.blocks import PI, Inertia, Motor
 from eppanalysis.units import parse_quantity
@@ -485,7 +485,7 @@ def test_a_part_before_an_input_is_the_one_drawn_there(before, connect, controll
     assert ours.element_names.index("band") != theirs.element_names.index("band")  # last, and first in the file
     one, other = (epp.simulate(c.to_system(), c.input, 1.0, np.linspace(0.0, 1.0, 50)) for c in (inserted, drawn))
     np.testing.assert_allclose(one.signals["load"], other.signals["load"], rtol=1e-9, atol=1e-12)
-    words = Asking.of(inserted).command("cycles")
+    words = Commands.of(inserted).command("cycles")
     assert words.startswith("eppanalysis cycles azimuth_servo --set 'elements.band=") and before in words
 
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import eppanalysis as epp
 from eppanalysis.cases import variation_of
-from eppanalysis.cases.command_line import Asking
+from eppanalysis.cases.command_line import Commands
 from eppanalysis.cli.commands import app
 from eppanalysis.errors import CaseError
 
@@ -35,7 +35,7 @@ def test_what_is_tunable_comes_first():
 )
 def test_a_gain_is_bounded_over_the_size_of_an_element_and_all_else_over_the_gain(name, limit, over):
     assert variation_of(epp.case(name)).beside(limit)[0] == over
-    advised = Asking.of(epp.case(name)).bounds(limit)
+    advised = Commands.of(epp.case(name)).bounds(limit)
     assert f"--over {over} " in advised and f"--limit {limit}" in advised
 
 

@@ -541,7 +541,7 @@ def test_an_interrupt_before_a_command_has_begun_is_a_sentence_too(monkeypatch, 
 
 @pytest.mark.slow
 def test_help_loads_nothing_heavy():
-    """Asking for help must stay quick: none of the numerical packages may be loaded for it."""
+    """Commands for help must stay quick: none of the numerical packages may be loaded for it."""
     code = (
         "import sys\nfrom eppanalysis.cli import main\nsys.argv = ['eppanalysis', '--help']\n"
         "try:\n    main()\nexcept SystemExit:\n    pass\n"

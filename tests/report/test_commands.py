@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import eppanalysis as epp
 from eppanalysis.cases import variation_of
-from eppanalysis.cases.command_line import Asking, called, commands_in
+from eppanalysis.cases.command_line import Commands, called, commands_in
 from eppanalysis.cli.commands import app
 from eppanalysis.cli.common import load_case
 from eppanalysis.methods.bounds.numbers import why_no_bounds
@@ -55,7 +55,7 @@ def settled() -> SimpleNamespace:
 
 def situations(case: epp.Case) -> list[str]:
     """What the first page may advise of a case, whatever was found."""
-    asking = Asking.of(case)
+    asking = Commands.of(case)
     undecided = SimpleNamespace(limit_cycle=None, status=epp.Status.UNDECIDED)
     cycling = SimpleNamespace(limit_cycle=object(), status=epp.Status.LIMIT_CYCLE)
     none = SimpleNamespace(left_open=(), stable=(), __len__=lambda: 0)

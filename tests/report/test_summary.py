@@ -12,7 +12,7 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.cases import variation_of
-from eppanalysis.cases.command_line import Asking
+from eppanalysis.cases.command_line import Commands
 from eppanalysis.report import sections, summary
 from eppanalysis.report.advice import Found, printed
 from tests.made_bounds import GAIN, wheelchair
@@ -129,7 +129,7 @@ def test_a_run_beside_an_unstable_cycle_alone_is_no_oscillation_to_end():
     unstable = SimpleNamespace(stable=(), __len__=lambda: 1)
     run = SimpleNamespace(limit_cycle=None, status=epp.Status.UNDECIDED)
     for branch in (None, epp.continue_branch(case, "loop.gain", start=1.0, stop=0.9)):
-        said = Found(Asking.of(case), run, unstable, branch, None, None).advice()
+        said = Found(Commands.of(case), run, unstable, branch, None, None).advice()
         assert said.startswith("Change the loop until its own run settles")
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from eppanalysis.errors import ArgumentError, EppError, did_you_mean, require_packages, shown, visible
 from eppanalysis.methods.certificates.numbers import NotCovered
-from eppanalysis.methods.certificates.registry import STATEMENTS, Asked, Statement, of_text
+from eppanalysis.methods.certificates.registry import STATEMENTS, Claim, Statement, of_text
 from eppanalysis.methods.certificates.result import Certificate, Check, enclosure, sentence
 from eppanalysis.methods.certificates.stated import another, another_loop, stated_box, stated_loop
 from eppanalysis.models.systems.lure import LureSystem
@@ -133,36 +133,36 @@ def certify(
     of 8.255 s (unstable), and no other periodic motion but rest (its return map
     in 1228 cells).
     """
-    asked = _asked(statement)
+    claim = _claim_of(statement)
     if not 2 <= sectors <= _MOST_SECTORS:
         raise ArgumentError("sectors", f" is {sectors}; expected 2 to {_MOST_SECTORS}.", "certify")
-    if box is not None and asked is not Asked.ROOTS:
+    if box is not None and claim is not Claim.ROOTS:
         raise ArgumentError(
             "box", f" is given for {statement!r}, which is proved of all amplitudes; expected no box.", "certify"
         )
-    if within is not None and (asked is not Asked.ABSENCE or not 1 <= len(within) <= 3):
+    if within is not None and (claim is not Claim.ABSENCE or not 1 <= len(within) <= 3):
         raise ArgumentError("within", " is of absence; expected one to three parameters and their ranges.", "certify")
     require_packages("certify", "proof", "flint")
     system, at = standing(loop, operating_point, "certify")
     case = facts_of(loop)
-    settings = {"system": system.name, "statement": asked.value, "input": dict(at.inputs), "within": dict(within or {})}
+    settings = {"system": system.name, "statement": claim.value, "input": dict(at.inputs), "within": dict(within or {})}
     try:
         if within is None:
-            stated, off = stated_loop(asked, system, at)
+            stated, off = stated_loop(claim, system, at)
             seen: list[dict[str, Any]] = []
         else:
             stated, off, seen = stated_box(require_case(loop, "certify"), within, operating_point)
         made_by = Provenance("certificate", settings, {"coefficients": off}, case=case)
-        made = partial(Certificate, asked, provenance=made_by, operating_point=at)
-        if asked is Asked.ROOTS:
+        made = partial(Certificate, claim, provenance=made_by, operating_point=at)
+        if claim is Claim.ROOTS:
             return _roots(system, stated, box, at, made)
-        if asked is Asked.CYCLES:
+        if claim is Claim.CYCLES:
             return _cycles(system, stated, made)
         return _absence(system.name, stated, sectors, within or {}, seen, made)
     except NotCovered as error:
         made_by = Provenance("certificate", settings, case=case)
         message = f"Not covered: {error}"
-        return Certificate(asked, Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
+        return Certificate(claim, Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
 
 
 def proof_of_absence(case: CaseLike) -> tuple[Certificate | None, str]:
@@ -369,9 +369,9 @@ def _text(path: Path, length: int) -> str:
         raise EppError(f"{path}: {why}; expected the file of a certificate.") from error
 
 
-def _asked(statement: str) -> Asked:
+def _claim_of(statement: str) -> Claim:
     """The statement that is meant."""
-    if statement not in list(Asked):
-        known = did_you_mean(statement, [asked.value for asked in Asked])
+    if statement not in list(Claim):
+        known = did_you_mean(statement, [claim.value for claim in Claim])
         raise ArgumentError("statement", f" is {statement!r}; expected {known}.", "certify")
-    return Asked(statement)
+    return Claim(statement)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.certificates.play.picture import plot_level
-from eppanalysis.methods.certificates.registry import Asked
+from eppanalysis.methods.certificates.registry import Claim
 from eppanalysis.methods.certificates.result import Certificate
 from eppanalysis.plotting import BLUE, VERMILLION, place_of, put_legend
 from eppanalysis.readable import number
@@ -22,7 +22,7 @@ def plot_certificate(certificate: Certificate, ax: Axes | None = None) -> Figure
     if not certificate.document:
         raise EppError(f"There is no picture of a certificate that is none. {certificate.message}")
     figure, ax = place_of(ax, 4.0)
-    if certificate.statement is Asked.ROOTS:
+    if certificate.statement is Claim.ROOTS:
         _plot_cover(certificate, ax)
     elif "sectors" in certificate.document["claim"]:
         plot_level(certificate.document["evidence"], ax)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 
-class Asked(StrEnum):
+class Claim(StrEnum):
     """What `certify` can prove."""
 
     ROOTS = "roots"
@@ -70,11 +70,11 @@ def of_text(text: str) -> Statement:
 
 #: By the word that `certify` takes; "absence" has four proofs, one of them "cycles", and `certify_orbit` has its own.
 STATEMENTS = {
-    Asked.ROOTS: Statement("all roots of the describing-function balance in a box", "check_roots"),
+    Claim.ROOTS: Statement("all roots of the describing-function balance in a box", "check_roots"),
     "balance": Statement(
         "all roots of the describing-function balance in a box, of a ring or with a bias", "check_balance"
     ),
-    Asked.ABSENCE: Statement("no periodic motion but rest", "check_absence"),
+    Claim.ABSENCE: Statement("no periodic motion but rest", "check_absence"),
     "orbit": Statement("one closed orbit of a sequence of affine arcs in a box, and no event earlier", "check_orbit"),
     "cycles": Statement("all periodic motions but rest, by cells of a return map", "check_cells"),
     "absence_with_play": Statement("no periodic motion but rest, for any gap of the play", "check_play"),

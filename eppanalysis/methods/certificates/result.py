@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError, visible
-from eppanalysis.methods.certificates.registry import STATEMENTS, Asked
+from eppanalysis.methods.certificates.registry import STATEMENTS, Claim
 from eppanalysis.readable import words
 from eppanalysis.results import PlainData, Result, Status
 from eppanalysis.shown import frame_of
@@ -78,7 +78,7 @@ class Certificate(WithFile):
         Of "roots": boxes of which nothing is proved.
     """
 
-    statement: Asked
+    statement: Claim
     status: Status
     message: str
     document: Mapping[str, Any] = field(default_factory=dict)
@@ -90,12 +90,12 @@ class Certificate(WithFile):
 
     def to_frame(self) -> pandas.DataFrame:
         """Roots, as enclosures, and what is undecided, one a row; limit cycles, one a row; of absence, the claim."""
-        if self.statement is Asked.CYCLES and self.document:
+        if self.statement is Claim.CYCLES and self.document:
             found = cycles_of(self.document["claim"])
             names = ("period_from", "period_to", "multipliers_outside")
             rows = [dict(zip(names, (*cycle["period"], cycle["outside"]), strict=True)) for cycle in found]
             return frame_of(rows, {"period_from": "s", "period_to": "s"})
-        if self.statement is not Asked.ROOTS:
+        if self.statement is not Claim.ROOTS:
             claim = {
                 name: " to ".join(map(str, value)) if isinstance(value, list) else str(value)
                 for name, value in self.document.get("claim", {}).items()
@@ -186,9 +186,9 @@ def sentence(document: Mapping[str, Any], name: str = UNNAMED, values: str = "")
     """
     statement, claim, known = document["statement"], document["claim"], name != UNNAMED
     name = words(visible(name)) + (values if known else _range(document))
-    if statement in (STATEMENTS[Asked.ROOTS].text, STATEMENTS["balance"].text):
+    if statement in (STATEMENTS[Claim.ROOTS].text, STATEMENTS["balance"].text):
         return _roots_sentence(name, claim, document["box"])
-    if statement == STATEMENTS[Asked.ABSENCE].text:
+    if statement == STATEMENTS[Claim.ABSENCE].text:
         how = _criterion(claim)
         gap, how = (", for any gap", "Re G(jω) > -1") if document["loop"]["element"]["kind"] == "play" else ("", how)
         return f"Proved: {name} has no periodic motion but rest{gap} ({how})."

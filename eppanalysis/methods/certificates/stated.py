@@ -11,25 +11,25 @@ import numpy as np
 
 from eppanalysis.errors import ArgumentError, shown
 from eppanalysis.methods.certificates.numbers import ROUNDING, NotCovered
-from eppanalysis.methods.certificates.registry import STATEMENTS, Asked
+from eppanalysis.methods.certificates.registry import STATEMENTS, Claim
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 
 #: Which question a statement answers; an orbit's has a loop of its own kind.
-_ASKED = {
-    STATEMENTS[name].text: asked
-    for name, asked in (
-        (Asked.ROOTS, Asked.ROOTS),
-        ("balance", Asked.ROOTS),
-        (Asked.ABSENCE, Asked.ABSENCE),
-        ("absence_with_play", Asked.ABSENCE),
-        ("elbow", Asked.ABSENCE),
-        ("cycles", Asked.CYCLES),
+_CLAIMS = {
+    STATEMENTS[name].text: claim
+    for name, claim in (
+        (Claim.ROOTS, Claim.ROOTS),
+        ("balance", Claim.ROOTS),
+        (Claim.ABSENCE, Claim.ABSENCE),
+        ("absence_with_play", Claim.ABSENCE),
+        ("elbow", Claim.ABSENCE),
+        ("cycles", Claim.CYCLES),
     )
 }
 #: Statements that hold for all elements of a sector, and for play with any gap.
-_OF_A_SECTOR = (STATEMENTS[Asked.ABSENCE].text, STATEMENTS["absence_with_play"].text)
+_OF_A_SECTOR = (STATEMENTS[Claim.ABSENCE].text, STATEMENTS["absence_with_play"].text)
 #: What the parts of a loop are called.
 _CALLED = {"num": "numerator", "den": "denominator", "delay": "dead time", "time_step": "time step"}
 #: What of the linear part may change within a box, besides its dead time.
@@ -40,7 +40,7 @@ _STEPS = 30
 _SHARES = (0.03, 0.17, 0.25, 0.41, 0.5, 0.68, 0.75, 0.93)
 
 
-def stated_loop(asked: Asked, system: LureSystem, at: OperatingPoint) -> tuple[dict[str, Any], float]:
+def stated_loop(claim: Claim, system: LureSystem, at: OperatingPoint) -> tuple[dict[str, Any], float]:
     """A loop as certificates of a statement state it, and how far its coefficients are off, relatively.
 
     Of absence, with lists of numerators and denominators: here of one, of a box of loops those at the corners.
@@ -53,15 +53,15 @@ def stated_loop(asked: Asked, system: LureSystem, at: OperatingPoint) -> tuple[d
     from eppanalysis.methods.certificates.elbow.find import rational_elbow
     from eppanalysis.methods.certificates.rational import rational_loop, require_no_bias
 
-    if asked is Asked.ROOTS:
+    if claim is Claim.ROOTS:
         return _loop_of_roots(system, at)
-    if asked is Asked.ABSENCE and len(system.elements) > 1:
+    if claim is Claim.ABSENCE and len(system.elements) > 1:
         return rational_elbow(system, at.vector(system)), 0.0
     stated, off = rational_loop(system)
     # Of play it is proved for every constant input (docs/theory/proofs.md, What is claimed of play).
-    if asked is Asked.CYCLES or stated["element"]["kind"] != "play":
+    if claim is Claim.CYCLES or stated["element"]["kind"] != "play":
         require_no_bias(system, at.vector(system))
-    if asked is Asked.ABSENCE:
+    if claim is Claim.ABSENCE:
         stated |= {name: [stated[name]] for name in _ROWS}
     return stated, off
 
@@ -91,7 +91,7 @@ def stated_box(
 
     def at(shares: Iterable[float]) -> tuple[dict[str, Any], float]:
         values = {n: (1.0 - t) * low + t * high for n, (low, high), t in zip(within, sides, shares, strict=True)}
-        return stated_loop(Asked.ABSENCE, *standing(case.with_values(values), point, "certify"))
+        return stated_loop(Claim.ABSENCE, *standing(case.with_values(values), point, "certify"))
 
     # Bit i of a corner's place says at which end of side i it is.
     made = [at(corner[::-1]) for corner in product((0.0, 1.0), repeat=len(sides))]
@@ -188,7 +188,7 @@ def another_loop(document: Mapping[str, Any], system: LureSystem, at: OperatingP
 
         return other_arcs(document["loop"], system, at)
     try:
-        stated, _ = stated_loop(_ASKED[document["statement"]], system, at)
+        stated, _ = stated_loop(_CLAIMS[document["statement"]], system, at)
     except NotCovered as reason:
         return f"no such certificate covers it ({str(reason).rstrip('.')})"
     return another(document, stated)
@@ -196,11 +196,11 @@ def another_loop(document: Mapping[str, Any], system: LureSystem, at: OperatingP
 
 def another(document: Mapping[str, Any], stated: Mapping[str, Any]) -> str:
     """The same of a loop as certificates of the statement state it."""
-    asked, given = _ASKED[document["statement"]], document["loop"]
+    claim, given = _CLAIMS[document["statement"]], document["loop"]
     if stated.keys() != given.keys():
         return "the file states a loop of another kind"
     for name, value in stated.items():
-        among = asked is Asked.ABSENCE and name in _ROWS and _lies_within(stated, given)
+        among = claim is Claim.ABSENCE and name in _ROWS and _lies_within(stated, given)
         if name == "delay" and isinstance(given[name], list):
             among = Fraction(given[name][0]) <= Fraction(value) <= Fraction(given[name][1])
         if name == "element" and document["statement"] in _OF_A_SECTOR:

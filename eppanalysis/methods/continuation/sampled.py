@@ -328,9 +328,9 @@ class _Walk:
                 return "stops at the given number of points"
             step = np.sign(stop - last.value) * min(self.max_step * self.width, abs(stop - last.value))
             if last.once is not None and last.slope is None:  # near it its way is known: others are beside it
-                near = last.next(self._asked(last.value + _NEAR * step))
+                near = last.next(self._loop_at(last.value + _NEAR * step))
                 self.last = last = last if near is None else replace(last, slope=near.slope)
-            here = self._asked(stop if abs(stop - last.value - step) < 1e-9 * self.width else last.value + step)
+            here = self._loop_at(stop if abs(stop - last.value - step) < 1e-9 * self.width else last.value + step)
             new = last.next(here)
             if new is not None:
                 self._keep(new)
@@ -342,12 +342,12 @@ class _Walk:
         assert self.last is not None
         cycle = self.last.cycle
         for value in np.linspace(self.last.value, stop, _FARTHER + 1)[1:].tolist():
-            found = self._asked(value).by_run(cycle.state, cycle.memory, cycle.period)
+            found = self._loop_at(value).by_run(cycle.state, cycle.memory, cycle.period)
             if found is not None:
                 return found
         return None
 
-    def _asked(self, value: float) -> _Here:
+    def _loop_at(self, value: float) -> _Here:
         self.tell(len(self.rows), value)
         return self.at(value)
 
@@ -365,14 +365,14 @@ class _Walk:
         # Where a switch meets a sample the cycle ceases without a sign in anything that Newton's method sees: its being
         # there is bisected (docs/theory/sampled.md, Over a parameter).
         while abs(outside.value - inside.value) > width:
-            middle = self._asked(0.5 * (inside.value + outside.value))
+            middle = self._loop_at(0.5 * (inside.value + outside.value))
             found = inside.next(middle)
             inside, outside = (inside, middle) if found is None else (found, outside)
         if inside is not last:
             self._keep(inside)
         way = np.sign(outside.value - inside.value) * _BEYOND * self.width
         new = inside.beyond(
-            self._asked(float(np.clip(outside.value + way, min(self.ends), max(self.ends)))), self.progress
+            self._loop_at(float(np.clip(outside.value + way, min(self.ends), max(self.ends)))), self.progress
         )
         leading = np.min(np.abs(inside.multipliers - 1.0), initial=np.inf)
         fold = ": a multiplier comes to 1, as at a fold" if inside.once is not None and leading < _AT_FOLD else ""

@@ -57,7 +57,7 @@ class Entrainment:
         """Whether the phase moves so little over a pass that first order says how it goes on."""
         return omega * max(self.width, self.unseen) < _WEAK
 
-    def is_told(self, omega: float) -> bool:
+    def is_decided(self, omega: float) -> bool:
         """Whether keeping step is seen in spite of rounding, and of the second order where the first is none."""
         return omega * max(self.width, abs(self.late)) > _ROUNDING and not self.is_of_second_order(omega)
 
@@ -70,7 +70,7 @@ class Entrainment:
 
         Newton's method is content with any phase of a cycle that the sine moves by less than is left of its equations.
         """
-        decided = self.is_told(omega) and response.gap < _DECIDES * omega * self.width
+        decided = self.is_decided(omega) and response.gap < _DECIDES * omega * self.width
         return decided or _from_one(response.multipliers) >= _MARGINAL or not self.passes(response.start)
 
     def holds(self, omega: float, cycle: LimitCycle) -> bool:

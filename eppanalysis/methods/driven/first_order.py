@@ -236,7 +236,7 @@ def near_misses(drive: Drive) -> tuple[Sinusoid, ...]:
 
 
 def sinusoid_branches(
-    road: Callable[[float], Drive], limits: tuple[float, float]
+    family: Callable[[float], Drive], limits: tuple[float, float]
 ) -> list[tuple[Array, list[Sinusoid]]]:
     """DF responses along branches over the logarithm of a parameter: values (k,) and responses, through folds.
 
@@ -245,9 +245,9 @@ def sinusoid_branches(
     branches: list[tuple[Array, list[Sinusoid]]] = []
     # Branches that close on themselves between these three values are not seen.
     for value in (limits[0], limits[1], 0.5 * sum(limits)):
-        for one in sinusoids(road(value)):
+        for one in sinusoids(family(value)):
             if not any(_passes(branch, value, one) for branch in branches):
-                branches.append(_Curve(road, limits).through(value, one.unknowns))
+                branches.append(_Curve(family, limits).through(value, one.unknowns))
     return branches
 
 
@@ -265,8 +265,8 @@ def _passes(branch: tuple[Array, list[Sinusoid]], value: float, one: Sinusoid) -
 class _Curve:
     """One branch of DF responses under way; unknowns with the value of the parameter behind them."""
 
-    def __init__(self, road: Callable[[float], Drive], limits: tuple[float, float]) -> None:
-        self.road, self.limits = road, limits
+    def __init__(self, family: Callable[[float], Drive], limits: tuple[float, float]) -> None:
+        self.family, self.limits = family, limits
         self.width = limits[1] - limits[0]
 
     def through(self, value: float, q: Array) -> tuple[Array, list[Sinusoid]]:
@@ -274,7 +274,7 @@ class _Curve:
         ahead = self._along(first, 1.0) if value < self.limits[1] else [first]
         back = self._along(first, -1.0) if value > self.limits[0] else [first]
         points = back[::-1][:-1] + ahead
-        return np.array([p[-1] for p in points]), [Sinusoid(self.road(float(p[-1])), p[:-1]) for p in points]
+        return np.array([p[-1] for p in points]), [Sinusoid(self.family(float(p[-1])), p[:-1]) for p in points]
 
     def _along(self, first: Array, way: float) -> list[Array]:
         points, ds, direction = [first], 0.25 * _LONGEST, np.append(np.zeros(first.size - 1), way)
@@ -291,7 +291,7 @@ class _Curve:
             if not self.limits[0] <= new[-1] <= self.limits[1]:
                 end = self.limits[0] if new[-1] < self.limits[0] else self.limits[1]
                 share = (end - old[-1]) / (new[-1] - old[-1])
-                q = _newton(_both(self.road(end)), old[:-1] + share * (new - old)[:-1])
+                q = _newton(_both(self.family(end)), old[:-1] + share * (new - old)[:-1])
                 points += [] if q is None else [np.append(q, end)]
                 break
             direction = new - old
@@ -306,9 +306,9 @@ class _Curve:
 
     def _corrected(self, old: Array, plane: Array, ds: float, scale: Array) -> Array | None:
         def both(u: Array) -> tuple[Array, Array]:
-            here = _Equations(self.road(float(u[-1])))
+            here = _Equations(self.family(float(u[-1])))
             r, shift = here.residual(u[:-1]), _DIFFERENCE * self.width
-            across = (_Equations(self.road(float(u[-1] + shift))).residual(u[:-1]) - r) / shift
+            across = (_Equations(self.family(float(u[-1] + shift))).residual(u[:-1]) - r) / shift
             J = np.vstack([np.column_stack([here.jacobian(u[:-1], r), across]), plane / scale])
             return np.append(r, plane @ ((u - old) / scale) - ds), J
 

@@ -149,7 +149,7 @@ def forced_response(
     own = search.from_own_cycles() if motion is not Motion.IRREGULAR else None
     motion = search.by_adlers_law(motion, own)
     responses = search.responses()
-    told = own if own is not None and own.is_told(drive.omega) else None
+    told = own if own is not None and own.is_decided(drive.omega) else None
     names = drive.system.signals.names
     return ForcedResponse(
         input=drive.input,
@@ -321,7 +321,7 @@ class Search:
         open_end = Motion.UNDECIDED if motion is Motion.PERIODIC else motion
         if own is not None and own.is_of_second_order(self.drive.omega):
             return Motion.UNDECIDED
-        if own is None or not own.is_told(self.drive.omega):
+        if own is None or not own.is_decided(self.drive.omega):
             return open_end
         entrained = any(n == own.multiple and response.stable for n, response in self.found)
         if own.phases and entrained:
@@ -521,7 +521,7 @@ def _sentence(
         goes_on = f"is {own.in_words(drive.frequency)}"
     elif own is not None and by_law and motion is Motion.QUASI_PERIODIC:
         goes_on = f"does not repeat itself: quasi-periodic, {own.in_words(drive.frequency)}"
-    elif own is not None and by_law and not own.is_told(drive.omega):
+    elif own is not None and by_law and not own.is_decided(drive.omega):
         goes_on = f"is on its own oscillation. {_UNTOLD}"
     elif search.leaves:
         goes_on = _LEAVES

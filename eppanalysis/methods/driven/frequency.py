@@ -106,8 +106,8 @@ def frequency_response(
     drive = drive_of(system, input, amplitude, low, operating_point, "frequency_response")
     _closed_exactly(drive)
     limits = float(np.log(low)), float(np.log(high))
-    road = DriveRange(lambda value: drive.changed(omega=2.0 * np.pi * float(np.exp(value))), limits)
-    return _Response(Over.FREQUENCY, drive, road, _output(drive, output), n_points, max_step).found(system)
+    family = DriveRange(lambda value: drive.changed(omega=2.0 * np.pi * float(np.exp(value))), limits)
+    return _Response(Over.FREQUENCY, drive, family, _output(drive, output), n_points, max_step).found(system)
 
 
 def amplitude_response(
@@ -173,8 +173,8 @@ def amplitude_response(
     low, high = _range("amplitude_response", "amplitudes", amplitudes)
     drive = drive_of(system, input, low, frequency, operating_point, "amplitude_response")
     limits, periods = (float(np.log(low)), float(np.log(high))), _closed_exactly(drive)
-    road = DriveRange(lambda value: drive.changed(amplitude=float(np.exp(value))), limits, periods)
-    return _Response(Over.AMPLITUDE, drive, road, _output(drive, output), n_points, max_step).found(system)
+    family = DriveRange(lambda value: drive.changed(amplitude=float(np.exp(value))), limits, periods)
+    return _Response(Over.AMPLITUDE, drive, family, _output(drive, output), n_points, max_step).found(system)
 
 
 def _range(analysis: str, name: str, given: tuple[float, float]) -> tuple[float, float]:
@@ -213,7 +213,7 @@ class _Response:
 
     over: Over
     drive: Drive
-    road: DriveRange
+    family: DriveRange
     output: str
     n_points: int
     max_step: float
@@ -227,7 +227,7 @@ class _Response:
         if not 0.0 < self.max_step <= 1.0:
             raise EppError(f"{analysis}: max_step is {self.max_step}; expected more than 0 and 1 at most.")
         for share in _SOUGHT:
-            self._sought((1.0 - share) * self.road.limits[0] + share * self.road.limits[1])
+            self._sought((1.0 - share) * self.family.limits[0] + share * self.family.limits[1])
         if not self.walks:
             what = "only a continuum of periodic responses" if self.continua else "no periodic response"
             raise EppError(
@@ -237,7 +237,7 @@ class _Response:
         exact = sorted((self._branch(*walk) for walk in self.walks), key=len, reverse=True)
         settings = {
             "system": self.drive.system.name,
-            "limits": np.exp(self.road.limits).tolist(),
+            "limits": np.exp(self.family.limits).tolist(),
             "over": self.over.value,
         }
         settings |= {"amplitude": self.drive.amplitude} if self.over is Over.FREQUENCY else {}
@@ -264,12 +264,12 @@ class _Response:
 
     def _sought(self, value: float) -> None:
         """Branches of the responses at a value that no branch comes through yet."""
-        for response in some_responses(self.road.drive(value), self.road.multiple):
+        for response in some_responses(self.family.drive(value), self.family.multiple):
             if response.one_of_many:  # between which there is nothing to choose
                 self.continua += [value] if value not in self.continua else []
                 continue
             if len(self.walks) < _MOST_BRANCHES and not any(self._passes(w[0], value, response) for w in self.walks):
-                walk = Continuation(self.road, self.n_points, self.max_step)
+                walk = Continuation(self.family, self.n_points, self.max_step)
                 try:
                     places, ends = walk.both_ways(value, response)
                 except np.linalg.LinAlgError:
@@ -277,11 +277,11 @@ class _Response:
                 self.walks.append((places, walk, ends))
 
     def _passes(self, places: list[Place], value: float, response: SteadyMotion) -> bool:
-        search = Search(self.road.drive(value), self.road.multiple)
+        search = Search(self.family.drive(value), self.family.multiple)
         for one, other in zip(places[:-1], places[1:], strict=True):
             if (one.value - value) * (other.value - value) <= 0:
-                there = between(self.road, one, other, value)
-                if there is not None and search.same(there.motion, response, self.road.multiple):
+                there = between(self.family, one, other, value)
+                if there is not None and search.same(there.motion, response, self.family.multiple):
                     return True
         return False
 
@@ -304,16 +304,16 @@ class _Response:
         )
 
     def _sine(self, value: float) -> tuple[float, float]:
-        drive = self.road.drive(value)
+        drive = self.family.drive(value)
         return drive.frequency, drive.amplitude
 
     def _of(self, there: Place) -> tuple[complex, float]:
         """Complex gain and peak-to-peak of the output."""
-        found = periodic_response(self.road.drive(there.value), self.road.multiple, there.motion)
+        found = periodic_response(self.family.drive(there.value), self.family.multiple, there.motion)
         return found.response(self.output), found.cycle.peak_to_peak[self.output]
 
     def _first_order(self) -> tuple[ResponseBranch, ...]:
-        branches = sinusoid_branches(self.road.drive, self.road.limits)
+        branches = sinusoid_branches(self.family.drive, self.family.limits)
         return tuple(self._first_order_branch(*branch) for branch in branches if len(branch[1]) > 1)
 
     def _first_order_branch(self, values: Array, there: list[Sinusoid]) -> ResponseBranch:
@@ -322,7 +322,7 @@ class _Response:
         return ResponseBranch("describing function", frequency, amplitude, response, 2.0 * np.abs(response) * amplitude)
 
     def _sentence(self, exact: list[ResponseBranch], whole: bool) -> str:
-        low, high = (float(v) for v in np.exp(self.road.limits))
+        low, high = (float(v) for v in np.exp(self.family.limits))
         of, unit = quantity(self.drive.amplitude, self.drive.unit), self.drive.unit
         what = f"of amplitude {of} from {number(low)} to {number(high)} Hz"
         if self.over is Over.AMPLITUDE:

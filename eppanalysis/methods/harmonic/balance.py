@@ -247,11 +247,11 @@ def _compared(loop: Loop, point: _Point) -> _Point:
         confirmed = better is not point and _distance(better, trial) <= _left(better, distance)
         better, distance = trial, _distance(point, trial)
         settled = confirmed or better.error < _FINE
-        if settled and _may_be_told(better, distance):
+        if settled and _is_reportable(better, distance):
             break
     if better is point:
         return _unknown(point, "No balance of a higher order, with which it would be compared, converges.")
-    if not (settled and _may_be_told(better, distance)):
+    if not (settled and _is_reportable(better, distance)):
         return _unknown(point, f"Balances up to order {better.order} do not settle; no exact orbit need be near.")
     error = distance + _left(better, distance)
     if not _switches_alike(loop, point, error):
@@ -279,7 +279,7 @@ def _left(better: _Point, distance: float) -> float:
     return _MARGIN * distance + _REST * better.error
 
 
-def _may_be_told(better: _Point, distance: float) -> bool:
+def _is_reportable(better: _Point, distance: float) -> bool:
     """Whether a balance so far from a higher order is known well enough to have an error."""
     return better.error < _TRUSTED and distance + _left(better, distance) < _SEEDS
 

@@ -43,7 +43,9 @@ def dwindles(start: HybridSystem, run: Run) -> bool:
     return bool(now < _DWINDLES * before)
 
 
-def comes_to_rest(future: Future | None, turns: Turns, start: HybridSystem, run: Run, t: float, size: Array) -> bool:
+def comes_to_rest(
+    future: Future | None, turns: PoincareReturns, start: HybridSystem, run: Run, t: float, size: Array
+) -> bool:
     """Whether a run that has not settled by its end will: by its modes there, by turns that shrink alike, or, of curved
     elements and behind a dead time, as it decays; arguments as of :func:`decays`.
     """
@@ -85,7 +87,7 @@ def _last_motion(start: HybridSystem, run: Run, size: Array) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Turns:
+class PoincareReturns:
     """The last events of a motion, over one run or several that go on from one another."""
 
     start: HybridSystem
@@ -97,7 +99,7 @@ class Turns:
     swing: Array  # (n,): how far each state went in the last run, between its events, too
 
     @classmethod
-    def of(cls, start: HybridSystem, run: Run, before: Turns | None = None) -> Turns:
+    def of(cls, start: HybridSystem, run: Run, before: PoincareReturns | None = None) -> PoincareReturns:
         """Those of a run, and those before it."""
         order = run.order
         lasts = np.diff(run.time[order], append=float(run.stats[0]))

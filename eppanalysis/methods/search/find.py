@@ -139,7 +139,7 @@ def _found(
     if (apart := in_decoupled_states(system, at.vector(system))) is not None:
         given = [apart.from_user(cycle) for cycle in seeds]
         wanted = None if enough is None else lambda cycle: enough(apart.to_user(cycle))
-        return _told(_as_it_is(apart.system, apart.point(at), by_balance, given, progress, wanted), apart, at)
+        return _in_user_states(_as_it_is(apart.system, apart.point(at), by_balance, given, progress, wanted), apart, at)
     return _as_it_is(system, at, by_balance, seeds, progress, enough)
 
 
@@ -209,7 +209,7 @@ def _in_samples(
     return search(system, Starts(system, hybrid, known, begun, lambda y: y[:n], misses))
 
 
-def _told(found: CycleSearch, apart: OtherStates, at: OperatingPoint) -> CycleSearch:
+def _in_user_states(found: CycleSearch, apart: OtherStates, at: OperatingPoint) -> CycleSearch:
     """What was found in a loop with other states."""
     cycles, unclosed = (tuple(map(apart.to_user, part)) for part in (found.cycles, found.unclosed))
     rest = apart.state(found.rest_state)
@@ -267,7 +267,7 @@ class _Search(SearchReport):
                     for ray in self.rays[-1:]:
                         self._scan(ray, _AFAR)
                 for x, H, rests_by in (
-                    towards_rests(self.hybrid, self.met) if RunOutcome.REST not in self.outcomes else ()
+                    towards_rests(self.hybrid, self.visited) if RunOutcome.REST not in self.outcomes else ()
                 ):
                     self.n_towards += 1
                     self.outcome(x, H, rests_by)

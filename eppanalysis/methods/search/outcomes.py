@@ -18,9 +18,9 @@ from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import close_orbit, orbit_of, same_orbit
 from eppanalysis.methods.search.continua import at_end, has_period_of, has_switches_of, on_rim, same_continuum
-from eppanalysis.methods.search.decay import Turns, comes_to_rest, dwindles
+from eppanalysis.methods.search.decay import PoincareReturns, comes_to_rest, dwindles
 from eppanalysis.methods.search.reach import reach_of_elements
-from eppanalysis.methods.search.rests import Met, note_modes
+from eppanalysis.methods.search.rests import VisitedModes, note_modes
 from eppanalysis.methods.simulation.budget import Budget, BudgetExceeded, budget, remaining
 from eppanalysis.methods.simulation.futures import Future, Leaves, Rests, Swings, Switches, future_of
 from eppanalysis.methods.simulation.kept import Run
@@ -130,7 +130,7 @@ class RunOutcomes:
     n_ended: int = 0
     work: Budget = field(default_factory=lambda: Budget(float("inf")))
     rest: tuple[Array, Array] | None = None
-    met: Met = field(default_factory=dict)
+    visited: VisitedModes = field(default_factory=dict)
 
     @cached_property
     def horizon(self) -> float:
@@ -242,7 +242,7 @@ class RunOutcomes:
         for turn in range(_LOOKS):
             run = self._run(start, t)
             status, facts = judge(start, run, t)
-            turns = Turns.of(start, run, turns)
+            turns = PoincareReturns.of(start, run, turns)
             future = turns.sliding
             # Swings that shrink by less than rounding in a turn look like a cycle.
             rests = isinstance(future, Rests)
@@ -282,7 +282,7 @@ class RunOutcomes:
         return None if known is RunOutcome.UNDECIDED else known
 
     def _to_come(
-        self, future: Future | None, turns: Turns, start: HybridSystem, run: Run, t: float
+        self, future: Future | None, turns: PoincareReturns, start: HybridSystem, run: Run, t: float
     ) -> RunOutcome | int | None:
         """The outcome of a run by what is to come behind its end: by its modes there, or as its turns are alike; None
         where neither says it.
@@ -410,7 +410,7 @@ class RunOutcomes:
         self.n_runs += 1
         run = run_hybrid(start, t, NO_SAMPLES, 2.0 * self.hybrid.time_scale, MOST_EVENTS, 600)
         if self.rest is None and start.model is self.hybrid.model:
-            note_modes(self.met, start, run)
+            note_modes(self.visited, start, run)
         return run
 
     def _sizes(self) -> Array:

@@ -20,7 +20,7 @@ from eppanalysis.methods.simulation.modes import guards_of
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 #: By the bytes of its modes: state and memory values with which a combination was met.
-Met = dict[bytes, tuple[Array, Array]]
+VisitedModes = dict[bytes, tuple[Array, Array]]
 
 #: Combinations that are tried, of those that were met.
 _MOST = 64
@@ -35,22 +35,22 @@ _SHARE = 0.5
 _LEFT = 1e-9
 
 
-def note_modes(met: Met, start: HybridSystem, run: Run) -> None:
+def note_modes(visited: VisitedModes, start: HybridSystem, run: Run) -> None:
     """Add the combinations of modes that a run has met."""
-    met.setdefault(start.modes0.tobytes(), (start.x0, start.H0))
+    visited.setdefault(start.modes0.tobytes(), (start.x0, start.H0))
     # Nearly all rows are met already: as one value each they are looked up in less time than they are sorted in.
     rows = run.modes[run.order]
     seen = rows.view(f"V{rows.itemsize * rows.shape[1]}").ravel().tolist()
-    for modes in sorted(set(seen) - met.keys(), key=_in_order):
+    for modes in sorted(set(seen) - visited.keys(), key=_in_order):
         i = run.order[seen.index(modes)]
-        met[modes] = run.state[i].copy(), run.memory_values[i].copy()
+        visited[modes] = run.state[i].copy(), run.memory_values[i].copy()
 
 
 def _in_order(modes: bytes) -> list[int]:
     return np.frombuffer(modes, np.int64).tolist()
 
 
-def towards_rests(hybrid: HybridSystem, met: Met) -> Iterator[tuple[Array, Array, float]]:
+def towards_rests(hybrid: HybridSystem, visited: VisitedModes) -> Iterator[tuple[Array, Array, float]]:
     """States and memory values from which the slowest motion of a combination goes to its state of rest, and by when
     it is there [s].
     """
@@ -58,7 +58,7 @@ def towards_rests(hybrid: HybridSystem, met: Met) -> Iterator[tuple[Array, Array
     late = np.flatnonzero(model.smooth_kind == DELAY_LINE)
     if late.size < model.smooth_kind.size:  # with smooth elements no combination is affine
         return
-    for modes, (x, H) in list(met.items())[:_MOST]:
+    for modes, (x, H) in list(visited.items())[:_MOST]:
         arcs = _arcs(hybrid, np.frombuffer(modes, np.int64))
         if arcs is None:
             continue

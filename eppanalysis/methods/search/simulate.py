@@ -81,7 +81,7 @@ def simulate(
     >>> print(epp.simulate(loop, t_end=5.0, decide=True))
     Oscillates: x 0.4401 peak to peak at 0.2197 Hz, from 17.24 s on; carried on to 45 s.
     """
-    system, input, t_end = _asked(system, input, t_end)
+    system, input, t_end = _resolved(system, input, t_end)
     if not (np.isfinite(t_end) and t_end > 0):
         raise EppError(f"simulate: t_end is {t_end}; expected a positive number of seconds.")
     if step is not None and not (np.isfinite(step) and step > 0):
@@ -105,7 +105,7 @@ def simulate(
     return end().of(run) if decide else replace(run, note=lambda: end().note(run))
 
 
-def _asked(
+def _resolved(
     loop: LureSystem | CaseLike, input: InputSignal | Mapping[str, InputSignal] | None, t_end: float | None
 ) -> tuple[LureSystem, InputSignal | Mapping[str, InputSignal] | None, float]:
     """The system, its input signals and the end of the run, what is not given being that of the case."""

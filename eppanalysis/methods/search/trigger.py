@@ -15,7 +15,7 @@ from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.exact import range_of, steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import starts_on
-from eppanalysis.methods.search.decay import Turns, comes_to_rest
+from eppanalysis.methods.search.decay import PoincareReturns, comes_to_rest
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.simulation.futures import Switches, future_of
@@ -204,7 +204,7 @@ class Judge:
             status, _ = judge(start, run, t)
             still = strobe is None and status is Status.UNDECIDED
             future = future_of(run.end(start)) if still else None
-            if still and comes_to_rest(future, Turns.of(start, run), start, run, t, self.size):
+            if still and comes_to_rest(future, PoincareReturns.of(start, run), start, run, t, self.size):
                 status = Status.SETTLED
             if status is not Status.UNDECIDED:
                 break

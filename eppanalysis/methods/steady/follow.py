@@ -50,7 +50,7 @@ _NO_MORE = "ends where no periodic response continues it"
 _CONTINUUM = "ends where periodic responses become a continuum, as an element that holds its output makes one"
 
 
-class Road(Protocol):
+class Family(Protocol):
     """What a branch runs over: a loop at each value of a parameter, whose motions last as long as something tells."""
 
     @property
@@ -120,9 +120,9 @@ def determinant(motion: SteadyMotion, sign: float) -> float:
     return float(np.linalg.det(motion.matrix[np.ix_(moves, moves)] + sign * np.eye(moves.size)))
 
 
-def width_of(road: Road) -> float:
+def width_of(family: Family) -> float:
     """Length of a range."""
-    return road.limits[1] - road.limits[0]
+    return family.limits[1] - family.limits[0]
 
 
 def measure(motion: SteadyMotion, width: float) -> Array:
@@ -130,19 +130,19 @@ def measure(motion: SteadyMotion, width: float) -> Array:
     return np.append(1.0 / (motion.sought.size * motion.scale**2), 1.0 / width**2)
 
 
-def _put(road: Road, motion: SteadyMotion, step: Array, value: float) -> SteadyMotion | None:
+def _put(family: Family, motion: SteadyMotion, step: Array, value: float) -> SteadyMotion | None:
     """A motion after a step (m,) in what repeats, at another value; None where its run stops early."""
-    here, duration = road.at(value, motion.start)
+    here, duration = family.at(value, motion.start)
     longer = float(np.log(duration / motion.duration))
     return motion.moved(step[None], longer, lambda like: here.at(like.x0, like.H0, like.modes0))
 
 
-def _slope(road: Road, motion: SteadyMotion, value: float) -> Array:
+def _slope(family: Family, motion: SteadyMotion, value: float) -> Array:
     """Derivative of what a motion misses by the value, its start held, (m,): by a pass with the same events if any."""
     events, slope = motion.passes[0].run.guard[motion.passes[0].events], np.full(motion.sought.size, np.nan)
     for change in (_NEIGHBOUR, -_NEIGHBOUR):
-        change *= width_of(road)
-        other = SteadyMotion.begun(*road.at(value + change, motion.start))
+        change *= width_of(family)
+        other = SteadyMotion.begun(*family.at(value + change, motion.start))
         if other is not None:
             slope = (other.misses[0] - motion.misses[0]) / change
             if np.array_equal(other.passes[0].run.guard[other.passes[0].events], events):
@@ -160,30 +160,30 @@ def _bordered(motion: SteadyMotion, slope: Array, row: Array, right: Array, widt
     return solved(K, b) * sizes
 
 
-def place(road: Road, value: float, motion: SteadyMotion, along: Array, slope: Array | None = None) -> Place:
+def place(family: Family, value: float, motion: SteadyMotion, along: Array, slope: Array | None = None) -> Place:
     """A motion with the direction of its branch, turned along another direction (m + 1,)."""
-    w, width = measure(motion, width_of(road)), width_of(road)
-    slope = _slope(road, motion, value) if slope is None else slope
+    w, width = measure(motion, width_of(family)), width_of(family)
+    slope = _slope(family, motion, value) if slope is None else slope
     # The motion stays closed along the tangent; of its multiples the one with a unit share of `along` is solved for.
     t = _bordered(motion, slope, w * along, np.append(np.zeros(motion.sought.size), 1.0), width)
     return Place(value, motion, t / np.sqrt(np.sum(w * t * t)))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # an iterate that has gone astray has an infinite gap
-def corrected(road: Road, origin: Place, row: Array, distance: float, u: Array) -> Place | None:
+def corrected(family: Family, origin: Place, row: Array, distance: float, u: Array) -> Place | None:
     """Newton from u (m + 1,) to a motion with ``row @ (u - origin.unknowns) = distance``; None where it fails."""
-    best, slope, width, now = np.inf, np.empty(0), width_of(road), origin.motion
+    best, slope, width, now = np.inf, np.empty(0), width_of(family), origin.motion
     for i in range(_MOST_ITERATIONS):
         value = float(u[-1])
         if not abs(value - origin.value) < _ASTRAY * width:
             return None
         try:
-            moved = _put(road, now, u[:-1] - now.begin, value)
+            moved = _put(family, now, u[:-1] - now.begin, value)
             if moved is None or not moved.gap < 1e3:
                 return None
             # What a pass does not depend on is as it ends.
             now, u = moved, np.append(moved.begin, value)
-            slope = _slope(road, now, value) if i < _FRESH else slope
+            slope = _slope(family, now, value) if i < _FRESH else slope
         except (EppError, ModelError, OverflowError):
             return None
         missed = row @ (u - origin.unknowns) - distance
@@ -191,7 +191,7 @@ def corrected(road: Road, origin: Place, row: Array, distance: float, u: Array) 
         size = float(np.max(np.abs(change[:-1]) / now.scale, initial=abs(change[-1]) / width))
         # Towards rounding the last steps no longer shrink.
         if now.gap < CLOSED and (size < _STILL or (i > 2 and size > 0.5 * best and size < 1e-6)):
-            return place(road, value, now, origin.tangent, slope) if now.ends_in_its_modes else None
+            return place(family, value, now, origin.tangent, slope) if now.ends_in_its_modes else None
         if not np.isfinite(size) or (i > 4 and size > best):
             return None
         best, u = min(best, size), u + change
@@ -202,14 +202,14 @@ def corrected(road: Road, origin: Place, row: Array, distance: float, u: Array) 
 class Continuation:
     """One branch under way; lives for one call."""
 
-    road: Road
+    family: Family
     n_places: int
     max_step: float
     special: list[tuple[Change, Place, int]] = field(default_factory=list)
 
     def both_ways(self, value: float, motion: SteadyMotion) -> tuple[list[Place], tuple[str, str]]:
         """The branch through a motion: places in its own order, and how it ends at both ends."""
-        first = self._begin(value, motion, 1.0 if value - self.road.limits[0] <= 0.5 * self._width else -1.0)
+        first = self._begin(value, motion, 1.0 if value - self.family.limits[0] <= 0.5 * self._width else -1.0)
         ahead, why = self._along(first, self.n_places)
         if self._at_limit(value):
             return ahead, ("begins at the end of the range", why)
@@ -222,13 +222,13 @@ class Continuation:
 
     @property
     def _width(self) -> float:
-        return width_of(self.road)
+        return width_of(self.family)
 
     def _begin(self, value: float, motion: SteadyMotion, way: float) -> Place:
-        return place(self.road, value, motion, np.append(np.zeros(motion.sought.size), way))
+        return place(self.family, value, motion, np.append(np.zeros(motion.sought.size), way))
 
     def _at_limit(self, value: float) -> bool:
-        return min(abs(value - x) for x in self.road.limits) < 1e-9 * self._width
+        return min(abs(value - x) for x in self.family.limits) < 1e-9 * self._width
 
     def _along(self, first: Place, n_places: int) -> tuple[list[Place], str]:
         """Places from the first on in the direction of its tangent, until the range, the count or the branch ends."""
@@ -266,13 +266,13 @@ class Continuation:
 
     def _within(self, old: Place, new: Place) -> Place | None:
         """A place within the range, or for one beyond it that at the end; None where that one does not close."""
-        low, high = self.road.limits
-        return new if low <= new.value <= high else between(self.road, old, new, low if new.value < low else high)
+        low, high = self.family.limits
+        return new if low <= new.value <= high else between(self.family, old, new, low if new.value < low else high)
 
     def step(self, old: Place, ds: float) -> Place | None:
         """The motion at a distance along the branch."""
         row = measure(old.motion, self._width) * old.tangent
-        found = corrected(self.road, old, row, ds, old.ahead(ds))
+        found = corrected(self.family, old, row, ds, old.ahead(ds))
         return None if found is None or ds == 0.0 else replace(found, before=(ds, old.tangent, old.singular))
 
     def _behind_corner(self, old: Place, index: int) -> list[Place]:
@@ -282,15 +282,15 @@ class Continuation:
         """
         beyond = old.unknowns + _LEAST_STEP * old.tangent
         try:
-            other = _put(self.road, old.motion, beyond[:-1] - old.motion.begin, float(beyond[-1]))
+            other = _put(self.family, old.motion, beyond[:-1] - old.motion.begin, float(beyond[-1]))
         except (EppError, ModelError):
             return []
         if other is None or not np.all(np.isfinite(other.matrix)):
             return []
-        along = place(self.road, float(beyond[-1]), other, old.tangent).tangent
+        along = place(self.family, float(beyond[-1]), other, old.tangent).tangent
         w, ds = measure(old.motion, self._width), 10.0 * _LEAST_STEP
         for way in (along, -along):
-            found = corrected(self.road, replace(old, tangent=way), w * way, ds, old.unknowns + ds * way)
+            found = corrected(self.family, replace(old, tangent=way), w * way, ds, old.unknowns + ds * way)
             if found is not None and _apart(found, other) < _apart(found, old.motion):
                 corner = self._meeting(old, found)
                 if corner.tangent[-1] * found.tangent[-1] < 0.0:
@@ -327,7 +327,7 @@ class Continuation:
         return any(
             there is not None
             and np.sqrt(np.sum(w * (stacked(there)[sought] - one.motion.begin) ** 2)) < 0.5 * self.max_step
-            for there in self.road.alongside(other.value, other.motion.start, one.motion.start)
+            for there in self.family.alongside(other.value, other.motion.start, one.motion.start)
         )
 
     def _moved_away(self, there: Place) -> Place:
@@ -345,7 +345,7 @@ class Continuation:
         share, sought = float(there.motion.quiet(1)[0]) / once.duration, there.motion.sought
         way = advance(there.motion.start, share * once.duration)
         change = _NEIGHBOUR * self._width
-        start, duration = self.road.at(there.value + change, there.motion.start)
+        start, duration = self.family.at(there.value + change, there.motion.start)
         aside = advance(start, share * duration)
         if way is None or aside is None:
             return there
@@ -354,7 +354,7 @@ class Continuation:
         along += (ends[1] - ends[0]) / change * there.tangent[-1]
         if not np.all(np.isfinite(along)):
             return there
-        return place(self.road, there.value, moved, np.append(along, there.tangent[-1]))
+        return place(self.family, there.value, moved, np.append(along, there.tangent[-1]))
 
     def _special_between(self, old: Place, new: Place, index: int) -> list[Place]:
         """The fold or the change of stability between two places, which is noted as the place of that number."""
@@ -406,14 +406,14 @@ def _passed_by(old: Place, new: Place, ds: float) -> bool:
     return alike and old.foretells_zero(ds)
 
 
-def motion_at(road: Road, near: Place, u: Array, value: float) -> Place | None:
+def motion_at(family: Family, near: Place, u: Array, value: float) -> Place | None:
     """The motion at a value, from unknowns u (m + 1,) nearby."""
     row = np.zeros(near.unknowns.size)
-    row[-1] = 1.0 / width_of(road)
-    return corrected(road, near, row, (value - near.value) / width_of(road), u)
+    row[-1] = 1.0 / width_of(family)
+    return corrected(family, near, row, (value - near.value) / width_of(family), u)
 
 
-def between(road: Road, one: Place, other: Place, value: float) -> Place | None:
+def between(family: Family, one: Place, other: Place, value: float) -> Place | None:
     """The motion at a value between two neighbours on a branch."""
     share = (value - one.value) / (other.value - one.value) if other.value != one.value else 0.0
     near = one if share < 0.5 else other
@@ -422,7 +422,7 @@ def between(road: Road, one: Place, other: Place, value: float) -> Place | None:
     if np.array_equal(phase, there):  # of the drive, at both begins
         u = one.unknowns + share * (other.unknowns - one.unknowns)
     u[-1] = value
-    return motion_at(road, near, u, value)
+    return motion_at(family, near, u, value)
 
 
 def _crossing(old: Place, new: Place) -> tuple[Change, Callable[[Place], float]]:

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.methods.certificates.registry import STATEMENTS, Asked, of_text, sealed
+from eppanalysis.methods.certificates.registry import STATEMENTS, Claim, of_text, sealed
 from tests.shared import mostly_slow
 
 pytest.importorskip("flint")
@@ -64,7 +64,7 @@ def test_texts_that_are_no_certificate_end_in_a_sentence(program: Path) -> None:
 def roots(**changes: Any) -> dict[str, Any]:
     element = {"kind": "play", "gap": "1"}
     document = {
-        "statement": STATEMENTS[Asked.ROOTS].text,
+        "statement": STATEMENTS[Claim.ROOTS].text,
         "loop": {**FIRST_LAG, "element": element},
         "box": {"amplitude": ["1", "2"], "frequency": ["1", "2"]},
         "claim": {"roots": 0, "undecided": 0},
@@ -135,7 +135,7 @@ def test_polynomials_of_many_digits_are_refused_at_once() -> None:
     row = [str(3**700 + k) for k in range(45)]
     element = {"kind": "odd_pieces", "slope": "0", "bends": [["1", "1"]], "jumps": []}
     document = {
-        "statement": STATEMENTS[Asked.ABSENCE].text,
+        "statement": STATEMENTS[Claim.ABSENCE].text,
         "loop": {**FIRST_LAG, "num": [row], "den": [["1", *row]], "element": element},
         "claim": {"sector": ["0", "1"], "multiplier": "0"},
         "evidence": {"multiplier": "0", "polynomials": [row]},
@@ -149,7 +149,7 @@ def absence(**loop: Any) -> dict[str, Any]:
     element = {"kind": "odd_pieces", "slope": "0", "bends": [["1", "1"]], "jumps": []}
     polynomials = [["1"]] * 3 ** (len(loop.get("num", "1")).bit_length() - 1)
     return {
-        "statement": STATEMENTS[Asked.ABSENCE].text,
+        "statement": STATEMENTS[Claim.ABSENCE].text,
         "loop": {**FIRST_LAG, "num": [["1"]], "den": [["1", "1"]], "element": element, **loop},
         "claim": {"sector": ["0", "1"], "multiplier": "0"},
         "evidence": {"multiplier": "0", "polynomials": polynomials},

@@ -213,7 +213,7 @@ def _closed(loop: Loop, balance: LimitCycle) -> LimitCycle | None:
             return None
         made.append((course, multipliers_of(course.matrices())))
         tau, begun = course.mesh.tau, course
-    return _told(loop, balance, made[0], made[1])
+    return _result(loop, balance, made[0], made[1])
 
 
 def _corners(loop: Loop, Z: ComplexArray, omega: float) -> Array:
@@ -296,7 +296,7 @@ def _settled(course: _Course) -> _Course | None:
     return None
 
 
-def _told(
+def _result(
     loop: Loop,
     balance: LimitCycle,
     coarse: tuple[_Course, ComplexArray | None],
