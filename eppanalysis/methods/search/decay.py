@@ -135,10 +135,10 @@ class PoincareReturns:
     @cached_property
     def sliding(self) -> Future | None:
         """What is to come of the motion that ever smaller swings between two modes hold; None elsewhere."""
-        # Where an input is rounding its element may switch to and fro at once.
-        last = 1 + np.flatnonzero(self.lasts[:-1] > 0.0)[-_PILE:]
-        if self.start.model.smooth_kind.size or last.size < 2 * _MOST_TURNS:
+        if self.start.model.smooth_kind.size or self.guard.size <= _PILE:
             return None
+        # However short: on the edge of one of them the other is visited for less than rounding of the time.
+        last = np.arange(self.guard.size - _PILE, self.guard.size)
         pairs = np.unique(np.column_stack([self.modes[last - 1], self.guard[last]]), axis=0)
         if len(pairs) != 2:
             return None

@@ -142,14 +142,14 @@ class _Mode:
         """What is to come from y, (N,)."""
         # A state that the parts of the motion cancel in is their rounding, and so is what is put on a level.
         size = (np.abs(self.levels) + np.abs(np.eye(y.size) - self.levels)) @ np.abs(y)
-        y = self.levels @ y
+        y, of_guards = self.levels @ y, np.abs(self.g) @ size
         size[self.repeats] = np.abs(self.W) @ (np.abs(self.Wi) @ size[self.repeats])
         size[len(self.F) : -1] = np.maximum(size[len(self.F) : -1], self._compared_with(size))
         rates, terms = self.F @ y, np.abs(self.F) @ size
         if np.any(np.abs(rates[self.clocks]) > _ROUNDING * terms[self.clocks]):
             return None
         rate, noise = self.Wi @ rates[self.repeats], _ROUNDING * (np.abs(self.Wi) @ terms[self.repeats])
-        return _Motion(self, y, np.where(np.abs(rate) <= noise, 0.0, rate)).future()
+        return _Motion(self, y, np.where(np.abs(rate) <= noise, 0.0, rate), of_guards).future()
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,11 +159,12 @@ class _Motion:
     mode: _Mode
     y: Array
     rate: Array  # (k,): of z
+    terms: Array  # (guards,): how large those are that guards are made of
 
     def future(self) -> Future | None:
         """By what the parts can add to the guards at most."""
         mode = self.mode
-        terms = np.abs(mode.g) @ np.abs(self.y)
+        terms = self.terms
         limit = mode.g @ self.y - mode.guards @ self.away
         swing, is_swinging = self._swing()
         most = limit + self._decay() + swing
