@@ -369,3 +369,34 @@ def test_what_is_not_covered_is_said():
         epp.forced_response(system, "forse", amplitude=1.0, frequency=1.0)
     with pytest.raises(EppError, match="has no external input"):
         epp.forced_response(epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.Relay()), amplitude=1.0, frequency=1.0)
+
+
+@pytest.mark.parametrize("stiffness", [0.0, 0.4])
+def test_a_relay_that_breaks_friction_away_leaves_the_multipliers_as_they_are(stiffness):
+    """The jump passes the friction's guard by a force, at its own instant: what is left of a disturbance after a period
+    says so, in given and in turned states.
+    """
+    amplitude, frequency = 0.7, 0.13
+    parts = {
+        "controller": epp.blocks.LeadLag(gain=5.45, zero_time=0.3059, pole_time=0.0779),
+        "relay": epp.HysteresisRelayDeadZone(on=0.123, off=0.0647, level=1.17),
+        "mass": epp.blocks.Mass(mass=0.613, damping=0.537, start=[1.0, 0.0]),
+        "friction": epp.Friction(coulomb=0.483, static=0.966),
+        "spring": epp.blocks.Gain(gain=stiffness),
+    }
+    wires = [
+        "setpoint - mass.position -> controller",
+        "controller -> relay",
+        "mass.position -> spring",
+        "relay - friction - spring -> mass",
+        "mass.speed -> friction",
+    ]
+    servo = epp.Diagram(parts, wires, inputs=["setpoint"]).to_system()
+    (given,) = epp.forced_response(servo, "setpoint", amplitude=amplitude, frequency=frequency)
+    sine, periods = epp.inputs.Sine(amplitude, frequency), np.array([2.0, 3.0, 40.0])
+    run = epp.simulate(servo, sine, t_end=41.0 / frequency, t_eval=periods / frequency).signals["mass_position"]
+    left = (run[1] - run[2]) / (run[0] - run[2])
+    assert np.abs(left) == pytest.approx(np.abs(given.cycle.multipliers).max(), rel=0.05)
+    for seed in (0, 1):
+        (turned,) = epp.forced_response(rotated(servo, seed), "setpoint", amplitude=amplitude, frequency=frequency)
+        assert np.abs(turned.cycle.multipliers) == pytest.approx(np.abs(given.cycle.multipliers), abs=1e-7)
