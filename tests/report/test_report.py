@@ -343,7 +343,7 @@ def test_a_pdf_is_printed_as_large_as_it_goes_on_the_fewest_sheets(folder, monke
     ],
 )
 def test_where_no_bar_is_seen_each_section_of_one_case_is_told_and_each_of_several_cases(titles, told, lines, capsys):
-    tell = command._told(titles)
+    tell = command._progress_over(titles)
     for done, doing in enumerate(told):
         tell(done, 9, doing)
     assert capsys.readouterr().err.splitlines() == lines
