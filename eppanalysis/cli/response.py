@@ -55,12 +55,12 @@ def response(
     found = load_case(case, settings)
     name, shown = signal or found.expected.signal, [signal] if signal else list(found.named_signals)
     with progress(f"response {found.name}"):
-        result = _settings(found, input, name, amplitude, frequency)
+        result = _analysed(found, input, name, amplitude, frequency)
     answer("response", found, settings, as_json, result, lambda: _show(result, shown))
     write_output(output, result, response_table, **({"signals": shown} if isinstance(result, ForcedResponse) else {}))
 
 
-def _settings(found: Case, input: str | None, signal: str | None, amplitude: str | None, frequency: str | None) -> Any:
+def _analysed(found: Case, input: str | None, signal: str | None, amplitude: str | None, frequency: str | None) -> Any:
     """The analysis that the two options choose: over a frequency, over an amplitude, or at one sine."""
     from eppanalysis.methods.driven.forced import forced_response
     from eppanalysis.methods.driven.frequency import amplitude_response, frequency_response

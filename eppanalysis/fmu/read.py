@@ -109,7 +109,10 @@ def _opened(path: Path, parameters: Mapping[str, ArrayLike]) -> Iterator[_Unit]:
     with TemporaryDirectory() as folder:
         fmpy.extract(path, folder)
         try:
-            logger = lambda *told: said.append(told[-1].decode(errors="replace"))  # noqa: E731
+
+            def logger(*message: Any) -> None:
+                said.append(message[-1].decode(errors="replace"))
+
             unit = _Unit(path, description, folder, parameters, logger)
             try:
                 unit.start()

@@ -12,7 +12,7 @@ from eppanalysis.arrays import Array, BoolArray, IntArray
 from eppanalysis.methods.simulation.futures import Future, Rests, future_under
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.modes import ModeLaw, law_of
-from eppanalysis.methods.simulation.sliding import sliding_law
+from eppanalysis.methods.simulation.sliding import ALIKE, VANISHED, sliding_law
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 #: Largest change of a state over a period, relative to its amplitude on a cycle, that counts as rest, and as slow
@@ -22,14 +22,10 @@ _STILL, _DRIFT = 1e-6, 1e-2
 _PILE = 64
 #: The amplitude decays when it is below this share of what it was at the oldest events that a run keeps.
 _DWINDLES = 0.999
-#: Turns are alike that differ by this share of what they gain or lose; from its square on levels bend a motion by less.
-_ALIKE = 0.01
-_FAR = _ALIKE**-2
+#: From here on, relative to a level, it bends a motion by less than turns that are alike may differ.
+_FAR = ALIKE**-2
 #: Rounding of a step or a rate, relative to its terms.
 _ROUNDING = 1e-12
-#: What is left of rates and guards that vanish at one point, relative to their terms: states in which nothing that is
-#: not read is mixed are known to a tenth of it.
-_VANISHED = 1e-10
 #: Most events of one kind in a turn, and most that are kept.
 _MOST_TURNS, _MOST_EVENTS = 8, 400
 
@@ -162,8 +158,8 @@ class PoincareReturns:
         turns = self.y[at][:, states]
         with np.errstate(divide="ignore", invalid="ignore"):
             _, before, now = (turns[1:] / turns[:-1])[:, np.abs(turns[-1]) > _STILL * self.swing[states]]
-        alike = np.abs(before - now) < _ALIKE * np.maximum(now - 1.0, _ALIKE)
-        grows = now.size > 0 and now.max() > 1.0 + _ALIKE and np.all(alike & (now > 1.0 - _ALIKE))
+        alike = np.abs(before - now) < ALIKE * np.maximum(now - 1.0, ALIKE)
+        grows = now.size > 0 and now.max() > 1.0 + ALIKE and np.all(alike & (now > 1.0 - ALIKE))
         return float(now.max()) if grows and self._rates_grow_alike(at, laws, float(now.max())) else None
 
     def _meets_levels(self, at: IntArray, laws: list[ModeLaw]) -> bool:
@@ -186,7 +182,7 @@ class PoincareReturns:
             counts = (terms > 0.0) & (_FAR * terms >= terms.max(axis=1, keepdims=True))
             fastest = np.where(counts, growth, -np.inf).max(axis=1, keepdims=True)
             off = np.where(counts, fastest - growth, growth - fastest)[terms > 0.0]
-            if np.any(off > _ALIKE * np.log(ratio)):
+            if np.any(off > ALIKE * np.log(ratio)):
                 return False
         return True
 
@@ -205,7 +201,7 @@ class PoincareReturns:
         both = both / np.maximum(np.abs(both).max(axis=0), np.finfo(float).tiny)
         before, now = _ratio(both[0], both[1]), _ratio(both[1], both[2])
         off = float(np.abs(both[2] - now * both[1]).max())
-        if abs(now) >= 1.0 - _ALIKE or off >= _ALIKE * (1.0 - abs(now)) or abs(before - now) >= _ALIKE:
+        if abs(now) >= 1.0 - ALIKE or off >= ALIKE * (1.0 - abs(now)) or abs(before - now) >= ALIKE:
             return None
         return now if self._is_alike_at_all_sizes(at, now, repeats) else None
 
@@ -234,12 +230,12 @@ def _vanish_together(rows: Array, limit: Array, size: Array, ratio: float) -> bo
     vanish at one point, which the turns lead to; `size` (N,) is how far the last one began from its limit.
     """
     spread = ratio * size
-    change, noise = np.abs(rows) @ spread, _VANISHED * (np.abs(rows) @ (np.abs(limit) + size))
-    near = (_ALIKE * np.abs(rows @ limit) < change) & (change > noise)
+    change, noise = np.abs(rows) @ spread, VANISHED * (np.abs(rows) @ (np.abs(limit) + size))
+    near = (ALIKE * np.abs(rows @ limit) < change) & (change > noise)
     part, point = rows[near] * spread / change[near, None], limit
     for _ in range(2):  # once more, as what is left of the first time is rounding of its largest terms
         point = point + spread * np.linalg.lstsq(part, -(rows[near] @ point) / change[near], rcond=None)[0]
-    leads_there = np.all(np.abs(point - limit) <= _ALIKE * size)
+    leads_there = np.all(np.abs(point - limit) <= ALIKE * size)
     return bool(leads_there and np.all(np.abs(rows[near] @ point) <= noise[near]))
 
 

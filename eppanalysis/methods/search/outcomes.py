@@ -274,8 +274,10 @@ class RunOutcomes:
             return RunOutcome.BENEATH_ROUNDING
         if status is Status.SETTLED:
             return self._rested(start, run)
-        if status in (Status.DIVERGED, Status.EVENT_LIMIT):
-            return RunOutcome.DIVERGENCE if status is Status.DIVERGED else None
+        if status is Status.DIVERGED:
+            return RunOutcome.DIVERGENCE
+        if status is Status.EVENT_LIMIT:
+            return None
         known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
         if known is RunOutcome.UNDECIDED and self.hybrid.may_be_quiet:
             known = self._quiet_cycle(run, t)

@@ -129,6 +129,11 @@ class _Mode:
         """P of a function e' P e of what decays."""
         return _lyapunov(self.L[self.decays, self.decays])
 
+    @cached_property
+    def _terms_of_levels(self) -> Array:
+        """How large the terms of states are that are put on levels, by these states, (N, N)."""
+        return np.asarray(np.abs(self.levels) + np.abs(np.eye(len(self.levels)) - self.levels))
+
     def _compared_with(self, size: Array) -> Array:
         """How large the terms of guards are that memory values are compared with: they were made of such, and are known
         to the rounding of these alone. Of a play that is let go near rest its output is a difference.
@@ -141,7 +146,7 @@ class _Mode:
     def future(self, y: Array) -> Future | None:
         """What is to come from y, (N,)."""
         # A state that the parts of the motion cancel in is their rounding, and so is what is put on a level.
-        size = (np.abs(self.levels) + np.abs(np.eye(y.size) - self.levels)) @ np.abs(y)
+        size = self._terms_of_levels @ np.abs(y)
         y, of_guards = self.levels @ y, np.abs(self.g) @ size
         size[self.repeats] = np.abs(self.W) @ (np.abs(self.Wi) @ size[self.repeats])
         size[len(self.F) : -1] = np.maximum(size[len(self.F) : -1], self._compared_with(size))
@@ -164,14 +169,13 @@ class _Motion:
     def future(self) -> Future | None:
         """By what the parts can add to the guards at most."""
         mode = self.mode
-        terms = self.terms
         limit = mode.g @ self.y - mode.guards @ self.away
         swing, is_swinging = self._swing()
         most = limit + self._decay() + swing
-        free = most < -_ROUNDING * terms
+        free = most < -_ROUNDING * self.terms
         if self.away[mode.grows].size:
             return self._ray(most, free) if not self.drift.any() else None
-        on_edge = (np.abs(limit) <= _ZERO * terms) & ~free & ~np.any(mode.guards @ self.drift != 0.0, axis=1)
+        on_edge = (np.abs(limit) <= _ZERO * self.terms) & ~free & ~np.any(mode.guards @ self.drift != 0.0, axis=1)
         stays = not is_swinging and self._stays(mode.guards[on_edge][:, mode.decays]) if on_edge.any() else True
         if not (stays and np.all(free | on_edge)):
             return None

@@ -58,6 +58,10 @@ class Run:
         places = np.arange(self.count - self.n_kept, self.count)
         return places % max(self.time.size, 1) if self.count > self.time.size else places
 
+    def switches(self, start: HybridSystem) -> IntArray:
+        """Places of the kept events of elements (an observer only marks extrema), oldest first."""
+        return self.order[start.model.guard_element[self.guard[self.order]] < len(start.elements)]
+
     def end(self, start: HybridSystem) -> HybridSystem:
         """The system at its end, in the modes and with the memory values that it has then."""
         memory, modes, since = start.H0, start.modes0, 0.0

@@ -339,7 +339,7 @@ def _since(hybrid: HybridSystem, run: Run, found: Array) -> float:
     last = run.order[-1]
     if found[0] == 0:
         # The turns of a motion that the observer marks behind the elements are no switches: it dies out through them.
-        switches = run.order[hybrid.model.guard_element[run.guard[run.order]] < len(hybrid.elements)]
+        switches = run.switches(hybrid)
         return float(run.time[switches[-1]]) if switches.size else 0.0
     p = int(found[0])
     period = run.order[-p - 1 :]

@@ -39,9 +39,8 @@ class Pass:
 
     @cached_property
     def events(self) -> IntArray:
-        """Places in the run's buffer of the events of elements (an observer only marks extrema), oldest first."""
-        order = self.run.order
-        return order[self.start.model.guard_element[self.run.guard[order]] < len(self.start.elements)]
+        """Places in the run's buffer of the events of elements, oldest first."""
+        return self.run.switches(self.start)
 
     @cached_property
     def range(self) -> Array:

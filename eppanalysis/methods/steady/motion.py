@@ -118,7 +118,7 @@ class SteadyMotion:
         """Size of the motion in the places that repeat, never zero, shape (m,)."""
         moves = self.extent[self.sought]
         size = np.abs(self._ranges[:, self.sought]).max(axis=0)
-        return np.where(moves > _ROUNDING * size, moves, np.where(size > 0.0, size, 1.0))
+        return size_of(moves, size)
 
     @cached_property
     def gap(self) -> float:
@@ -263,3 +263,8 @@ class SteadyMotion:
             return self
         second = self.moved(np.zeros((len(self.passes), self.sought.size)), 0.0)
         return None if second is None else SteadyMotion(self.passes + second.passes)
+
+
+def size_of(moves: Array, most: Array) -> Array:
+    """Size of a motion in places that move so far and are so far from zero at most; never zero."""
+    return np.where(moves > _ROUNDING * most, moves, np.where(most > 0.0, most, 1.0))

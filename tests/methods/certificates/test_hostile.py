@@ -23,6 +23,16 @@ CHECKERS = sorted({statement.program for statement in STATEMENTS.values()})
 PATIENCE = 60.0
 FIRST_LAG = {"num": ["1"], "den": ["1", "3", "3", "1"], "delay": "0", "time_step": None}
 DEEP = 100_000
+#: The course of an orbit of one arc with one unknown.
+COURSE = {
+    "modes": [[0]],
+    "guards": [0],
+    "at_once": [False],
+    "unknown": [0],
+    "held": [],
+    "basis": [["1"]],
+    "drive": [],
+}
 
 
 def run(program: Path, text: str, *flags: str) -> tuple[int, dict[str, Any], float]:
@@ -244,7 +254,7 @@ def test_arcs_of_endless_pieces_end_in_a_sentence(rate: str) -> None:
         "levels": [],
         "at_once": False,
     }
-    course = {"modes": [[0]], "guards": [0], "unknown": [0, 1], "held": [], "basis": [["1", "0"], ["0", "1"]]}
+    course = {**COURSE, "unknown": [0, 1], "basis": [["1", "0"], ["0", "1"]]}
     ones = {
         "solution": ["1", "0", "1"],
         "sizes": ["1", "1", "1"],
@@ -279,18 +289,9 @@ def test_arcs_of_many_pieces_and_states_end_in_a_sentence() -> None:
         "levels": [],
         "at_once": False,
     }
-    course = {
-        "modes": [[0]],
-        "guards": [0],
-        "at_once": [False],
-        "unknown": [0],
-        "held": [],
-        "basis": [["1"]],
-        "drive": [],
-    }
     document = {
         "statement": STATEMENTS["orbit"].text,
-        "loop": {"arcs": [arc], "course": course},
+        "loop": {"arcs": [arc], "course": COURSE},
         "claim": {"events": 1, "period": ["1", "1"], "box": "1/1000000000"},
         "evidence": {
             "solution": ["0"] * size + ["1"],
@@ -316,18 +317,9 @@ def test_arcs_of_many_unknowns_are_refused_at_once(rows: int, count: int) -> Non
         "levels": [],
         "at_once": False,
     }
-    course = {
-        "modes": [[0]],
-        "guards": [0],
-        "at_once": [False],
-        "unknown": [0],
-        "held": [],
-        "basis": [["1"]],
-        "drive": [],
-    }
     document = {
         "statement": STATEMENTS["orbit"].text,
-        "loop": {"arcs": [arc] * count, "course": course},
+        "loop": {"arcs": [arc] * count, "course": COURSE},
         "claim": {"events": count, "period": ["1", "1"], "box": "1/10"},
         "evidence": {
             "solution": ["1"] * (rows * count),

@@ -19,7 +19,7 @@ from eppanalysis.methods.orbits.samples.locked import SampledTurn, begun_behind,
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.steady.closing import close
 from eppanalysis.methods.steady.flow import later, run_over, stacked
-from eppanalysis.methods.steady.motion import SteadyMotion
+from eppanalysis.methods.steady.motion import SteadyMotion, size_of
 from eppanalysis.models.elements.automaton import AutomatonBuilder
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -29,8 +29,6 @@ from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.results import LimitCycle
 
-#: Range of a place, relative to its size, that is rounding.
-_ROUNDING = 1e-9
 #: Distance from a motion, relative to its size, that is none.
 _SAME = 1e-6
 #: Name of the element that marks the zeros of a sine.
@@ -164,7 +162,7 @@ class TimedMotion:
         most[:n] = np.where(timed, most[:n], np.maximum(np.abs(run.high), np.abs(run.low)))
         if strobe is not None:
             range_[strobe.clock] = np.diff(times).max()
-        scale = np.where(range_ > _ROUNDING * most, range_, np.where(most > 0.0, most, 1.0))
+        scale = size_of(range_, most)
         y = rows[0].copy()
         y[n:] = [kept(value) for value in y[n:].tolist()]
         if sine is not None:

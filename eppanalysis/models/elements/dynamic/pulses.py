@@ -37,6 +37,13 @@ class PulseMemory(NamedTuple):
     due: float = 0.0
 
 
+class CarrierMemory(NamedTuple):
+    """What a modulator with a carrier remembers: the sign of its pulse (0 between pulses) and the next sample [s]."""
+
+    sign: int = 0
+    due: float = 0.0
+
+
 @dataclass(frozen=True)
 class _Modulator(Nonlinearity):
     """What modulators have in common: fields, a clock, and the mean of their pulses."""
@@ -45,6 +52,8 @@ class _Modulator(Nonlinearity):
     n_inputs: ClassVar[int] = 2
     units = MappingProxyType({"sample_time": TIME, "level": OUT, "full": IN, "dead_time": TIME})
     linear_gain_is = "the mean slope of its pulses"
+    #: What it remembers: the sign of its pulse first, the next sample last.
+    _memory_type: ClassVar[type[PulseMemory | CarrierMemory]]
 
     sample_time: float
     level: float
@@ -61,6 +70,24 @@ class _Modulator(Nonlinearity):
         """The mean of a pulse over its period, by the input."""
         lost = self.dead_time / self.sample_time
         return DeadZoneSaturation(self.full * lost, self.level / self.full, self.level * (1.0 - lost))
+
+    def _builder(self, n_memory: int) -> tuple[AutomatonBuilder, int, int, int, int]:
+        """Modes between pulses, for no time where a sample is read, and in a pulse of either sign, with its samples."""
+        build = AutomatonBuilder(n_inputs=2, n_memory=n_memory)
+        off, reads = build.mode("between pulses"), build.mode("reads")
+        up, down = build.mode("pulse up", constant=self.level), build.mode("pulse down", constant=-self.level)
+        for mode in (off, up, down):
+            build.guard("samples", mode, reads, on_input=[0.0, 1.0], on_memory=[*[0.0] * (n_memory - 1), -1.0])
+        return build, off, reads, up, down
+
+    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, Array]:
+        """The mode of a memory; by default the first sample is at once."""
+        sign, *times = self._memory_type() if memory is None else self._memory_type(*memory)
+        return {0: automaton.start_mode, 1: 2, -1: 3}[int(sign)], np.array(times)
+
+    def memory_at(self, mode: int, stored: Array, x: Array, output: Array) -> PulseMemory | CarrierMemory:
+        """Sign of the pulse, its end where that is remembered, and the next sample."""
+        return self._memory_type((0, 0, 1, -1)[mode], *stored.tolist())
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """Where pulses begin, and where they are full."""
@@ -115,6 +142,8 @@ class PulseWidthModulator(_Modulator, kind="pulse_width_modulator"):
     (4.166, (17.752-4.083j))
     """
 
+    _memory_type = PulseMemory
+
     def output(self, x: Any, memory: PulseMemory | None = None) -> tuple[float, PulseMemory]:
         """Height for ``x = (input, clock)``, and :class:`PulseMemory`; samples that have become due read this input."""
         value, time = float(x[0]), float(x[1])
@@ -160,11 +189,7 @@ class PulseWidthModulator(_Modulator, kind="pulse_width_modulator"):
         Memory values are the end of the pulse and the next sample, on the clock.
         """
         T, dead, full = self.sample_time, self.dead_time, self.full
-        build = AutomatonBuilder(n_inputs=2, n_memory=2)
-        off, reads = build.mode("between pulses"), build.mode("reads")
-        up, down = build.mode("pulse up", constant=self.level), build.mode("pulse down", constant=-self.level)
-        for mode in (off, up, down):
-            build.guard("samples", mode, reads, on_input=[0.0, 1.0], on_memory=[0.0, -1.0])
+        build, off, reads, up, down = self._builder(2)
         for mode in (up, down):
             build.guard("pulse ends", mode, off, on_input=[0.0, 1.0], on_memory=[-1.0, 0.0])
         # Of guards that are above zero the first one goes.
@@ -180,22 +205,6 @@ class PulseWidthModulator(_Modulator, kind="pulse_width_modulator"):
                 memory_from_input=[[slope, 1.0], [0.0, 1.0]], memory_constant=[end, T],
             )  # fmt: skip
         return build.build(off)
-
-    def start(self, automaton: Automaton, memory: PulseMemory | None = None) -> tuple[int, Array]:
-        """The mode of a memory; by default the first sample is at once."""
-        sign, end, due = PulseMemory() if memory is None else PulseMemory(*memory)
-        return {0: automaton.start_mode, 1: 2, -1: 3}[sign], np.array([end, due])
-
-    def memory_at(self, mode: int, stored: Array, x: Array, output: Array) -> PulseMemory:
-        """Sign of the pulse, its end and the next sample."""
-        return PulseMemory((0, 0, 1, -1)[mode], *stored.tolist())
-
-
-class CarrierMemory(NamedTuple):
-    """What a modulator with a carrier remembers: the sign of its pulse (0 between pulses) and the next sample [s]."""
-
-    sign: int = 0
-    due: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -231,6 +240,8 @@ class NaturalPulseWidthModulator(_Modulator, kind="natural_pulse_width_modulator
     (4.166, (18.452+0j))
     """
 
+    _memory_type = CarrierMemory
+
     def output(self, x: Any, memory: CarrierMemory | None = None) -> tuple[float, CarrierMemory]:
         """Height for ``x = (input, clock)``, and :class:`CarrierMemory`."""
         value, time = float(x[0]), float(x[1])
@@ -259,11 +270,7 @@ class NaturalPulseWidthModulator(_Modulator, kind="natural_pulse_width_modulator
     def automaton(self) -> Automaton:
         """Between pulses, in one of either sign, and for no time where one is read; it remembers the next sample."""
         T, dead, full = self.sample_time, self.dead_time, self.full
-        build = AutomatonBuilder(n_inputs=2, n_memory=1)
-        off, reads = build.mode("between pulses"), build.mode("reads")
-        up, down = build.mode("pulse up", constant=self.level), build.mode("pulse down", constant=-self.level)
-        for mode in (off, up, down):
-            build.guard("samples", mode, reads, on_input=[0.0, 1.0], on_memory=[-1.0])
+        build, off, reads, up, down = self._builder(1)
         for mode, sign in ((up, 1.0), (down, -1.0)):
             build.guard("pulse ends", mode, off, on_input=[-sign * T / full, 1.0], on_memory=[-1.0], constant=T + dead)
             if dead > 0.0:
@@ -278,12 +285,3 @@ class NaturalPulseWidthModulator(_Modulator, kind="natural_pulse_width_modulator
                 memory_constant=[T],
             )  # fmt: skip
         return build.build(off)
-
-    def start(self, automaton: Automaton, memory: CarrierMemory | None = None) -> tuple[int, Array]:
-        """The mode of a memory; by default the first sample is at once."""
-        sign, due = CarrierMemory() if memory is None else CarrierMemory(*memory)
-        return {0: automaton.start_mode, 1: 2, -1: 3}[sign], np.array([due])
-
-    def memory_at(self, mode: int, stored: Array, x: Array, output: Array) -> CarrierMemory:
-        """Sign of the pulse and the next sample."""
-        return CarrierMemory((0, 0, 1, -1)[mode], *stored.tolist())
