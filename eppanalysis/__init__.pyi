@@ -166,7 +166,7 @@ from eppanalysis.sweep import (
 )
 from eppanalysis.sweep.boundary import (
     Boundary as Boundary,
-    fold_boundary as fold_boundary,
+    free_region as free_region,
     outcome_boundary as outcome_boundary,
 )
 from eppanalysis.sweep.parallel import plot_parallel as plot_parallel

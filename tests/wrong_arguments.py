@@ -135,7 +135,7 @@ def _needed(case: epp.Case) -> dict[str, dict[str, Any]]:
         "sweep_cost": {"axes": {threshold: [0.5, 0.6]}, "run": "predict"},
         "open_sweep": {"path": "nowhere.zarr"},
         "outcome_boundary": {"axes": plane, "run": "predict", "halvings": 1, **at_once},
-        "fold_boundary": {"axes": {threshold: [0.5, 2.0], level: [1.0, 1.1]}},
+        "free_region": {"axes": {threshold: [0.5, 2.0], level: [1.0, 1.1]}},
         "table": {"what": cycle},
         "manual_table": {"result": bounds_of(elbow, *elbow_limit, BoundCell(9.0, "bound", exact=0.015))},
         "plot_design_map": {"dataset": cells},

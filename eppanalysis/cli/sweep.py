@@ -23,6 +23,7 @@ from eppanalysis.cli.common import (
     file_option,
     load_case,
     print_json,
+    progress,
     split_pair,
 )
 from eppanalysis.cli.ends import exit_code
@@ -75,7 +76,7 @@ class Design(StrEnum):
 class Kind(StrEnum):
     """What a boundary on a map is of."""
 
-    FOLDS = "folds"
+    FREE = "free"
     PREDICT = "predict"
     CYCLES = "cycles"
     SIMULATE = "simulate"
@@ -139,8 +140,9 @@ Boundaries = Annotated[
     typer.Option(
         "--boundary",
         metavar="KIND",
-        help="Draw a boundary on the map: folds (exact; exact bounds beside --allow), predict (describing functions), "
-        "cycles (exact orbits) or simulate; takes minutes. Repeatable.",
+        help="Draw a boundary on the map: free (round the region without a limit cycle, exact; without one larger than "
+        "allowed beside --allow), predict (describing functions), cycles (exact orbits) or simulate; takes minutes. "
+        "Repeatable.",
     ),
 ]
 
@@ -286,12 +288,13 @@ def _boundary(case: Case, axes: Axes, kind: Kind, allow: str | None, scheduler: 
     import numpy as np
 
     from eppanalysis.sweep.axes import make_design
-    from eppanalysis.sweep.boundary import fold_boundary, outcome_boundary
+    from eppanalysis.sweep.boundary import free_region, outcome_boundary
 
     given = {k: v for d in make_design(case, axes).dimensions for k, v in d.values.items()}
     coarse = {k: np.linspace(v.min(), v.max(), _COARSE).tolist() for k, v in given.items()}
-    if kind is Kind.FOLDS:
-        return fold_boundary(case, coarse, allow=allow)
+    if kind is Kind.FREE:
+        with progress(f"border {case.name}") as advance:
+            return free_region(case, coarse, allow=allow, progress=advance)
     return outcome_boundary(case, coarse, kind, allow=allow, scheduler=scheduler, workers=workers)
 
 

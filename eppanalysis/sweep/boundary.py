@@ -1,7 +1,8 @@
-"""Boundaries in the plane of two parameters: where an outcome changes, and where exact cycles are born in folds."""
+"""Boundaries in the plane of two parameters: where an outcome changes, and round the region without a limit cycle."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field
@@ -14,7 +15,8 @@ from eppanalysis.arrays import Array, BoolArray
 from eppanalysis.cases import as_case
 from eppanalysis.errors import EppError
 from eppanalysis.models.systems.subject import require_case, require_continuous
-from eppanalysis.readable import count, listed, span, words
+from eppanalysis.progress import Progress
+from eppanalysis.readable import count, listed, percent, span, words
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.shown import frame_of
@@ -30,8 +32,6 @@ if TYPE_CHECKING:
 
 #: What each analysis is called that says whether a cell oscillates.
 _WORDS = {Analysis.SIMULATE: "run in time", Analysis.PREDICT: "describing function", Analysis.CYCLES: "exact orbits"}
-#: How far from the last fold the next one is looked for, relative to the range.
-_NEAR = (0.15, 0.06)
 _NO_POINT = np.full((1, 2), np.nan)
 
 
@@ -55,6 +55,12 @@ class Boundary(Result):
         SI units of both parameters.
     readable : dict of str to (str, float)
         The units that people use for them, and the factors from SI to these.
+    kinds : tuple of str
+        What the stretch that ends at each point is: a fold, a border collision, ...; of :func:`free_region`, else none.
+    within : tuple of (float, float)
+        Ranges of both parameters in which it was sought [SI]; of :func:`free_region`, else none.
+    area : float
+        Of the region that it goes round [product of the SI units]; nan where that is not known.
     """
 
     axes: tuple[str, str]
@@ -65,16 +71,23 @@ class Boundary(Result):
 
     units: dict[str, str] = field(default_factory=dict)
     readable: dict[str, tuple[str, float]] = field(default_factory=dict)
+    kinds: tuple[str, ...] = ()
+    within: tuple[tuple[float, float], ...] = ()
+    area: float = float("nan")
 
-    in_json = "axes points label status message provenance"
+    in_json = "axes points kinds within area label status message provenance"
 
     def __str__(self) -> str:
         """Over which values the boundary is known, and how it was found."""
         known = self.points[np.all(np.isfinite(self.points), axis=1)]
+        ranges = np.array(self.within).T if self.within else known
         places = [
-            f"{words(name)} {span(known[:, i], self.units.get(name, ''), self.readable.get(name))}"
+            f"{words(name)} {span(ranges[:, i], self.units.get(name, ''), self.readable.get(name))}"
             for i, name in enumerate(self.axes)
         ]
+        if math.isfinite(self.area):
+            share = self.area / math.prod(high - low for low, high in self.within)
+            return f"N{self.label[1:]} in {percent(share)} of {listed(places)}. {self.message}"
         where = f"{count(len(known), 'point')}, {listed(places)}" if len(known) else "no point"
         ended = "" if self.status.ok else f" {self.status.value}"
         return f"Boundary ({self.label}): {where}. {self.message}{ended}"
@@ -194,152 +207,101 @@ def outcome_boundary(
     )
 
 
-def fold_boundary(case: Case | LureSystem, axes: Mapping[str, Axis], *, allow: str | None = None) -> Boundary:
-    """The exact fold curve: for every value of the first axis, the value of the second at which cycles are born.
+def free_region(
+    case: Case | LureSystem,
+    axes: Mapping[str, Axis],
+    *,
+    allow: str | None = None,
+    places: int = 5,
+    progress: Progress | None = None,
+) -> Boundary:
+    """The region of two parameters without a limit cycle: its border all round, each stretch with its kind.
+
+    The border is followed through turns in either parameter, cusps and changes of the sequence of events, and where
+    the borders of two families of cycles cross (docs/theory/exact_orbits.md, Regions). Each point of it is the end of
+    exact cycles, and tested on both sides: by the search for limit cycles and by 50 runs on the free one, by an exact
+    orbit on the other. Where a border is, is known from searches at a grid of places over the ranges: an island that
+    lies between these may be missed.
 
     Parameters
     ----------
     case : Case or LureSystem
     axes : mapping of str to axis
-        Two axes: how many values folds are looked for at, evenly from the least to the largest (ten or so), and the
-        range in which they are.
+        Two axes, as for a grid; only the least and the largest value of each count.
     allow : str, optional
-        A limit cycle that is allowed, as :func:`design_bounds` takes it: in place of folds the exact bounds on the
-        second axis, where the largest stable cycle becomes larger, whether it grows so large or is born so.
+        A limit cycle that is allowed, as :func:`design_bounds` takes it: the region is then where no stable cycle is
+        larger.
+    places : int
+        Along each axis, at which limit cycles are searched for.
+    progress : callable, optional
+        Called with the number of points so far, None, and a text.
 
     Returns
     -------
     Boundary
-        With status NOT_CONVERGED, and a gap, where a value of the first axis has no fold in the range.
+        Closed, with `kinds` and `area`. NOT_CONVERGED, without an area, where the border could not be followed all
+        round.
 
     Raises
     ------
     EppError
-        If there are not two axes, one of them is not valid, no value of the first axis has a fold, or the loop has
-        sampled controllers.
+        If there are not two axes, one of them is not valid, limit cycles are at all places searched, no border was
+        found, or the loop has sampled controllers.
 
     Examples
     --------
     >>> import eppanalysis as epp
     >>> case = epp.case("relay_deadzone")
-    >>> found = epp.fold_boundary(
-    ...     case, {"loop.gain": "1:1.1:2", "relay_dead_zone.threshold": "1.2:2.5:2"}
+    >>> found = epp.free_region(
+    ...     case,
+    ...     {"loop.gain": [1.05, 1.25], "relay_dead_zone.threshold": [1.5, 1.8]},
+    ...     places=2,
     ... )
-    >>> found.points.round(3).tolist()
-    [[1.0, 1.663], [1.1, 1.829]]
-
-    Where does a servo stay within what is allowed?
-
-    >>> axes = {"loop.gain": "1:2:2", "play.gap": "0.1:1:2"}
-    >>> found = epp.fold_boundary(epp.case("backlash_servo"), axes, allow="x 0.5")
-    >>> found.points.round(3).tolist()
-    [[1.0, 0.255], [2.0, 0.159]]
+    >>> sorted(set(found.kinds)), round(found.area, 6)
+    (['end of the range', 'fold'], 0.000887)
     """
-    case = require_case(as_case(case), "fold_boundary")
-    require_continuous(case.to_system(), "fold_boundary")
+    from eppanalysis.methods.bounds.region import RegionSearch
+
+    case = require_case(as_case(case), "free_region")
+    require_continuous(case.to_system(), "free_region")
+    check_counts("free_region", {"places": (places, 2)})
     x, y = _two(axes)
-    design = make_design(case, axes)
-    given, reach = (d.values[name] for d, name in zip(design.dimensions, (x, y), strict=True))
-    rows, limits = np.linspace(given.min(), given.max(), given.size), (float(reach.min()), float(reach.max()))
-    curve = _folds(case, x, y, rows, limits) if allow is None else _bounds(case, x, y, rows, limits, allow)
-    missing = int(np.sum(np.isnan(curve.points[:, 0])))
-    if missing == rows.size:
-        raise EppError(
-            f"fold_boundary: no {curve.what} in {y} was found at any value of {x}; expected a range that holds one."
-            f"{curve.why}"
-        )
+    given = [d.values[name] for d, name in zip(make_design(case, axes).dimensions, (x, y), strict=True)]
+    low, high = (np.array([float(end(v)) for v in given]) for end in (np.min, np.max))
+    for name, start, stop in zip((x, y), low, high, strict=True):
+        if not start < stop:
+            raise EppError(f"free_region: {name} has one value; expected a range.")
+    search = RegionSearch.over(case, (x, y), low, high, places, allow, progress)
+    if not search.borders:
+        everywhere = f"limit cycles are at all places searched; expected ranges of {x} and {y} with one that has none."
+        raise EppError(f"free_region: {search.why or everywhere}")
+    pieces: list[Array] = []
+    kinds: list[str] = []
+    for border in search.borders:
+        pieces += [low + (high - low) * border.places, _NO_POINT]
+        kinds += [*map(str, border.kinds), ""]
+    what = "limit cycle" if allow is None else f"stable limit cycle larger than allowed ({search.settings.allowed})"
+    tested = [p.verified for border in search.borders for p in border.points if p.cycle is not None]
+    message = search.why or (
+        f"Of {count(len(tested), 'point')} on its border {sum(tested)} passed the tests on both sides; "
+        f"{count(len(search.searched), 'place')} over the ranges were searched"
+        + (f", {search.n_open} of them without an answer." if search.n_open else ".")
+    )
     return Boundary(
         axes=(x, y),
-        points=curve.points,
-        label=curve.label,
-        status=Status.NOT_CONVERGED if missing else Status.CONVERGED,
-        message=f"{curve.what.capitalize()}s in {y} at {rows.size - missing} of {rows.size} values of {x}.{curve.why}",
+        points=np.concatenate(pieces[:-1]),
+        label=f"no {what}",
+        status=Status.NOT_CONVERGED if search.why else Status.CONVERGED,
+        message=message,
         units={name: case.unit(name)[0] for name in (x, y)},
         readable={name: case.readable(name) for name in (x, y)},
-        provenance=Provenance("fold boundary", {"limits": limits, "allow": allow}, case=case.provenance()),
+        kinds=tuple(kinds[:-1]),
+        within=tuple(zip(low.tolist(), high.tolist(), strict=True)),
+        area=search.area * float(np.prod(high - low)),
+        provenance=Provenance(
+            "free region", {"low": low.tolist(), "high": high.tolist(), "allow": allow}, case=case.provenance()
+        ),
     )
-
-
-@dataclass(frozen=True)
-class _Curve:
-    """An exact curve: its points by row, what they are, and why some are missing."""
-
-    points: Array
-    what: str
-    label: str
-    why: str = ""
-
-
-def _folds(case: Case, x: str, y: str, rows: Array, limits: tuple[float, float]) -> _Curve:
-    search = _FoldSearch(case, x, y, rows, limits)
-    search.run()
-    return _Curve(search.found, "fold", "exact fold")
-
-
-def _bounds(case: Case, x: str, y: str, rows: Array, limits: tuple[float, float], allow: str) -> _Curve:
-    """The bounds on the second parameter where a size is allowed; as folds of a curve they are not tested."""
-    from eppanalysis.methods.bounds.design import design_bounds
-
-    bounds = design_bounds(case, x, y, at=rows.tolist(), within=limits, allow=allow, verify=False)
-    exact = bounds.array("exact")
-    points = np.where(np.isfinite(exact)[:, None], np.column_stack([rows, exact]), np.nan)
-    missing = next((c for c in bounds if not np.isfinite(c.exact)), None)
-    why = "" if missing is None else f" At a {words(x)} of {case.text(x, missing.value)}: {missing.message}"
-    return _Curve(points, "bound", f"exact bound, {bounds.allowed} allowed", why)
-
-
-@dataclass
-class _FoldSearch:
-    """A fold curve under way: a first fold, and from there row by row to both ends; lives for one call."""
-
-    case: Case
-    x: str
-    y: str
-    rows: Array
-    limits: tuple[float, float]
-    found: Array = field(init=False)
-
-    def run(self) -> None:
-        """Fill `found`, shape (rows, 2)."""
-        n = self.rows.size
-        self.found = np.full((n, 2), np.nan)
-        for first in sorted(range(n), key=lambda i: abs(i - n // 2)):
-            if self._follow(first, first, self.limits):
-                self._march(first, 1)
-                self._march(first, -1)
-                return
-
-    def _march(self, first: int, step: int) -> None:
-        """From a fold on; where its curve ends, another one is looked for close by."""
-        last, i, end = first, first + step, self.rows.size - 1 if step > 0 else 0
-        while 0 <= i < self.rows.size:
-            k = 0
-            # Rows that lie far apart have folds that do, too: in the end all of the range is looked through.
-            for share in (*_NEAR, 1.0):
-                # The farther the last fold is behind, the farther its successor may have moved.
-                half = share * (self.limits[1] - self.limits[0]) * abs(i - last)
-                near = self.found[last, 1]
-                window = max(near - half, self.limits[0]), min(near + half, self.limits[1])
-                k = k or self._follow(i, end, window)
-            last = i + (k - 1) * step if k else last
-            i += max(k, 1) * step
-
-    def _follow(self, i: int, end: int, window: tuple[float, float]) -> int:
-        """Folds from row `i` towards row `end`, as far as one curve goes; how many there are."""
-        from eppanalysis.methods.continuation.folds import continue_folds
-
-        over, n, step = (self.rows[i], self.rows[end]), abs(end - i) + 1, 1 if end >= i else -1
-        # A fold is reached along a branch from the side that has cycles; which that is is not known.
-        for limits in (window[::-1], window):
-            try:
-                with np.errstate(over="ignore"):  # trial orbits that run away are refused
-                    curve = continue_folds(self.case, self.y, self.x, limits, over, n_points=n)
-            except EppError:
-                continue
-            k = len(curve.values)
-            self.found[i : i + k * step if i + k * step >= 0 else None : step] = curve.values[:, ::-1]
-            return k
-        return 0
 
 
 def _two(axes: Mapping[str, Axis]) -> tuple[str, str]:

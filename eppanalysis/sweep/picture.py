@@ -12,9 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, PathPatch
+from matplotlib.path import Path
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.plotting import (
     BLUE,
     DARK_SKY,
@@ -61,6 +63,8 @@ _BORDERS = {
 _MOST: dict[str, Any] = {"color": VERMILLION, "linewidth": 1.0, "linestyle": "-."}
 _LINE_COLOURS = ("#000000", BLUE, GREEN, DARK_SKY, GREY)
 _LINES = ("-", "--", "-.", ":")
+#: Of the stretches of a region's border, by kind.
+_KIND_COLOURS = (BLUE, VERMILLION, GREEN, DARK_SKY, "#000000")
 #: Curves of fewer points show each of them.
 _FEW = 60
 _MOST_CONTOURS, _MOST_SLICES = 6, 6
@@ -105,7 +109,7 @@ def plot_design_map(
     lines : bool
         Whether to draw lines of equal peak to peak.
     curves : sequence of Boundary, or mapping of str to (x values, y values)
-        Boundaries of :func:`eppanalysis.outcome_boundary` and :func:`eppanalysis.fold_boundary`, or curves by their
+        Boundaries of :func:`eppanalysis.outcome_boundary` and :func:`eppanalysis.free_region`, or curves by their
         name in the legend, in SI units.
     ax : matplotlib.axes.Axes, optional
         Where to draw, without the name of the case; a figure of its own by default.
@@ -175,15 +179,29 @@ def _axes_of(dataset: xarray.Dataset, x: str | None, y: str | None) -> tuple[str
 
 def _curves(ax: Axes, plane: xarray.Dataset, x: str, y: str, curves: Any) -> list[Any]:
     """Curves on top of a map, each in a colour, line and marker of its own."""
-    named = curves.items() if isinstance(curves, Mapping) else [(c.label, c.over(x, y)) for c in curves]
+    named = curves.items() if isinstance(curves, Mapping) else [_named(c, x, y) for c in curves]
     handles = []
     for i, (label, (xs, ys)) in enumerate(named):
         across, up = np.asarray(xs) * factor_of(plane, x), np.asarray(ys) * factor_of(plane, y)
         style: dict[str, Any] = {"color": _LINE_COLOURS[i % len(_LINE_COLOURS)], "linestyle": _LINES[i % len(_LINES)]}
-        if across.size < _FEW:
+        if across.size < _FEW and not (isinstance(curves, Sequence) and curves[i].kinds):
             style |= {"marker": "o", "markersize": 3.5}
         handles += ax.plot(across, up, linewidth=1.8, label=label, **style)
     return handles
+
+
+def _named(curve: Boundary, x: str, y: str) -> tuple[str, tuple[np.ndarray, np.ndarray]]:
+    """A boundary with its name in the legend; of a region without the ends of the ranges, where the map ends, too."""
+    xs, ys = curve.over(x, y)
+    if not curve.kinds:
+        return curve.label, (xs, ys)
+    on = _stretch(np.array(curve.kinds) != Turn.EDGE)
+    return f"exact border: {curve.label}", (np.where(on, xs, np.nan), np.where(on, ys, np.nan))
+
+
+def _stretch(on: np.ndarray) -> np.ndarray:
+    """The points of stretches that end at some: each goes from the point before its first to its last."""
+    return on | np.append(on[1:], False)
 
 
 def _regions(ax: Axes, x: np.ndarray, y: np.ndarray, outcome: xarray.DataArray) -> list[Any]:
@@ -403,14 +421,39 @@ def _slice_legend(ax: Axes, plane: xarray.Dataset, by: str | None, names: Sequen
 
 
 def plot_boundary(boundary: Boundary, ax: Axes | None = None) -> Figure:
-    """A boundary in the plane of its two parameters."""
-    figure, ax = place_of(ax, 3.4)
+    """A boundary in the plane of its two parameters; of a region, each stretch by its kind."""
+    figure, ax = place_of(ax, 3.4 if not boundary.kinds else 4.0)
     (x_label, x), (y_label, y) = (label_of(name, boundary.units, boundary.readable) for name in boundary.axes)
-    few: dict[str, Any] = {"marker": "."} if len(boundary.points) < _FEW else {}
-    ax.plot(x * boundary.points[:, 0], y * boundary.points[:, 1], color=BLUE, linewidth=1.4, **few)
+    points = boundary.points * [x, y]
+    if boundary.kinds:
+        _draw_region(ax, points, boundary)
+        across, up = np.array(boundary.within) * [[x], [y]]
+        ax.set(xlim=across, ylim=up)
+    else:
+        few: dict[str, Any] = {"marker": "."} if len(points) < _FEW else {}
+        ax.plot(*points.T, color=BLUE, linewidth=1.4, **few)
     ax.set(xlabel=x_label, ylabel=y_label)
     ax.spines[["top", "right"]].set_visible(False)
     return figure
+
+
+def _draw_region(ax: Axes, points: np.ndarray, region: Boundary) -> None:
+    """A region with its border, each stretch in the colour and line of its kind."""
+    kinds = region.kinds
+    gaps = np.flatnonzero(np.isnan(points[:, 0]))
+    curves = [c[np.isfinite(c[:, 0])] for c in np.split(points, gaps)]
+    codes = [[Path.MOVETO] + [Path.LINETO] * (len(c) - 1) for c in curves]
+    if all(np.array_equal(c[0], c[-1]) for c in curves):
+        whole = Path(np.concatenate(curves), np.concatenate(codes))
+        ax.add_patch(PathPatch(whole, facecolor=OUTCOME_COLOURS[1], edgecolor="none"))
+    there = [kind for kind in dict.fromkeys(kinds) if kind]
+    handles: list[Any] = [Patch(facecolor=OUTCOME_COLOURS[1], edgecolor=GREY, label=region.label)]
+    for i, kind in enumerate(sorted(there, key=lambda kind: kind == Turn.EDGE)):
+        line = np.where(_stretch(np.array(kinds) == kind)[:, None], points, np.nan)
+        style: dict[str, Any] = {"color": _KIND_COLOURS[i % len(_KIND_COLOURS)], "linestyle": _LINES[i % len(_LINES)]}
+        style |= {"linewidth": 1.6} if kind != Turn.EDGE else {"linewidth": 0.8, "color": GREY, "linestyle": "-"}
+        handles += ax.plot(*line.T, label=kind, **style)
+    put_legend(ax, handles)
 
 
 def plot_sweep(dataset: xarray.Dataset, curves: Sequence[Boundary] = ()) -> Figure:

@@ -41,7 +41,7 @@ PROVISIONAL = {
         "Automaton AutomatonBuilder AutomatonElement Guard Mode Smooth OwnStates check_element ElementCheck"
     ),
     "curves of folds, boundaries and pictures of maps": (
-        "continue_folds FoldCurve Boundary fold_boundary outcome_boundary plot_design_map plot_parallel plot_slices "
+        "continue_folds FoldCurve Boundary free_region outcome_boundary plot_design_map plot_parallel plot_slices "
         "plot_sweep"
     ),
     "disturbances, onset points and frozen loops": "trigger Trigger olop OnsetPoint frozen_nyquist FrozenLoop",

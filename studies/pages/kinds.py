@@ -173,7 +173,7 @@ ANALYSES: dict[str, Callable[[Tried], Any]] = {
     "sweep": lambda t: epp.sweep(t.case, _ranges(t), **_ONE),
     "sweep_cost": lambda t: epp.sweep_cost(t.case, _ranges(t)),
     "outcome_boundary": lambda t: epp.outcome_boundary(t.case, _ranges(t), halvings=1, **_ONE),
-    "fold_boundary": lambda t: epp.fold_boundary(t.case, {t.level: [1.0, 1.1], t.dead: list(NEAR[t.kind])}),
+    "free_region": lambda t: epp.free_region(t.case, {t.level: [1.0, 1.1], t.dead: list(NEAR[t.kind])}),
     "dither": lambda t: epp.dither(t.case, frequency=50.0, tolerance=0.1),
     "olop": lambda t: epp.olop(t.with_its_own(epp.RateLimiter(1.0)), 0.5, "command"),
     "frozen_nyquist": lambda t: epp.frozen_nyquist(t.case, t.guess),
@@ -189,7 +189,8 @@ ANALYSES: dict[str, Callable[[Tried], Any]] = {
 
 #: Those that take most of the time.
 DEAR = {
-    "design_bounds", "design_guide", "tolerance_bound", "design", "diagnose", "dither", "identify", "ladder", "report",
+    "design_bounds", "design_guide", "tolerance_bound", "design", "diagnose", "dither", "free_region",
+    "identify", "ladder", "report",
 }  # fmt: skip
 
 

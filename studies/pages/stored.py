@@ -45,12 +45,12 @@ def bounds_tornado() -> Figure:
 
 
 def sweep_map() -> Figure:
-    """Where the elbow oscillates, with the exact fold curve and the boundary of first order."""
+    """Where the elbow oscillates, with the region without limit cycles and what describing functions say of it."""
     case = epp.case(ELBOW)
     found = epp.sweep(case, {"bands.range": "1:5:81:lbf", "lock_pin.backlash": "0:3:61:deg"}, progress=False)
-    folds = epp.fold_boundary(case, {"bands.range": "1:5:17:lbf", "lock_pin.backlash": "0:3:2:deg"})
+    region = epp.free_region(case, {"bands.range": "1:5:2:lbf", "lock_pin.backlash": "0:3:2:deg"})
     coarse = {"bands.range": "1:5:9:lbf", "lock_pin.backlash": "0:3:7:deg"}
-    return epp.plot_design_map(found, curves=[folds, epp.outcome_boundary(case, coarse, "predict")])
+    return epp.plot_design_map(found, curves=[region, epp.outcome_boundary(case, coarse, "predict")])
 
 
 def sweep_slices() -> Figure:

@@ -127,8 +127,8 @@ def test_a_failed_cell_is_told_and_the_exit_code_stays() -> None:
         (("--axis", "bands.range=1:2:2:lbf", "-o", "map.docx"), ".zarr"),
         (("--axis", "bands.range=1:2:2:lbf", "-o", "nowhere/map.zarr"), "does not exist"),
         (("--axis", "bands.range=1:2:2:lbf", "--picture", "map.zarr"), ".png"),
-        (("--axis", "bands.range=1:2:2:lbf", "--boundary", "folds"), "two --axis and a picture"),
-        (("--axis", "bands.range=1:2:2:lbf", "--boundary", "guess"), "expected one or several of folds"),
+        (("--axis", "bands.range=1:2:2:lbf", "--boundary", "free"), "two --axis and a picture"),
+        (("--axis", "bands.range=1:2:2:lbf", "--boundary", "guess"), "expected one or several of free"),
         (("--axis", "bands.range=1:2:2:lbf", "--scheduler", "magic"), "address of a Dask scheduler"),
     ],
 )
@@ -180,7 +180,7 @@ def test_help_lists_every_choice(words: type[StrEnum]) -> None:
 
 
 def test_choices_are_what_the_analyses_are() -> None:
-    assert list(Run) == [*Analysis, "all"] and set(Kind) - {Kind.FOLDS} == set(PREFIX)
+    assert list(Run) == [*Analysis, "all"] and set(Kind) - {Kind.FREE} == set(PREFIX)
 
 
 def test_what_was_swept_is_said_in_the_units_of_people():

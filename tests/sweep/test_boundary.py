@@ -8,8 +8,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.results import Status
-from eppanalysis.sweep.boundary import Boundary, edges_of, fold_boundary, outcome_boundary, pieces_of
-from tests.shared import mostly_slow
+from eppanalysis.sweep.boundary import Boundary, edges_of, free_region, outcome_boundary, pieces_of
 
 RELAY = epp.case("relay_deadzone")
 AXES = {"relay_dead_zone.threshold": "0.3:2.1:3", "loop.gain": "0.2:1.4:3"}
@@ -54,28 +53,62 @@ def test_pieces_are_closed_or_open_curves_of_neighbouring_crossings() -> None:
         assert {tuple(p) for p in points[~gaps]} == {tuple(np.mean(np.array(e, float), axis=0)) for e in edges}
 
 
+@pytest.fixture(scope="module")
+def region() -> Boundary:
+    """The loop is homogeneous: its cycles end where the threshold is 1.6625701907 times the gain."""
+    return free_region(RELAY, {"loop.gain": [1.0, 1.2], "relay_dead_zone.threshold": [1.5, 1.8]})
+
+
 @pytest.mark.slow
-def test_the_fold_curve_goes_through_the_folds_of_branches() -> None:
+def test_a_region_ends_where_exact_cycles_do(region: Boundary) -> None:
+    assert region.status is Status.CONVERGED and set(region.kinds) == {"fold", "end of the range"}
+    gain, threshold = region.over("loop.gain", "relay_dead_zone.threshold")
+    fold = np.array(region.kinds) == "fold"
+    np.testing.assert_allclose((threshold / gain)[fold], 1.6625701907, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_its_border_is_closed_and_has_its_area(region: Boundary) -> None:
+    """A triangle above the line, cut off by the ranges."""
+    np.testing.assert_array_equal(region.points[0], region.points[-1])
+    last = 1.8 / 1.6625701907
+    assert region.area == pytest.approx(1.8 * (last - 1.0) - 0.5 * 1.6625701907 * (last**2 - 1.0), rel=1e-8)
+    assert str(region).startswith("No limit cycle in 9.5 % of loop gain from 1 to 1.2 and relay dead zone threshold")
+
+
+@pytest.mark.slow
+def test_runs_on_both_sides_of_the_border_agree(region: Boundary) -> None:
+    """By runs of the case itself, one part in 10,000 of the ranges beside it; in time they know nothing of orbits."""
+    size = np.array([0.2, 0.3])
+    for at, kind in zip(region.points, region.kinds, strict=True):
+        if kind != "fold" or not np.all((at > [1.001, 1.501]) & (at < [1.199, 1.799])):
+            continue
+        for side, status in ((1.0, Status.SETTLED), (-1.0, Status.LIMIT_CYCLE)):
+            gain, threshold = at + side * 1e-4 * size * [-1.0, 1.0]
+            here = RELAY.with_values({"loop.gain": gain, "relay_dead_zone.threshold": threshold})
+            assert epp.simulate(here, decide=True).status is status
+
+
+@pytest.mark.slow
+def test_a_border_goes_on_with_another_family_where_their_borders_cross() -> None:
+    """The elbow's at the small ranges, against the bound on single lines and the fold of a branch."""
     case = epp.case("fig8a_original")
-    found = fold_boundary(case, {"bands.range": "2.4:2.6:3:lbf", "lock_pin.backlash": "0.6:2.5:2:deg"})
-    assert found.label == "exact fold"
-    ranges, backlash = found.over("bands.range", "lock_pin.backlash")
-    assert np.all(np.diff(backlash) > 0)
-    middle = case.with_values({"bands.range": float(ranges[1])})
-    single = epp.continue_branch(middle, "lock_pin.backlash", "2.5 deg", "0.6 deg", n_others=0)
-    assert backlash[1] == pytest.approx(single.folds[0].value, rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("gains", "reach"),
-    mostly_slow([("1:1.2:2", "1.2:2.5:2"), ("1:1.2:3", "1:2:2"), ("0.8:1.2:2", "1:2:2")], [("0.8:1.2:2", "1:2:2")]),
-)
-def test_rows_far_apart_have_folds_that_lie_far_apart(gains: str, reach: str) -> None:
-    """The loop is homogeneous: its thresholds at the folds are in proportion to its gain, 1.66257 at a gain of 1."""
-    found = fold_boundary(RELAY, {"loop.gain": gains, "relay_dead_zone.threshold": reach})
+    axes = {"bands.range": ["1.03 lbf", "1.13 lbf"], "lock_pin.backlash": ["0.182 deg", "0.482 deg"]}
+    found = free_region(case, axes, places=3)
     assert found.status is Status.CONVERGED
-    gain, threshold = found.over("loop.gain", "relay_dead_zone.threshold")
-    np.testing.assert_allclose(threshold / gain, 1.6625701907, rtol=1e-9)
+    points = found.points[np.array(found.kinds) == "fold"]
+    slopes = np.diff(points[:, 1]) / np.diff(points[:, 0])
+    assert slopes.max() > 2.0 * slopes.min()
+    for gain, backlash in points[[1, -2]].tolist():
+        at = [f"{backlash * 0.9} rad", f"{backlash * 1.1} rad"]
+        cell = epp.design_bounds(case, "bands.range", "lock_pin.backlash", at=[gain], within=tuple(at), starts=50)[0]
+        assert backlash == pytest.approx(cell.exact, rel=1e-9)
+
+
+def test_a_region_may_have_no_border_of_cycles() -> None:
+    found = free_region(RELAY, {"loop.gain": [0.1, 0.2], "relay_dead_zone.threshold": [1.0, 2.0]}, places=3)
+    assert set(found.kinds) == {"end of the range"}
+    assert found.area == pytest.approx(0.1, rel=1e-12)
 
 
 def test_a_boundary_knows_its_axes() -> None:
@@ -93,14 +126,18 @@ def test_a_boundary_knows_its_axes() -> None:
         (lambda: outcome_boundary(RELAY, AXES, "trigger"), "expected one of simulate, predict, cycles"),
         (lambda: outcome_boundary(RELAY, AXES | {"loop.gain": "1:5"}), "start:stop:count:unit"),
         (lambda: outcome_boundary(RELAY, AXES, scheduler="magic"), "address of a Dask scheduler"),
-        (lambda: fold_boundary(RELAY, {"loop.gain": "1:5:4"}), "two of them"),
+        (lambda: free_region(RELAY, {"loop.gain": "1:5:4"}), "two of them"),
         (
-            lambda: fold_boundary(epp.case("azimuth_servo"), {"Kp": "20:80:2:V/rad", "Ti": "0.4:0.5:2:s"}),
+            lambda: free_region(epp.case("azimuth_servo"), {"Kp": "20:80:2:V/rad", "Ti": "0.4:0.5:2:s"}),
             "does not cover loops with sampled controllers: use outcome_boundary",
         ),
         (
-            lambda: fold_boundary(RELAY, {"loop.gain": "0.01:0.02:2", "relay_dead_zone.threshold": "1:1.1:2"}),
-            "no fold in relay_dead_zone.threshold",
+            lambda: free_region(RELAY, {"loop.gain": [5.0, 6.0], "relay_dead_zone.threshold": [1.0, 1.1]}, places=2),
+            "limit cycles are at all places searched",
+        ),
+        (
+            lambda: free_region(RELAY, {"loop.gain": [5.0], "relay_dead_zone.threshold": [1.0, 1.1]}),
+            "loop.gain has one value; expected a range",
         ),
     ],
 )

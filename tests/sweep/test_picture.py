@@ -222,3 +222,17 @@ def test_a_map_that_is_mostly_unknown_says_what_that_is(t_end, unknown):
     case = epp.case("backlash_servo").with_values({"run.t_end": t_end})
     figure = epp.plot_design_map(epp.sweep(case, {"loop.gain": "0.9:1.1:2", "play.gap": "1:2:2"}, progress=False))
     assert ("neither settles nor repeats itself by its end (run.t_end)" in said_above(figure)[1]) == unknown
+
+
+def test_a_region_is_filled_and_its_stretches_are_named() -> None:
+    """Two stretches of the border of a triangle; on a map only what ends no range."""
+    points = np.array([[1.0, 1.0], [2.0, 1.0], [2.0, 2.0], [1.0, 1.0]])
+    kinds, within = ("fold", "end of the range", "end of the range", "fold"), ((1.0, 2.0), (1.0, 3.0))
+    region = Boundary(("a.x", "b.y"), points, "no limit cycle", Status.CONVERGED, "", kinds=kinds, within=within)
+    ax = region.plot()
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["no limit cycle", "fold", "end of the range"]
+    fold, edge = ax.lines
+    np.testing.assert_array_equal(fold.get_xydata()[2:], points[2:])
+    np.testing.assert_array_equal(edge.get_xydata()[:3], points[:3])
+    assert ax.get_xlim() == (1.0, 2.0) and ax.get_ylim() == (1.0, 3.0)
+    assert ax.patches[0].get_path().vertices.tolist() == points.tolist()

@@ -119,6 +119,8 @@ class Turn(StrEnum):
     BREAK = "end of the branch"
     #: No orbit was followed: the search for limit cycles answers differently on both sides.
     SEARCH = "search"
+    #: Nothing ends: a region in the plane of two parameters reaches to the end of a range.
+    EDGE = "end of the range"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

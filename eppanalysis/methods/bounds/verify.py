@@ -124,7 +124,7 @@ def verify(
         missing.append(f"{n_starts - n_settled - n_moving} slow runs after these were not run to their end")
     further = [o for o in met if not _known(o, [c.period for c in search])]
     cycles = (*bad, *(to_limit_cycle(system, o) for o in further))
-    found = _orbit_at(question, other, orbit if beyond is None else beyond, allowed)
+    found = orbit_at(question, other, orbit if beyond is None else beyond, allowed)
     if found is None:
         missing.append(
             f"no exact {'orbit' if allowed is None else f'stable orbit{larger}'} was found on the other side"
@@ -144,7 +144,7 @@ class _Fates:
     grows: bool = False
 
 
-def _orbit_at(question: BoundProblem, value: float, near: LimitCycle, allowed: Allowed | None) -> LimitCycle | None:
+def orbit_at(question: BoundProblem, value: float, near: LimitCycle, allowed: Allowed | None) -> LimitCycle | None:
     """An exact orbit at a value that is not allowed: near a known one, else any that the search finds."""
     case = question.case_at(value)
     system = case.to_system()

@@ -42,7 +42,7 @@ def test_analyses_of_continuous_time_say_so() -> None:
     analyses = {
         "frequency_response": lambda: epp.frequency_response(loop, amplitude=1.0, frequencies=(1.0, 2.0)),
         "olop": lambda: epp.olop(loop, 1.0),
-        "fold_boundary": lambda: epp.fold_boundary(loop, {"loop.gain": [1.0, 2.0], "relay.high": [1.0, 2.0]}),
+        "free_region": lambda: epp.free_region(loop, {"loop.gain": [1.0, 2.0], "relay.high": [1.0, 2.0]}),
     }
     for analysis, call in analyses.items():
         with pytest.raises(epp.EppError, match=f"^{analysis} does not cover loops in discrete time: .+"):

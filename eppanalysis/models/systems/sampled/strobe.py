@@ -49,7 +49,7 @@ def is_sampled(elements: Iterable[Nonlinearity]) -> bool:
 #: Analyses that do not cover loops with samples, and what answers in their place.
 _INSTEAD = {
     "continue_folds": "locked cycles end at borders, not in folds; use design_bounds",
-    "fold_boundary": "use outcome_boundary with run='cycles'",
+    "free_region": "use outcome_boundary with run='cycles'",
     "certify": "certify_orbit proves cycles that are locked to the samples",
     "frozen_nyquist": "use predict_limit_cycles and margins",
     "olop": "use predict_limit_cycles and forced_response",
