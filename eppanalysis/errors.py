@@ -83,6 +83,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     --------
     >>> did_you_mean("gian", ["gain", "sum"]), did_you_mean("x", ["gain", "sum"])
     ("did you mean 'gain'?", 'one of gain, sum')
+    >>> did_you_mean("x", [])
+    'there is none'
     >>> did_you_mean("PI", ["pi"])
     "did you mean 'pi'?"
     >>> did_you_mean("dead_time", ["num", "den", "delay", "sample_time"])
@@ -94,7 +96,9 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
         or [k for k in _ALSO_CALLED.get(name.lower(), ()) if k in names]
         or difflib.get_close_matches(name, names, n=1)
     )
-    return f"did you mean {close[0]!r}?" if close else f"one of {', '.join(names) or 'none'}"
+    if close:
+        return f"did you mean {close[0]!r}?"
+    return f"one of {', '.join(names)}" if names else "there is none"
 
 
 class UnknownName(NamedTuple):

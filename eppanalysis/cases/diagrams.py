@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from eppanalysis.cases.blocks import (
     Block as ElementTable,
     Held,
+    element_class,
     field_types,
     known_elements,
     make_element,
@@ -22,7 +23,7 @@ from eppanalysis.cases.files import Connections, Missing, RawCase
 from eppanalysis.cases.inputs import input_signals_of
 from eppanalysis.cases.kind import Kind, Parts
 from eppanalysis.cases.schema import DiagramFile
-from eppanalysis.cases.values.automata import AUTOMATON, WORDS
+from eppanalysis.cases.values.automata import AUTOMATON, NUMBERS
 from eppanalysis.cases.values.bodies import plays_between_bodies
 from eppanalysis.cases.values.dimensions import check_each, check_fields
 from eppanalysis.cases.values.expressions import is_expression, same_unit
@@ -31,7 +32,7 @@ from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity
 from eppanalysis.cases.values.toml import toml_line
 from eppanalysis.cases.values.wires import units_along_wires
 from eppanalysis.cases.variation import LoopVariation
-from eppanalysis.cases.words import ELEMENT, FILE, KIND, KINDS_OF_BLOCKS, KINDS_OF_ELEMENTS
+from eppanalysis.cases.words import ELEMENT, KIND, KINDS_OF_BLOCKS, KINDS_OF_ELEMENTS
 from eppanalysis.errors import CaseError, IdleInput, ModelError, UnknownName, did_you_mean
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
 from eppanalysis.models.diagrams import BLOCKS, Block, Diagram
@@ -43,8 +44,6 @@ from eppanalysis.units import dimensions
 
 #: The field of a part that is put into the connection to an input.
 BEFORE = "before"
-#: Fields of a table that say what it is, not how large something is.
-_WORDS = (KIND, "name")
 #: A name in a sum that is not followed by that of a port.
 _ALONE = re.compile(rf"(?<![\w.]){NAME.pattern}(?![\w.])")
 
@@ -364,20 +363,41 @@ class _Reader:
                 self.given[f"{name}.{key}"] = parameter
 
     def _evaluated(self, name: str, table: Mapping[str, Any]) -> dict[str, Any]:
-        """The table of an element with its expressions replaced by what they come to."""
-        kind = table.get(KIND)
-        known = known_elements()
-        types = field_types(known[kind]) if isinstance(kind, str) and kind in known else {}
-        own = WORDS if kind == AUTOMATON else ()
-        words = {*_WORDS, FILE, *own, *(field for field, held in types.items() if held is Held.TEXT)}
-        return self._put_in(table, f"elements.{name}", words)
+        """The table of an element with its expressions replaced by what they come to, in fields that hold numbers."""
+        kind, place = table[KIND], f"elements.{name}"
+        if kind == AUTOMATON:
+            return self._of_rules(table, place)
+        made = element_class(kind)
+        sizes = {} if made.estimate is None else made.estimate.sizes
+        single = {*sizes, *(field for field, held in field_types(made).items() if held in (Held.NUMBER, Held.COUNT))}
+        lists = {"memory", *(field for field, held in field_types(made).items() if held is Held.LIST)}
+        return {
+            key: self._put_in(value, f"{place}.{key}", key in lists) if key in single | lists else value
+            for key, value in table.items()
+        }
 
-    def _put_in(self, value: Any, field: str, words: Container[str]) -> Any:
-        """A value with its expressions computed, in lists and tables too, but for what words hold there."""
-        if isinstance(value, list):
-            return [self._put_in(v, f"{field}.{i}", words) for i, v in enumerate(value)]
-        if isinstance(value, Mapping) and "value" not in value:
-            return {k: v if k in words else self._put_in(v, f"{field}.{k}", words) for k, v in value.items()}
+    def _of_rules(self, table: Mapping[str, Any], place: str) -> dict[str, Any]:
+        """The same of an automaton, whose fields are in tables of tables."""
+        found = {}
+        for key, value in table.items():
+            field = f"{place}.{key}"
+            if isinstance(value, Mapping):
+                found[key] = value if "value" in value else self._of_rules(value, field)
+            elif key in NUMBERS:
+                found[key] = self._put_in(value, field, True)
+            elif isinstance(value, list):
+                found[key] = [
+                    self._of_rules(part, f"{field}.{i}") if isinstance(part, Mapping) else part
+                    for i, part in enumerate(value)
+                ]
+            else:
+                found[key] = value
+        return found
+
+    def _put_in(self, value: Any, field: str, in_lists: bool) -> Any:
+        """A value with its expression computed, or those in lists."""
+        if in_lists and isinstance(value, list):
+            return [self._put_in(v, f"{field}.{i}", True) for i, v in enumerate(value)]
         return self._number(value, field) if is_expression(value) else value
 
     def _field(self, part: str, key: str, value: Any, declared: Declared) -> Any:

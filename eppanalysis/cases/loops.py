@@ -39,6 +39,14 @@ class Form(StrEnum):
     STATE_SPACE = "state space"
 
 
+#: What a message calls what is given in such a form.
+_NAMED = {
+    Form.TRANSFER_FUNCTION: "a transfer function",
+    Form.BLOCKS: "a loop of blocks",
+    Form.STATE_SPACE: "a state space",
+}
+
+
 class LoopKind(Kind):
     """Cases of generic loops."""
 
@@ -157,7 +165,7 @@ def _form(loop: LoopSection, raw: RawCase) -> Form:
     for name in needed[form]:
         if getattr(loop, name) in ((None,) if name in _MAY_BE_EMPTY else (None, [])):
             place = f"loop.{name}"
-            raise CaseError(raw.origin("loop"), place, raw.typed(place), f"a value: a {form} needs it")
+            raise CaseError(raw.origin("loop"), place, raw.typed(place), f"a value: {_NAMED[form]} needs it")
     if form is Form.TRANSFER_FUNCTION and len(loop.elements or []) != 1:
         expected = "one element; put several into blocks or a state space"
         raise CaseError(raw.origin("loop.elements"), "loop.elements", f"{len(loop.elements or [])} elements", expected)

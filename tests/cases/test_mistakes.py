@@ -289,6 +289,32 @@ WRONG = [
 ]
 
 
+@pytest.mark.parametrize(
+    ("changed", "field", "value", "expected"),
+    [
+        (('mode = "free", target = "up"', 'mde = "free", target = "up"'), "hook.guards.0.mde", "'free'", "'mode'"),
+        (("from_input = 1", 'from_inptu = "cach"'), "hook.modes.up.from_inptu", "'cach'", "'from_input'"),
+        (("gap = 0.1", 'gp = "slack"'), "gear.gp", "'slack'", "'gap'"),
+        (("gap = 0.1", 'gap = ["half"]'), "gear.gap", "['half']", "a number with or without a unit."),
+    ],
+)
+def test_a_misspelt_field_is_named_before_its_text_is_taken_for_an_expression(
+    tmp_path: Path, changed: tuple[str, str], field: str, value: str, expected: str
+) -> None:
+    path = tmp_path / "drawn.toml"
+    path.write_text(DIAGRAM.format(**NUMBERS).replace(*changed))
+    [said] = map(str, mistakes_in(path).found)
+    assert said.startswith(f"{path}: elements.{field} is {value}; expected") and expected in said
+
+
+def test_a_name_where_nothing_has_one_has_no_list_of_none(tmp_path: Path) -> None:
+    path = tmp_path / "bare.toml"
+    path.write_text('kind = "diagram"\ntitle = "bare"\nconnect = ["-plant -> servo"]\n')
+    said = [str(error) for error in mistakes_in(path).found]
+    assert said and all("one of none" not in sentence for sentence in said)
+    assert any("in place of 'servo': there is none." in sentence for sentence in said)
+
+
 #: Two for each place, each of them at two places or more.
 @pytest.mark.parametrize(
     ("place", "wrong"), [(place, WRONG[(i + k) % len(WRONG)]) for i, place in enumerate(NUMBERS) for k in (0, 5)]

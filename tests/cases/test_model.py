@@ -241,6 +241,7 @@ def test_error_in_a_base_names_the_base(tmp_path: Path) -> None:
         (("num = [5.0]", "num = [5.0]\ninitial_state = [1, 2, 3]"), "loop.initial_state", "2 numbers"),
         (("num = [5.0]", "num = [5.0]\nfeedback = 2"), "loop.feedback", "-1 or 1"),
         (("num = [5.0]\nden = [1, 1, 0]", "A = [[1, 2], [3]]\nB = [[1]]\nC = [[1]]"), "loop.A", "rows of equal"),
+        (("num = [5.0]\nden = [1, 1, 0]", "blocks = []"), "loop.blocks", "a value: a loop of blocks needs it"),
         (("num = [5.0]\nden = [1, 1, 0]", "A = [[1, 2]]\nB = [[1]]\nC = [[1]]"), "loop.A", "a square"),
         (('kind = "loop"', 'kind = "looop"'), "kind", "'elbow' or 'loop'"),
         (('kind = "loop"', "kind = [1]"), "kind", "'elbow' or 'loop'"),

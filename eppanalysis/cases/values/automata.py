@@ -26,8 +26,6 @@ Shape = tuple[int, ...]
 
 #: What a case file calls an element that is given by its automaton.
 AUTOMATON = AutomatonElement.kind
-#: Fields that hold names, not numbers.
-WORDS = frozenset({"name", "kind", "mode", "target", "bypass", "on_threshold", "start_mode"})
 #: Modes to which a guard may lead besides its target.
 _AWAY = ("bypass", "on_threshold")
 #: Most inputs, outputs and memory values.
@@ -39,6 +37,12 @@ _GUARD = {"on_input": "z", "on_rate": "z", "on_memory": "h", "on_output": "w", "
 _SMOOTH = {"on_input": "z", "constant": "", "scale": "", "on_smooth": "s"}
 _LETTERS = {"z": "n_inputs", "w": "n_outputs", "h": "start_memory", "s": "smooth"}
 _FIELDS = ("n_inputs", "n_outputs", "start_mode", "start_memory", "modes", "guards", "smooth", "own_states")
+_OF_OWN_STATES = tuple(f.name for f in fields(OwnStates))
+#: Fields that hold numbers, or lists of them, at any depth of the tables.
+NUMBERS = frozenset(
+    {"start_memory", "memory", "reached", *_MODE, *_GUARD, *_SMOOTH}
+    | {name for name in _OF_OWN_STATES if not name.startswith("n_")}
+)
 
 
 class OwnElement(NamedTuple):
@@ -204,8 +208,7 @@ class _Reader:
         place = f"{self.place}.own_states"
         if not isinstance(given, Mapping):
             raise self.raw.refused(place, "a table of A, B, C and D")
-        known = [f.name for f in fields(OwnStates)]
-        _require_known(given, known, place, self.raw)
+        _require_known(given, _OF_OWN_STATES, place, self.raw)
         for name in "ABCD":
             if name not in given:
                 raise self.raw.refused(f"{place}.{name}", "a matrix, as a list of rows")
@@ -314,7 +317,7 @@ def automaton_table(element: AutomatonElement, who: str) -> dict[str, Any]:
     table["modes"] = {mode.name: _mode_table(mode) for mode in rules.modes}
     table["guards"] = [_guard_table(guard, names) for guard in rules.guards]
     if (own := element.own_states) is not None:
-        values = {f.name: getattr(own, f.name) for f in fields(OwnStates)}
+        values = {name: getattr(own, name) for name in _OF_OWN_STATES}
         table["own_states"] = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in values.items()}
     return table
 
