@@ -378,7 +378,7 @@ class _Reader:
 
     def _of_rules(self, table: Mapping[str, Any], place: str) -> dict[str, Any]:
         """The same of an automaton, whose fields are in tables of tables."""
-        found = {}
+        found: dict[str, Any] = {}
         for key, value in table.items():
             field = f"{place}.{key}"
             if isinstance(value, Mapping):

@@ -12,10 +12,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from eppanalysis.cases.values.expressions import is_expression
+from eppanalysis.cases.values.expressions import is_expression, parse
 from eppanalysis.cases.words import in_our_words
 from eppanalysis.errors import CaseError, Missing, ModelError, visible
 from eppanalysis.models.devices.elbow.parameters import Bands
+from eppanalysis.readable import listed
+from eppanalysis.units import QuantityError
 
 LARGEST_FILE = 1_000_000
 DEEPEST = 12
@@ -135,6 +137,40 @@ class RawCase:
             return self.refused(place, error.wanted(lambda name, value: self.typed_or(f"{section}.{name}", value)))
         wanted = f"{error.wanted()} ({error.found})" if error.expected else f"a valid model ({error.found})"
         return self.refused(section, wanted)
+
+    def blamed(self, error: CaseError, latest: str) -> CaseError:
+        """A refusal of an expression as that of the parameter behind it that the latest source has set.
+
+        Who sets `--set ratio=0`, or inherits from a base, has not written the field in which the ratio is refused.
+        """
+        text, written = error.value, self.origin(error.field)
+        if error.source != written or written == latest or not is_expression(text):
+            return error
+        behind = [name for name in self._behind(str(text)) if self.origin(f"parameters.{name}") == latest]
+        if not behind:
+            return error
+        if len(behind) > 1:
+            expected = f"{error.expected}, with {listed(behind)} of {latest}"
+            return CaseError(error.source, error.field, text, expected, error.fault, error.also)
+        wanted, colon, found = error.expected.partition(f": {text} is ")
+        if text != behind[0]:
+            wanted = f"a value with which {error.field} is {wanted}{colon}{found}"
+        place = f"parameters.{behind[0]}"
+        return CaseError(latest, place, self.typed(place), wanted, error.fault, error.also)
+
+    def _behind(self, text: str) -> list[str]:
+        """The parameters that an expression hangs on, those that it names first."""
+        names: dict[str, None] = {}
+        found = [text]
+        for expression in found:
+            try:
+                new = [name for name in parse(expression).names if name not in names]
+            except QuantityError:  # none after all, which is refused in its own place
+                continue
+            names |= dict.fromkeys(new)
+            texts = (self.typed(f"parameters.{name}") for name in new)
+            found += [str(typed) for typed in texts if is_expression(typed)]
+        return list(names)
 
     def typed_or(self, dotted: str, value: object) -> object:
         """What the user wrote in a field, or a value in its place where it is not there."""

@@ -547,7 +547,7 @@ class Case(ShownCase):
         units that people type.
         """
         try:
-            return load(raw, (self._raw.data, self._validated))
+            return load(raw, (self._raw.data, self._validated), source)
         except CaseError as error:
             given = error.source == source and error.field in called
             field = called[error.field] if given else error.field
@@ -580,8 +580,13 @@ def _model_of(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None)
     return validate(raw, {name: kind.file for name, kind in KINDS.items()}, before)
 
 
-def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> Case:
+def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None, latest: str = "") -> Case:
     """The case of a file that has been read and merged; `before` as for :func:`eppanalysis.cases.schema.validate`.
+
+    Parameters
+    ----------
+    latest : str
+        Source of the values that were put in last; that of the file by default.
 
     Raises
     ------
@@ -590,8 +595,11 @@ def load(raw: RawCase, before: tuple[Mapping[str, Any], Any] | None = None) -> C
     """
     raw = raw.in_our_words()
     file = _model_of(raw, before)
-    with np.errstate(all="ignore"):  # what overflows is refused as not finite
-        parts = KINDS[file.kind].parts(file, raw)
+    try:
+        with np.errstate(all="ignore"):  # what overflows is refused as not finite
+            parts = KINDS[file.kind].parts(file, raw)
+    except CaseError as error:
+        raise raw.blamed(error, latest or raw.source) from None
     expected = make_expected(file.expected)
     if expected.signal is not None and expected.signal not in parts.system.signals.names:
         raise raw.refused("expected.signal", f"one of {', '.join(parts.system.signals.names)}")

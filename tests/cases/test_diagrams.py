@@ -394,7 +394,7 @@ def test_a_field_that_is_an_expression_says_so_where_it_is_asked_to_vary():
         ("azimuth_servo", "gap", "1 mm", "an angle"),
         ("azimuth_servo", "motor_friction.coulomb", "1 N", "a torque"),
         ("x15_flare", "bandwidth", "25 Hz", "a rate in 1/s or rad/s"),
-        ("x15_flare", "rate", "25 m", "an angular velocity"),
+        ("x15_flare", "rate", "25 m", "a value with which elements.rate_limit.lower is an angular velocity"),
         ("wheelchair", "play.gap", "1 N", "a quantity in m, as it is in the case"),
     ],
 )

@@ -289,6 +289,55 @@ WRONG = [
 ]
 
 
+BEHIND = """
+kind = "diagram"
+title = "a play and a saturation behind expressions"
+connect = ["-plant.angle -> gear", "gear -> limit", "limit -> plant.voltage", "0 -> plant.torque"]
+[parameters]
+ratio = 50
+slack = "0.1 deg"
+half = "slack/2"
+[blocks]
+plant = { kind = "motor", resistance = 1, torque_constant = 1, inertia = 1, ratio = "ratio" }
+[elements]
+gear = { kind = "play", gap = "half" }
+limit = { kind = "saturation" }
+"""
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (
+            {"slack": "-1 deg"},
+            "--set: slack is '-1 deg'; expected a value with which elements.gear.gap is zero or more",
+        ),
+        ({"half": "-1 deg"}, "--set: half is '-1 deg'; expected zero or more."),
+        ({"ratio": 0}, "--set: ratio is 0; expected a number other than zero."),
+        ({"half": "slack/0"}, "--set: half is 'slack/0'; expected a divisor"),
+        (
+            {"slack": "-1 deg", "half": "slack"},
+            ".gap is 'half'; expected zero or more: half is -1 deg, with half and slack",
+        ),
+    ],
+)
+def test_what_is_set_is_refused_by_its_own_name_however_deep_it_is_used(values: dict[str, object], said: str) -> None:
+    case = epp.case_from_text(BEHIND)
+    with pytest.raises(epp.CaseError) as caught:
+        case.with_values(values, "--set")
+    assert said in str(caught.value)
+
+
+def test_what_a_file_sets_of_its_base_is_refused_in_that_file(tmp_path: Path) -> None:
+    (tmp_path / "whole.toml").write_text(BEHIND)
+    own = tmp_path / "own.toml"
+    own.write_text('base = "whole"\ntitle = "own"\n[parameters]\nslack = "-1 deg"\n')
+    [said] = map(str, mistakes_in(own).found)
+    assert said.startswith(
+        f"{own}: parameters.slack is '-1 deg'; expected a value with which elements.gear.gap is zero"
+    )
+
+
 @pytest.mark.parametrize(
     ("changed", "field", "value", "expected"),
     [

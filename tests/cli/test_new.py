@@ -72,7 +72,9 @@ def test_numbers_are_written_as_they_are_given(tmp_path: Path) -> None:
         (["--kind", "servo", "--set", "backlash=0.2"], "expected a quantity with its unit, such as '0.1 deg'."),
         (["--kind", "servo", "--set", "backlash=2 mm"], "--set: backlash is '2 mm'; expected an angle"),
         (["--kind", "servo", "--set", "backlash=2 dog"], "backlash is '2 dog'; expected a known unit"),
-        (["--kind", "servo", "--set", "J_load=-1 kg*m^2"], "expected a positive number: J_load is -1 kg*m^2."),
+        (["--kind", "servo", "--set", "J_load=-1 kg*m^2"], "--set: J_load is '-1 kg*m^2'; expected a positive number."),
+        (["--kind", "servo", "--set", "ratio=0"], "--set: ratio is '0'; expected a number other than zero."),
+        (["--kind", "servo", "--set", "ratio=-36:1"], "--set: ratio is '-36:1'; expected a value with which blocks."),
         (["--kind", "servo", "--set", "ratio"], "lacks a field"),
     ],
 )

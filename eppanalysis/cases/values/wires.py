@@ -292,17 +292,11 @@ def _of_start(name: str, part: Any, raw: RawCase) -> Iterator[_Claim]:
 
 
 def _refused(field: str, wanted: str, found: Parameter, raw: RawCase) -> CaseError:
-    """The refusal of a number: of a parameter in its place that was set beside the file, else of the field."""
+    """The refusal of a number, with the unit of an expression."""
     text = plain_value(raw.typed(field))
-    if not is_expression(text):
-        return CaseError(raw.origin(field), field, text, wanted)
-    computed = f"{wanted}: {text} is in {found.unit or 'plain numbers'}"
-    for name in parse(str(text)).names:
-        parameter = f"parameters.{name}"
-        if raw.origin(parameter) != raw.origin(field):
-            expected = wanted if name == text else computed
-            return CaseError(raw.origin(parameter), name, plain_value(raw.typed(parameter)), expected)
-    return CaseError(raw.origin(field), field, text, computed)
+    if is_expression(text):
+        wanted = f"{wanted}: {text} is in {found.unit or 'plain numbers'}"
+    return CaseError(raw.origin(field), field, text, wanted)
 
 
 def _roles(units: Mapping[str, Role], typed: Mapping[str, Parameter]) -> Iterator[tuple[str, Role, Parameter]]:
