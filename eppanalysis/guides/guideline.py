@@ -16,7 +16,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.cases import Case, as_case, variation_of
-from eppanalysis.errors import EppError
+from eppanalysis.errors import ArgumentError, EppError
 from eppanalysis.guides.beyond import OwnRuns, own_runs, smallest_trigger
 from eppanalysis.guides.result import GAIN, LIMIT, Guide, GuideRow
 from eppanalysis.methods.bounds.balanced import BalancedSweep, BoundProblem, value_of
@@ -185,10 +185,12 @@ def pair_of(case: Case, over: str | None, limit: str | None) -> tuple[str, str]:
         If one is not given and the case has no usual one, they are the same, or the case does not know them.
     """
     usual = variation_of(case).guided
-    if usual is None and (over is None or limit is None):
-        names = list(variation_of(case).axes())
-        such = f", such as {' and '.join(names)}" if names else ""
-        raise EppError(f"guide: {case.name} has no usual parameters of guidelines; expected over and limit{such}.")
+    lacking = next((name for name, given in (("over", over), ("limit", limit)) if given is None), None)
+    if usual is None and lacking is not None:
+        names = [name for name in variation_of(case).axes() if name not in (over, limit)]
+        such = f", such as {' or '.join(names)}" if names else ""
+        said = f" is not given, and guidelines of {case.name} have no usual one; expected a parameter{such}."
+        raise ArgumentError(lacking, said, "guide")
     first, second = usual or ("", "")
     chosen = over or first, limit or second
     if chosen[0] == chosen[1]:

@@ -186,6 +186,8 @@ def needs(command: str) -> None:
         ((*SERVO_SWEEP, "--shard", "1/2"), "--shard is given without a store; expected the name of one (.zarr)."),
         ((*SERVO_SWEEP, "--scheduler", "foo"), "--scheduler is 'foo'; expected 'threads'"),
         (("branch", "backlash_servo", "--over", "foo", "--from", "1", "--to", "2"), "foo is 'not known'; expected a"),
+        (("guide", "backlash_servo"), "--over is not given, and guidelines of backlash_servo have no"),
+        (("guide", "backlash_servo", "--over", "play.gap"), "no usual one; expected a parameter, such as loop.gain."),
         ((*BOUNDED, "--from", "foo"), "--from: loop.gain is 'foo'; expected a number with or without a unit."),
         ((*BOUNDED, "--points", "1", "--to", "1 m"), "--to: loop.gain is '1 m'; expected a quantity in plain numbers."),
         ((*BOUNDED, "--within", "1 kg..x"), "--within: play.gap is '1 kg'; expected a quantity in plain numbers."),

@@ -201,7 +201,7 @@ def test_markdown_and_latex_keep_their_columns(guide: Guide, tmp_path: Path) -> 
 
 def test_what_guidelines_are_of_is_to_be_said_where_it_is_not_usual() -> None:
     servo = epp.case("backlash_servo")
-    with pytest.raises(epp.EppError, match=r"expected over and limit, such as loop.gain and play.gap"):
+    with pytest.raises(epp.EppError, match=r"over is not given, .* a parameter, such as loop.gain or play.gap"):
         epp.design_guide(servo, ["2"])
     with pytest.raises(epp.EppError, match=r"play.gap is to run and to be bounded"):
         epp.design_guide(servo, ["2"], over="play.gap", limit="play.gap")

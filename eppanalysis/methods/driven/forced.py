@@ -512,7 +512,8 @@ def _sentence(
     stable = sum(r.stable for r in responses)
     multiples = sorted({r.multiple for r in responses} - {1})
     what = f"{len(responses)} found, {stable} stable" if responses else "none found"
-    sub = f", some of them of {' and '.join(map(str, multiples))} periods of the input" if multiples else ""
+    which = "some of them of" if any(r.multiple == 1 for r in responses) else "of"
+    sub = f", {which} {' and '.join(map(str, multiples))} periods of the input" if multiples else ""
     if held := sum(r.one_of_many for r in responses):
         sub += f", {'each' if held == len(responses) else f'{held} of them'} one of a continuum"
     goes_on = _FOLLOWS if search.repeats == 1 else _EVERY.format(search.repeats)

@@ -401,3 +401,13 @@ def test_a_relay_that_breaks_friction_away_leaves_the_multipliers_as_they_are(st
     for seed in (0, 1):
         (turned,) = epp.forced_response(rotated(servo, seed), "setpoint", amplitude=amplitude, frequency=frequency)
         assert np.abs(turned.cycle.multipliers) == pytest.approx(np.abs(given.cycle.multipliers), abs=1e-7)
+
+
+def test_one_response_that_repeats_itself_every_second_period_is_not_some_of_several():
+    """A sample each 0.1 s and a sine of 0.25 s: five samples are two periods."""
+    plant = epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0])
+    parts = {"law": epp.blocks.Gain(gain=2.0, sample_time=0.1), "valve": epp.Saturation(), "plant": plant}
+    servo = epp.Diagram(parts, ["level - plant -> law", "law -> valve", "valve -> plant"], inputs=["level"])
+    found = epp.forced_response(servo, amplitude=1.0, frequency=4.0)
+    assert [r.multiple for r in found] == [2]
+    assert "at level: 1 found, 1 stable, of 2 periods of the input. " in str(found)
