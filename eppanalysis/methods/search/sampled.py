@@ -313,10 +313,11 @@ class SampledSearch:
                 return RunOutcome.CYCLE, known
             orbit = close_locked(self.strobe, begin, n)
             return (RunOutcome.UNDECIDED, None) if orbit is None else (RunOutcome.CYCLE, self._add(orbit))
-        if (on := self._on_its_way(run, float(found[2]))) is not None:
-            return RunOutcome.CYCLE, on
         # The period of a slow cycle has ten thousand samples: its harmonics take ten times as long as the run.
-        if self._is_met(run, found):
+        met = self._is_met(run, found)
+        if (on := self._on_its_way(run, float(found[2]), met)) is not None:
+            return RunOutcome.CYCLE, on
+        if met:
             return RunOutcome.OF_RUNS, None
         if not is_locked(found):
             # No closing tells of turns that differ whether they creep to another size: many times as long a run does.
@@ -334,15 +335,18 @@ class SampledSearch:
             self.others.append(cycle)
         return RunOutcome.OF_RUNS, None
 
-    def _on_its_way(self, run: Run, differs: float) -> int | None:
-        """The stable locked orbit to which a run comes whose turns still differ so much; None for none."""
+    def _on_its_way(self, run: Run, differs: float, met: bool) -> int | None:
+        """The stable locked orbit to which a run comes whose turns still differ so much; None for none.
+
+        Where its motion has been `met` and is listed, its turns have closed on none already.
+        """
         if not self.strobe.closes:
             return None
         samples, rows = self._at_samples(run)
         for k, orbit in enumerate(self.rounds):
             if _comes_to(rows, orbit, differs):
                 return k
-        if self.refused == _STARTS or len(rows) < 6:  # what has closed on none so often fills a curve
+        if met or self.refused == _STARTS or len(rows) < 6:  # what has closed on none so often fills a curve
             return None
         size = np.ptp(rows, axis=0)
         back = np.abs(rows[-3 : -len(rows) // 2 : -1] - rows[-1]) / np.where(size > 0.0, size, np.inf)

@@ -56,18 +56,32 @@ def close(begin: SteadyMotion | None, given: bool, pieces: int = 1) -> SteadyMot
 
 
 def _nearer(now: SteadyMotion, given: bool) -> SteadyMotion | None:
-    """What comes of the longest share of Newton's step that betters it, or of all of it where none does."""
+    """What comes of the longest share of Newton's step that betters it, or of all of it where none does.
+
+    None where there is no step, or it leaves what keeps the motion from closing as it is.
+    """
     step, longer = newton(now, given)
     if not np.all(np.isfinite(step)):
         return None
     whole = None
     for share in _SHARES:
         new = now.moved(share * step, share * longer)
+        if share == 1.0 and new is not None and _drifts_on(now, new):
+            return None
         if new is not None and new.is_nearer(now, 1.0 - 0.1 * share):
             return new
         whole = new if share == 1.0 else whole
     # An event has passed the begin, or what holds memory is elsewhere: on from where no event is near.
     return whole if whole is None or whole.ends_in_its_modes else whole.placed(len(whole.passes))
+
+
+def _drifts_on(now: SteadyMotion, new: SteadyMotion) -> bool:
+    """Whether what is held misses after a step what it has missed before: no start near changes what it counts.
+
+    The integral of a sampled controller behind a quantiser moves by whole steps of it, unless events come or go.
+    """
+    before, after = (motion.misses.sum(axis=0)[now.held] / now.scale[now.held] for motion in (now, new))
+    return bool(np.any((np.abs(before) > CLOSED) & (np.abs(after - before) <= CLOSED)))
 
 
 def newton(now: SteadyMotion, given: bool) -> tuple[Array, float]:
