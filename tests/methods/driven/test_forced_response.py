@@ -371,7 +371,6 @@ def test_what_is_not_covered_is_said():
         epp.forced_response(epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.Relay()), amplitude=1.0, frequency=1.0)
 
 
-@pytest.mark.xfail(reason="an event that a jump passes by a force alone counts as one of its own instant", strict=True)
 @pytest.mark.parametrize("stiffness", [0.0, 0.4])
 def test_a_relay_that_breaks_friction_away_leaves_the_multipliers_as_they_are(stiffness):
     """The jump passes the friction's guard by a force, at its own instant: what is left of a disturbance after a period

@@ -18,6 +18,7 @@ from eppanalysis.methods.steady.motion import SteadyMotion
 from eppanalysis.models.elements import ControllerMemory
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import Sine
+from tests.coordinates import rotated
 
 
 def sampled(element: epp.Nonlinearity) -> HybridSystem:
@@ -48,6 +49,24 @@ def driven(element: epp.Nonlinearity) -> HybridSystem:
     return HybridSystem.from_lure(driven_loop(element), {"force": Sine(0.8, 1.3)})
 
 
+def broken_away(seed: int | None) -> HybridSystem:
+    """A relay whose jumps break the friction of a mass away."""
+    parts = {
+        "relay": epp.HysteresisRelayDeadZone(on=0.12, off=0.06, level=1.2),
+        "mass": epp.blocks.Mass(mass=0.6, damping=0.5, start=[1.0, -0.5]),
+        "friction": epp.Friction(coulomb=0.5, static=1.0),
+        "spring": epp.blocks.Gain(gain=0.2),
+    }
+    wires = [
+        "setpoint - mass.position -> relay",
+        "relay - friction - spring -> mass",
+        "mass.position -> spring",
+        "mass.speed -> friction",
+    ]
+    loop = epp.Diagram(parts, wires, inputs=["setpoint"]).to_system()
+    return HybridSystem.from_lure(loop if seed is None else rotated(loop, seed), {"setpoint": Sine(0.7, 0.13)})
+
+
 STARTS = {
     "sampled, saturation": lambda: (sampled(epp.Saturation(-0.3, 0.3)), 4.03),
     "sampled, smooth": lambda: (sampled(epp.Tanh(0.3)), 4.03),
@@ -57,6 +76,8 @@ STARTS = {
     "smooth": lambda: (autonomous(epp.Tanh(0.5)), 9.0),
     "driven saturation": lambda: (driven(epp.Saturation(-0.05, 0.05)), 11.0),
     "driven friction": lambda: (driven(epp.Friction(0.03)), 11.0),
+    "relay and friction": lambda: (broken_away(None), 14.0),
+    "relay and friction, turned": lambda: (broken_away(0), 14.0),
 }
 
 

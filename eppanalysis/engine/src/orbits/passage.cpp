@@ -39,14 +39,14 @@ void mark(const Model& model, const Met& met, Indices kind) {
     }
 }
 
-/// Whether a guard is at its threshold but for rounding.
-bool reaches_no_further(Vector g, Vector y) {
+/// Value of a guard; zero at its threshold but for rounding.
+double value_of(Vector g, Vector y) {
     double value = 0.0, size = 0.0;
     for (i64 i = 0; i < g.size(); ++i) {
         value += g(i) * y(i);
         size += std::fabs(g(i) * y(i));
     }
-    return std::fabs(value) <= AT_THRESHOLD * size;
+    return (std::fabs(value) <= AT_THRESHOLD * size) ? 0.0 : value;
 }
 
 /// The derivative D (N, N) of a run's end by its start, and of how much later its events come, `shift` (N,).
@@ -97,10 +97,14 @@ i64 derivative_of_run(const Model& model, const Combinations& compiled, const Wo
         }
         // What comes behind one that lets go is met by itself.
         bool by_itself = a > 0 && kind(a - 1) == LETS_GO;
-        if (a < p && kind(a) == INDUCED && !by_itself && reaches_no_further(g, y)) {
+        if (a < p && kind(a) == INDUCED && !by_itself && value_of(g, y) == 0.0) {
             found = TOUCHES;
         }
         double tau = ((a < p) ? met.time(a) : t_end) - ((a > 0) ? met.time(a - 1) : 0.0);
+        // A jump has passed it, be it by a force alone, which acts on no input straight: friction that breaks away.
+        if (a < p && a > 0 && kind(a) == CROSSED && tau == 0.0 && value_of(g, y) > 0.0) {
+            kind(a) = INDUCED;
+        }
         if (orbits_arcs::is_smooth(model, modes, S, gs, sense.row(0))) {
             orbits_sweep::along(channels, 0, F, S, g, gs, 1, y, tau, end, Phi, sigma, row);
         } else {
