@@ -131,7 +131,10 @@ def make_guess(
 def brought_about(model: Model, guards: IntArray, tau: Array) -> IntArray:
     """Marks, shape (p,), of the events by which an element lets go because the next event makes its input jump."""
     marks = np.zeros(guards.size, np.int64)
-    element, lets_go = model.guard_element[guards], np.any(model.guard_rate[guards], axis=1)
+    element, mode = model.guard_element[guards], np.searchsorted(model.guard_first, guards, side="right") - 1
+    held = (model.mode_lags[mode] & model.mode_stick[mode]).astype(bool)
+    # What follows its input lets go by a guard on rates; what is held on a level, by any.
+    lets_go = held | np.any(model.guard_rate[guards], axis=1)
     jump = guards.size - 1
     for a in reversed(range(guards.size - 1)):
         if tau[a + 1] == 0.0 and lets_go[a] and model.reach[element[jump], element[a]]:

@@ -117,14 +117,25 @@ def admitted(
     pull, size = C @ B[:, w], np.abs(C) @ np.abs(B[:, w])
     feels = (np.abs(pull) > _REMAINDER * size) | (D[:, w] != 0.0)
     held = (pull[z] * jump < 0) & bool(feels[z] and not D[z, w])
-    rows, known = [z], {z}
+    rows, known, straight = [z], {z}, set[int]()
     while rows:
         for other in {int(np.searchsorted(first[:, 1], j, side="right")) - 1 for j in np.flatnonzero(D[rows.pop()])}:
-            a, inputs = automata[other], range(*first[other : other + 2, 0])
-            held &= not (a.smooth or np.any(a.mode_columns["sticking"]) or np.any(feels[inputs]))
+            inputs = range(*first[other : other + 2, 0])
+            straight.add(other)
+            held &= not (automata[other].smooth or np.any(feels[inputs]))
             rows += [row for row in inputs if row not in known]
             known.update(inputs)
+    # In a ring one of them feels the output: the recursion ends.
+    if np.any(held):
+        held &= not any(_may_be_held(other, first, automata, B, C, D) for other in straight)
     return np.asarray(held)
+
+
+def _may_be_held(e: int, first: IntArray, automata: Sequence[Automaton], B: Array, C: Array, D: Array) -> bool:
+    """Whether the loop admits any sticking mode of an element."""
+    columns = automata[e].mode_columns
+    jumps = columns["jump"][columns["sticking"]]
+    return bool(np.any(admitted(jumps, e, first, automata, B, C, D)))
 
 
 def not_held(hybrid: Hybrid) -> tuple[int, ...]:

@@ -447,8 +447,8 @@ def limited(before: epp.Nonlinearity, *between: tuple[list[float], list[float]])
     return epp.LureSystem.from_blocks([([1.0], [1.0, 1.0, 0.0]), before, *between, epp.RateLimiter(1.0)])
 
 
-@pytest.mark.parametrize("before", [epp.Tanh(1.0, 1.0), epp.Relay(-1.0, 1.0)], ids=["curved", "relay"])
-def test_a_run_of_a_limiter_straight_behind_another_element_is_said_to_chatter(before):
+def test_a_run_of_a_limiter_straight_behind_a_curved_element_is_said_to_chatter():
+    before = epp.Tanh(1.0, 1.0)
     run = epp.simulate(limited(before), t_end=30.0)
     assert run.status is epp.Status.EVENT_LIMIT and CHATTERS in run.note
     assert CHATTERS not in epp.simulate(limited(before, ([5.0], [1.0, 5.0])), t_end=30.0).note

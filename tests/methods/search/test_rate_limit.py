@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.optimize import brentq
 
 import eppanalysis as epp
 
@@ -69,7 +70,13 @@ def test_the_search_finds_the_cycle_of_a_limit_before_an_ideal_rate_limit(gain):
         assert found.stable[0].peak_to_peak["y"] == pytest.approx(8.1668, rel=1e-4)
 
 
-@pytest.mark.parametrize("element", [epp.Play(0.2), epp.HysteresisRelay(-0.3, 0.3), epp.Saturation(-0.4, 0.8)])
+_BEFORE = [
+    epp.Play(0.2), epp.HysteresisRelay(-0.3, 0.3), epp.Saturation(-0.4, 0.8), epp.Relay(-0.6, 0.8, 0.1),
+    epp.RelayDeadZone(0.2), epp.Preload(0.3, 0.5), epp.Quantiser(0.3, 20),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("element", _BEFORE)
 def test_an_ideal_rate_limit_follows_an_element_straight_before_it(element):
     loop = epp.LureSystem.from_blocks([element, epp.RateLimiter(RATE), ([1.5], [1.0, 2.0, 1.0, 0.0])])
     times = np.arange(1.0, 31.0)
@@ -89,6 +96,26 @@ def test_an_ideal_rate_limit_follows_an_element_straight_before_it(element):
     Q = np.linalg.qr(np.random.default_rng(4).normal(size=loop.A.shape))[0]
     turned = epp.simulate(loop.in_coordinates(Q, Q.T), t_end=30.0, t_eval=times)
     assert turned.n_events == run.n_events
+
+
+@pytest.mark.parametrize("band", [0.0, 0.2])
+def test_the_cycle_of_a_relay_before_an_ideal_rate_limit_is_that_of_its_ramps(band):
+    """The drive of 3/((s + 1)(s + 2)) goes from -1 to 1 at a rate of 4 and stays there: half a period, by matrices."""
+    element = epp.HysteresisRelay(-band, band) if band else epp.Relay()
+    loop = epp.LureSystem.from_blocks([element, epp.RateLimiter(4.0), ([3.0], [1.0, 3.0, 2.0])])
+    # The state with its drive and the rate of that.
+    A = np.array([[0.0, 1.0, 0.0, 0.0], [-2.0, -3.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 0.0]])
+
+    def beyond(half: float) -> float:
+        """The output where the drive begins to rise, with the state half a period later its negative."""
+        free = expm(A[:2, :2] * half)
+        held = expm(A * (half - 0.5)) @ ((expm(0.5 * A) @ [0.0, 0.0, -1.0, 4.0]) * [1.0, 1.0, 1.0, 0.0])
+        return 3.0 * float(np.linalg.solve(np.eye(2) + free, -held[:2])[0]) + band
+
+    found = epp.find_limit_cycles(loop)
+    assert found.status is epp.Status.CONVERGED and len(found) == 1 and found[0].stable
+    assert found[0].method == "exact orbit"
+    assert found[0].period == pytest.approx(2.0 * brentq(beyond, 0.6, 3.0, xtol=1e-14), rel=1e-9)
 
 
 @pytest.mark.parametrize(("num", "sample_time", "gain"), [([1.0], 0.1, 1.0), ([2.0, 3.0], 0.4, 0.5)])

@@ -67,12 +67,19 @@ def broken_away(seed: int | None) -> HybridSystem:
     return HybridSystem.from_lure(loop if seed is None else rotated(loop, seed), {"setpoint": Sine(0.7, 0.13)})
 
 
+def limited(element: epp.Nonlinearity) -> HybridSystem:
+    """A limiter of rate that reaches what is straight before it, and lets go where that jumps."""
+    loop = epp.LureSystem.from_blocks([element, epp.RateLimiter(4.0), ([3.0], [1.0, 3.0, 2.0])])
+    return replace(steady_hybrid(loop), x0=np.array([0.3, -0.4, 0.2]))
+
+
 STARTS = {
     "sampled, saturation": lambda: (sampled(epp.Saturation(-0.3, 0.3)), 4.03),
     "sampled, smooth": lambda: (sampled(epp.Tanh(0.3)), 4.03),
     "play": lambda: (autonomous(epp.Play(0.2)), 9.0),
     "hysteresis relay": lambda: (autonomous(epp.HysteresisRelay(-0.1, 0.1)), 9.0),
     "preload": lambda: (autonomous(epp.Preload(0.4, 1.0)), 9.0),
+    "relay, then a limit of rate": lambda: (limited(epp.HysteresisRelay(-0.1, 0.1)), 9.0),
     "smooth": lambda: (autonomous(epp.Tanh(0.5)), 9.0),
     "driven saturation": lambda: (driven(epp.Saturation(-0.05, 0.05)), 11.0),
     "driven friction": lambda: (driven(epp.Friction(0.03)), 11.0),

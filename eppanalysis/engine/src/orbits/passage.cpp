@@ -13,14 +13,17 @@ enum : i64 {
 };
 
 /// How each event comes about, from the last one back and from the first one on.
-void mark(const Model& model, const Met& met, Indices kind) {
+void mark(const Model& model, const Met& met, Indices modes0, Indices kind) {
     i64 p = met.guard.size();
     i64 jump = p - 1;
     auto element = [&](i64 a) { return model.guard_element(met.guard(a)); };
     kind.fill(CROSSED);
     for (i64 a = p - 2; a >= 0; --a) {
+        // What follows its input lets go by a guard on rates; what is held on a level, by any.
+        i64 m = model.mode_first(element(a)) + ((a > 0) ? met.modes.row(a - 1) : modes0)(element(a));
+        bool held = model.mode_lags(m) && model.mode_stick(m);
         bool on_rate = model.guard_rate.row(met.guard(a)).any([](double c) { return c != 0.0; });
-        if (met.time(a + 1) == met.time(a) && on_rate && model.reach(element(jump), element(a))) {
+        if (met.time(a + 1) == met.time(a) && (held || on_rate) && model.reach(element(jump), element(a))) {
             kind(a) = LETS_GO;
         } else {
             jump = a;
@@ -68,7 +71,7 @@ i64 derivative_of_run(const Model& model, const Combinations& compiled, const Wo
     Vector y = copy_of(y0), rate = zeros<double>(n), sigma = zeros<double>(n_s);
     Indices kind = zeros<i64>(p), modes = copy_of(modes0);
     const Channels channels{model.smooth_kind, model.smooth_x, model.smooth_H, model.smooth_s, model.smooth_scale, sense};
-    mark(model, met, kind);
+    mark(model, met, modes0, kind);
     filling::fill_rows(D, identity(N));
     shift.fill(0.0);
     i64 found = orbits_arcs::READY;
