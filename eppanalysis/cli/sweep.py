@@ -346,7 +346,7 @@ def _report(dataset: xarray.Dataset, counts: dict[str, Any], curves: Sequence[Bo
     if "allowed" in dataset.attrs:
         echo(f"Allowed is a stable limit cycle up to {dataset.attrs['allowed']}.")
     for curve in curves:
-        echo(f"boundary by {curve.label}: {curve.message}")
+        echo(f"boundary ({curve.label}): {curve.message}")
     if "failed" in counts["status"]:
         messages = dataset["message"].values.ravel()
         echo(f"first failure: {messages[np.flatnonzero(messages != '')[0]]}")

@@ -85,7 +85,7 @@ def test_boundaries_are_drawn_on_a_map(tmp_path) -> None:
     arguments = (*RELAY[:2], "--axis", "relay_dead_zone.threshold=1:4:2", "--axis", "loop.gain=3:6:2")
     result = run(*arguments, "--boundary", "simulate", "-o", str(picture))
     assert result.exit_code == 0, result.output
-    assert "boundary by run in time:" in result.stdout
+    assert "boundary (run in time):" in result.stdout
     assert "run in time" in picture.read_text(encoding="utf-8")
 
 

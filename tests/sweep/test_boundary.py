@@ -105,6 +105,31 @@ def test_a_border_goes_on_with_another_family_where_their_borders_cross() -> Non
         assert backlash == pytest.approx(cell.exact, rel=1e-9)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("gain", "inside"), [("2/(1 + a*a + b*b)", "cycles"), ("(1 + a*a + b*b)/4", "none")])
+def test_a_border_that_closes_within_the_ranges_is_a_circle(gain: str, inside: str) -> None:
+    """The gain depends on two parameters alike: the border is where it is that at which the relay's cycles end."""
+    parts = {"num": [f"5*({gain})"], "den": [1, 2, 1, 0], "start": [0.0, 0.0, 1.0]}
+    case = epp.Case.from_tables({
+        "kind": "diagram",
+        "title": "Relay with dead zone",
+        "connect": ["-plant -> relay", "relay -> plant"],
+        "parameters": {"a": 0.1, "b": 0.1},
+        "blocks": {"plant": {"kind": "transfer_function", **parts}},
+        "elements": {"relay": {"kind": "relay_dead_zone", "threshold": 1.0, "level": 1.0}},
+        "run": {"t_end": "60 s"},
+    })  # fmt: skip
+    found = free_region(case, {"a": [-2.0, 2.0], "b": [-2.2, 2.0]}, places=3)
+    square = 2.0 * 1.6625701907 - 1.0 if inside == "cycles" else 4.0 / 1.6625701907 - 1.0
+    assert found.status is Status.CONVERGED
+    on = np.array(found.kinds) == "fold"
+    np.testing.assert_allclose(np.sum(found.points[on] ** 2, axis=1), square, rtol=1e-8)
+    # Of a polygon in the circle.
+    circle = np.pi * square
+    assert found.area == pytest.approx(16.8 - circle if inside == "cycles" else circle, abs=0.02 * circle)
+    assert (np.sum(np.isnan(found.points[:, 0])) == 1) == (inside == "cycles")
+
+
 def test_a_region_may_have_no_border_of_cycles() -> None:
     found = free_region(RELAY, {"loop.gain": [0.1, 0.2], "relay_dead_zone.threshold": [1.0, 2.0]}, places=3)
     assert set(found.kinds) == {"end of the range"}
