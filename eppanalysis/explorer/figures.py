@@ -294,6 +294,8 @@ class MapPicture:
         made.image(image="image", x="x", y="y", dw="dw", dh="dh", source=self.cells, color_mapper=colours)
         for code, word in _CODES.items():
             made.scatter([math.nan], [math.nan], marker="square", size=11, color=_MAP_COLOURS[code], legend_label=word)
+        self.border = ColumnDataSource(data=_NOTHING)
+        made.line("x", "y", source=self.border, color="black", line_width=2.0, legend_label="cycles end, exactly")
         edged: dict[str, Any] = {"fill_color": "white", "line_color": "black", "line_width": 1.5}
         made.scatter(
             "x", "y", source=self.begins, marker="diamond", size=13, legend_label="cycles begin, exactly", **edged
@@ -314,6 +316,10 @@ class MapPicture:
     def show_begins(self, places: Sequence[tuple[float, float]]) -> None:
         """Where cycles appear exactly, which cells tell to their width only."""
         self.begins.data = {"x": [x for x, _ in places], "y": [y for _, y in places]}
+
+    def show_border(self, facts: dict[str, Any], x_factor: float, y_factor: float) -> None:
+        """The whole border of where there is no limit cycle."""
+        self.border.data = {n: np.asarray(facts[n]) * f for n, f in (("x", x_factor), ("y", y_factor))}
 
     def on_drag(self, begin: Callable[[], None], move: Callable[[float, float], None], end: Callable[[], None]) -> None:
         """Say what is done when the design is dragged on the map, or put to where the map is tapped."""

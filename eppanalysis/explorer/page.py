@@ -387,6 +387,7 @@ class Page:
             ends = [(a.low * a.per_unit, a.high * a.per_unit) for a in self.axes]
             at = {a.name: a.value * a.per_unit for a in self.axes}
             self._ask_once("map", slow.design_map, at, (x.name, y.name, *ends), self._show_map)
+            self._ask_once("border", slow.border, at, (x.name, y.name, *ends), self._show_border)
         self._ask("exact", slow.all_cycles, (given,), partial(self._show_exact, dict(self.values)))
         over = self.sliders.get(self.over.value)
         if over is not None:
@@ -412,7 +413,7 @@ class Page:
         if self.shown.get(kind) == wanted:
             return
         self.shown[kind] = wanted
-        picture = self.branch if kind == "branch" else self.map
+        picture = {"branch": self.branch, "map": self.map}.get(kind)
         if picture is not None:
             picture.figure.title.text = _TITLES[kind] + ": being computed ..."
         self._ask(kind, job, wanted, then)
@@ -460,6 +461,11 @@ class Page:
             return
         self.map.figure.title.text = "Design map"
         self.map.show_cells(facts, *(1.0 / a.per_unit for a in self.axes))
+
+    def _show_border(self, facts: slow.Facts) -> None:
+        """The border of the design map; where there is none, its cells alone say what they do."""
+        assert self.map is not None and self.axes is not None
+        self.map.show_border({"x": [], "y": []} if "error" in facts else facts, *(1.0 / a.per_unit for a in self.axes))
 
     def _next_tick(self, act: Callable[[], None]) -> None:
         """Do something in the thread of the page, if the page is still there."""

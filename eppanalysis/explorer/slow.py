@@ -1,4 +1,4 @@
-"""What a slider shows a moment later: exact cycles, the branch over a parameter, the design map; in another process.
+"""What a slider shows a moment later: exact cycles, the branch over a parameter, the design map; in other processes.
 
 Another process, because these take seconds and would hold up the page. Jobs are functions of plain data, so that each
 is computed once and kept; one that nobody wants any more is dropped before it begins.
@@ -127,6 +127,16 @@ def design_map(given: Given, x: str, y: str, xs: tuple[float, float], ys: tuple[
     return {"outcome": cells["outcome"].transpose(y, x).values.tolist(), "x": axes[x], "y": axes[y]}
 
 
+def border(given: Given, x: str, y: str, xs: tuple[float, float], ys: tuple[float, float]) -> Facts:
+    """The exact border of where there is no limit cycle over two parameters [SI], without the ends of their ranges."""
+    from eppanalysis.methods.bounds.result import Turn
+    from eppanalysis.sweep.boundary import free_region
+
+    found = free_region(given.case(), {x: list(xs), y: list(ys)})
+    across, up = found.stretches({*found.kinds} - {Turn.EDGE})
+    return {"x": across.tolist(), "y": up.tolist()}
+
+
 def picture(given: Given) -> Facts:
     """The ladder's picture, as a PNG."""
     from eppanalysis.methods.comparison.ladder import ladder
@@ -142,6 +152,7 @@ _PLACES = {
     "picture": "quick",
     "all_cycles": "cycles",
     "branch": "branch",
+    "border": "border",
     "remedies": "remedies",
 }
 

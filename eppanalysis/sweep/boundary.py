@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -91,6 +91,14 @@ class Boundary(Result):
         where = f"{count(len(known), 'point')}, {listed(places)}" if len(known) else "no point"
         ended = "" if self.status.ok else f" {self.status.value}"
         return f"Boundary ({self.label}): {where}. {self.message}{ended}"
+
+    def stretches(self, kinds: Iterable[str]) -> tuple[Array, Array]:
+        """Values of both parameters along the stretches of some kinds, with nan in place of the others."""
+        at = np.isin(self.kinds, list(kinds))
+        # A stretch goes from the point before the first that it ends at to the last.
+        on = at | np.append(at[1:], False)
+        across, up = np.where(on[:, None], self.points, np.nan).T
+        return across, up
 
     def to_frame(self) -> pandas.DataFrame:
         """The points, one a row [SI]; rows without numbers separate the pieces of the curve."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -192,16 +193,10 @@ def _curves(ax: Axes, plane: xarray.Dataset, x: str, y: str, curves: Any) -> lis
 
 def _named(curve: Boundary, x: str, y: str) -> tuple[str, tuple[np.ndarray, np.ndarray]]:
     """A boundary with its name in the legend; of a region without the ends of the ranges, where the map ends, too."""
-    xs, ys = curve.over(x, y)
     if not curve.kinds:
-        return curve.label, (xs, ys)
-    on = _stretch(np.array(curve.kinds) != Turn.EDGE)
-    return f"exact border: {curve.label}", (np.where(on, xs, np.nan), np.where(on, ys, np.nan))
-
-
-def _stretch(on: np.ndarray) -> np.ndarray:
-    """The points of stretches that end at some: each goes from the point before its first to its last."""
-    return on | np.append(on[1:], False)
+        return curve.label, curve.over(x, y)
+    border = replace(curve, points=np.column_stack(curve.stretches({*curve.kinds} - {Turn.EDGE})))
+    return f"exact border: {curve.label}", border.over(x, y)
 
 
 def _regions(ax: Axes, x: np.ndarray, y: np.ndarray, outcome: xarray.DataArray) -> list[Any]:
@@ -426,7 +421,7 @@ def plot_boundary(boundary: Boundary, ax: Axes | None = None) -> Figure:
     (x_label, x), (y_label, y) = (label_of(name, boundary.units, boundary.readable) for name in boundary.axes)
     points = boundary.points * [x, y]
     if boundary.kinds:
-        _draw_region(ax, points, boundary)
+        _draw_region(ax, boundary, (x, y))
         across, up = np.array(boundary.within) * [[x], [y]]
         ax.set(xlim=across, ylim=up)
     else:
@@ -437,9 +432,9 @@ def plot_boundary(boundary: Boundary, ax: Axes | None = None) -> Figure:
     return figure
 
 
-def _draw_region(ax: Axes, points: np.ndarray, region: Boundary) -> None:
+def _draw_region(ax: Axes, region: Boundary, factors: tuple[float, float]) -> None:
     """A region with its border, each stretch in the colour and line of its kind."""
-    kinds = region.kinds
+    points, kinds = region.points * factors, region.kinds
     gaps = np.flatnonzero(np.isnan(points[:, 0]))
     curves = [c[np.isfinite(c[:, 0])] for c in np.split(points, gaps)]
     codes = [[Path.MOVETO] + [Path.LINETO] * (len(c) - 1) for c in curves]
@@ -449,7 +444,7 @@ def _draw_region(ax: Axes, points: np.ndarray, region: Boundary) -> None:
     there = [kind for kind in dict.fromkeys(kinds) if kind]
     handles: list[Any] = [Patch(facecolor=OUTCOME_COLOURS[1], edgecolor=GREY, label=region.label)]
     for i, kind in enumerate(sorted(there, key=lambda kind: kind == Turn.EDGE)):
-        line = np.where(_stretch(np.array(kinds) == kind)[:, None], points, np.nan)
+        line = np.column_stack(region.stretches([kind])) * factors
         style: dict[str, Any] = {"color": _KIND_COLOURS[i % len(_KIND_COLOURS)], "linestyle": _LINES[i % len(_LINES)]}
         style |= {"linewidth": 1.6} if kind != Turn.EDGE else {"linewidth": 0.8, "color": GREY, "linestyle": "-"}
         handles += ax.plot(*line.T, label=kind, **style)

@@ -54,7 +54,10 @@ def test_a_map_names_the_design_and_where_cycles_begin():
     assert named(picture) == colours
     picture.show_place(1.0, 0.5)
     picture.show_begins([(0.5, 0.5)])
-    assert named(picture) == [*colours, "cycles begin, exactly", "the design: 1, 0.5 (drag or tap)"]
+    picture.show_border({"x": [0.5, 1.0], "y": [0.0, 1000.0]}, 2.0, 1e-3)
+    assert picture.border.data["x"].tolist() == [1.0, 2.0] and picture.border.data["y"].tolist() == [0.0, 1.0]
+    begun = ["cycles end, exactly", "cycles begin, exactly", "the design: 1, 0.5 (drag or tap)"]
+    assert named(picture) == [*colours, *begun]
 
 
 def test_the_run_before_a_move_stays_behind_those_after_it():

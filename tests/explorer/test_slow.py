@@ -38,3 +38,13 @@ def test_what_ends_an_oscillation_is_said_in_a_sentence():
     case = epp.case("pid_hunting")
     facts = slow.remedies(slow.Given.of(case, "x"))
     assert facts == {"sentence": str(epp.remedies(case))} and facts["sentence"].endswith("(tested).")
+
+
+@pytest.mark.slow
+def test_the_border_of_the_map_is_that_of_the_region_without_cycles():
+    """The threshold at which a relay's cycles end is 1.6625701907 times the gain."""
+    given = slow.Given.of(epp.case("relay_deadzone"), "x")
+    facts = slow.border(given, "loop.gain", "relay_dead_zone.threshold", (1.05, 1.25), (1.5, 1.8))
+    gain, threshold = (np.array(facts[name]) for name in ("x", "y"))
+    on = np.isfinite(gain)
+    assert on.sum() > 3 and threshold[on] / gain[on] == pytest.approx(1.6625701907, rel=1e-9)

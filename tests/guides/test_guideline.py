@@ -238,7 +238,7 @@ def test_the_end_of_a_known_branch_is_the_bound() -> None:
          "expected LOW..HIGH"),
         (["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash", "-o", "x.doc"],
          "cannot write"),
-        (["guide", "backlash_servo"], "expected over and limit, such as loop.gain and play.gap"),
+        (["guide", "backlash_servo"], "--over is not given, and guidelines of backlash_servo have no usual one"),
         (["guide", "fig8a_original", "--margin", "bands.range=big"], "is no factor"),
         (["guide", "fig8a_original", "-o", "guide.doc"], "cannot write"),
         (["guide", "fig8a_original", "--tolerance", "foo.bar=10 %"], "tolerance of foo.bar: "),
