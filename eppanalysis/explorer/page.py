@@ -416,6 +416,8 @@ class Page:
         picture = {"branch": self.branch, "map": self.map}.get(kind)
         if picture is not None:
             picture.figure.title.text = _TITLES[kind] + ": being computed ..."
+        elif self.map is not None:  # the border of other values is none of these, and takes a minute or two
+            self.map.show_border({"x": [], "y": []}, 1.0, 1.0)
         self._ask(kind, job, wanted, then)
 
     def _ask(
