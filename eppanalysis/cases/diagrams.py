@@ -369,8 +369,9 @@ class _Reader:
             return self._of_rules(table, place)
         made = element_class(kind)
         sizes = {} if made.estimate is None else made.estimate.sizes
-        single = {*sizes, *(field for field, held in field_types(made).items() if held in (Held.NUMBER, Held.COUNT))}
-        lists = {"memory", *(field for field, held in field_types(made).items() if held is Held.LIST)}
+        types = field_types(made)
+        single = {*sizes, *(field for field, held in types.items() if held in (Held.NUMBER, Held.COUNT))}
+        lists = {"memory", *(field for field, held in types.items() if held is Held.LIST)}
         return {
             key: self._put_in(value, f"{place}.{key}", key in lists) if key in single | lists else value
             for key, value in table.items()

@@ -87,7 +87,7 @@ class Boundary(Result):
         ]
         if math.isfinite(self.area):
             share = self.area / math.prod(high - low for low, high in self.within)
-            return f"N{self.label[1:]} in {percent(share)} of {listed(places)}. {self.message}"
+            return f"{self.label[0].upper()}{self.label[1:]} in {percent(share)} of {listed(places)}. {self.message}"
         where = f"{count(len(known), 'point')}, {listed(places)}" if len(known) else "no point"
         ended = "" if self.status.ok else f" {self.status.value}"
         return f"Boundary ({self.label}): {where}. {self.message}{ended}"
@@ -269,6 +269,7 @@ def free_region(
     (['end of the range', 'fold'], 0.000887)
     """
     from eppanalysis.methods.bounds.region import RegionSearch
+    from eppanalysis.methods.continuation.own_states import in_own_states
 
     case = require_case(as_case(case), "free_region")
     require_continuous(case.to_system(), "free_region")
@@ -279,7 +280,8 @@ def free_region(
     for name, start, stop in zip((x, y), low, high, strict=True):
         if not start < stop:
             raise EppError(f"free_region: {name} has one value; expected a range.")
-    search = RegionSearch.over(case, (x, y), low, high, places, allow, progress)
+    search = RegionSearch(in_own_states(case), (x, y), low, high, places, allow, progress)
+    search.run()
     if not search.borders:
         everywhere = f"limit cycles are at all places searched; expected ranges of {x} and {y} with one that has none."
         raise EppError(f"free_region: {search.why or everywhere}")

@@ -180,23 +180,29 @@ def _axes_of(dataset: xarray.Dataset, x: str | None, y: str | None) -> tuple[str
 
 def _curves(ax: Axes, plane: xarray.Dataset, x: str, y: str, curves: Any) -> list[Any]:
     """Curves on top of a map, each in a colour, line and marker of its own."""
-    named = curves.items() if isinstance(curves, Mapping) else [_named(c, x, y) for c in curves]
+    if isinstance(curves, Mapping):
+        named = [(label, places, True) for label, places in curves.items()]
+    else:
+        named = [_named(c, x, y) for c in curves]
     handles = []
-    for i, (label, (xs, ys)) in enumerate(named):
+    for i, (label, (xs, ys), is_marked) in enumerate(named):
         across, up = np.asarray(xs) * factor_of(plane, x), np.asarray(ys) * factor_of(plane, y)
         style: dict[str, Any] = {"color": _LINE_COLOURS[i % len(_LINE_COLOURS)], "linestyle": _LINES[i % len(_LINES)]}
-        if across.size < _FEW and not (isinstance(curves, Sequence) and curves[i].kinds):
+        if across.size < _FEW and is_marked:
             style |= {"marker": "o", "markersize": 3.5}
         handles += ax.plot(across, up, linewidth=1.8, label=label, **style)
     return handles
 
 
-def _named(curve: Boundary, x: str, y: str) -> tuple[str, tuple[np.ndarray, np.ndarray]]:
-    """A boundary with its name in the legend; of a region without the ends of the ranges, where the map ends, too."""
+def _named(curve: Boundary, x: str, y: str) -> tuple[str, tuple[np.ndarray, np.ndarray], bool]:
+    """A boundary with its name in the legend, and whether few points of it are marked.
+
+    Of a region without the ends of the ranges, where the map ends, too.
+    """
     if not curve.kinds:
-        return curve.label, curve.over(x, y)
+        return curve.label, curve.over(x, y), True
     border = replace(curve, points=np.column_stack(curve.stretches({*curve.kinds} - {Turn.EDGE})))
-    return f"exact border: {curve.label}", border.over(x, y)
+    return f"exact border: {curve.label}", border.over(x, y), False
 
 
 def _regions(ax: Axes, x: np.ndarray, y: np.ndarray, outcome: xarray.DataArray) -> list[Any]:
@@ -437,9 +443,8 @@ def _draw_region(ax: Axes, region: Boundary, factors: tuple[float, float]) -> No
     points, kinds = region.points * factors, region.kinds
     gaps = np.flatnonzero(np.isnan(points[:, 0]))
     curves = [c[np.isfinite(c[:, 0])] for c in np.split(points, gaps)]
-    codes = [[Path.MOVETO] + [Path.LINETO] * (len(c) - 1) for c in curves]
     if all(np.array_equal(c[0], c[-1]) for c in curves):
-        whole = Path(np.concatenate(curves), np.concatenate(codes))
+        whole = Path.make_compound_path(*map(Path, curves))
         ax.add_patch(PathPatch(whole, facecolor=OUTCOME_COLOURS[1], edgecolor="none"))
     there = [kind for kind in dict.fromkeys(kinds) if kind]
     handles: list[Any] = [Patch(facecolor=OUTCOME_COLOURS[1], edgecolor=GREY, label=region.label)]

@@ -8,7 +8,7 @@ asked (``sizes``), of a sampled loop ``searched``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -34,6 +34,7 @@ from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
 from eppanalysis.progress import Progress
+from eppanalysis.results import LimitCycle
 from eppanalysis.results.deferred import Deferred
 from eppanalysis.results.provenance import Provenance
 
@@ -399,7 +400,9 @@ def checked_bound(question: BoundProblem, cell: BoundCell, found: ExactBound, se
             seed=settings.seed,
             allowed=settings.allowed,
         )
-        further = _further(question, tested, cell.sign, settings.allowed) if turns_left else None
+        further = None
+        if turns_left:
+            further = farthest_end(question, tested.safe_value, tested.cycles, cell.sign, settings.allowed)
         if further is None:
             break
         found = further
@@ -407,11 +410,13 @@ def checked_bound(question: BoundProblem, cell: BoundCell, found: ExactBound, se
     return _joined(cell, found, tested, slopes)
 
 
-def _further(question: BoundProblem, tested: Verification, sign: float, allowed: Allowed | None) -> ExactBound | None:
-    """The bound of the cycles that a test found on the safe side."""
+def farthest_end(
+    question: BoundProblem, value: float, cycles: Iterable[LimitCycle], sign: float, allowed: Allowed | None
+) -> ExactBound | None:
+    """The bound, farthest to the safe side, of cycles at a value: where they end, or are no larger than allowed."""
     if allowed is None:
-        return farthest_turn(question, tested.safe_value, tested.cycles, sign)
-    return farthest_passage(question, allowed, tested.safe_value, tested.cycles, sign)
+        return farthest_turn(question, value, cycles, sign)
+    return farthest_passage(question, allowed, value, cycles, sign)
 
 
 def _elasticities(question: BoundProblem, found: ExactBound, allowed: Allowed | None) -> dict[str, float]:

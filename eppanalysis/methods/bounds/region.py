@@ -24,14 +24,13 @@ import numpy as np
 from eppanalysis.arrays import Array
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.balanced import BoundProblem
-from eppanalysis.methods.bounds.design import Settings, checked_bound
-from eppanalysis.methods.bounds.exact import farthest_turn
+from eppanalysis.methods.bounds.design import Settings, checked_bound, farthest_end
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
-from eppanalysis.methods.bounds.sizes.bound import farthest_passage
 from eppanalysis.methods.bounds.verify import orbit_at
-from eppanalysis.methods.continuation.own_states import OwnStates, in_own_states
+from eppanalysis.methods.continuation.own_states import OwnStates
 from eppanalysis.methods.search.find import find_limit_cycles
+from eppanalysis.methods.steady.locate import turned
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.progress import Progress
 from eppanalysis.results import LimitCycle
@@ -41,8 +40,8 @@ _PLACE = "place"
 #: Radius of the circles, relative to the ranges: of the first, at least, at most; and what makes it longer and shorter.
 _FIRST, _LEAST, _MOST = 0.02, 2e-3, 0.05
 _SHORTER, _LONGER = 0.4, 1.6
-#: Angle between two stretches above which the circle is made smaller, and below which the next one is larger [rad].
-_BENT, _STRAIGHT = math.radians(25.0), math.radians(8.0)
+#: Turn between two stretches above which the circle is made smaller, and below which the next one is larger.
+_BENT, _STRAIGHT = 1.0 - math.cos(math.radians(25.0)), 1.0 - math.cos(math.radians(8.0))
 #: Angles from the direction to the cycles at which a cycle is looked for [rad], and the last one at which their end is:
 #: beyond it lies the stretch of the border that is known.
 _BEGINS, _LAST = (0.0, 0.4, -0.4, 0.9), math.radians(245.0)
@@ -66,10 +65,6 @@ class OnCurve:
         if name.startswith("__") or name in ("case", "values_at", "place"):  # read while it is copied
             raise AttributeError(name)
         return getattr(self.case, name)
-
-    def to_system(self) -> Any:
-        """The loop."""
-        return self.case.to_system()
 
     def with_values(self, values: Mapping[str, Any]) -> OnCurve:
         """The case with other values, the place among them."""
@@ -146,7 +141,7 @@ class Border:
 class RegionSearch:
     """The borders of a region under way; lives for one call."""
 
-    case: CaseLike
+    case: CaseLike  # in states of its own
     axes: tuple[str, str]
     low: Array  # (2,): of both ranges [SI]
     high: Array
@@ -157,22 +152,6 @@ class RegionSearch:
     searched: dict[tuple[int, ...], tuple[LimitCycle, ...]] = field(default_factory=dict)  # by place of the grid
     n_open: int = 0  # places without an answer
     why: str = ""  # what is missing
-
-    @classmethod
-    def over(
-        cls,
-        case: CaseLike,
-        axes: tuple[str, str],
-        low: Array,
-        high: Array,
-        n: int,
-        allow: str | None = None,
-        progress: Progress | None = None,
-    ) -> RegionSearch:
-        """Find the region between the ends of both ranges."""
-        search = cls(in_own_states(case), axes, low, high, n, allow, progress)
-        search._run()
-        return search
 
     @cached_property
     def settings(self) -> Settings:
@@ -185,7 +164,8 @@ class RegionSearch:
         """Share of the plane that is free of limit cycles; nan where a border is not closed."""
         return sum(b.area for b in self.borders) if not self.why else math.nan
 
-    def _run(self) -> None:
+    def run(self) -> None:
+        """Find the borders between the ends of both ranges."""
         for place in product(range(self.n), repeat=2):
             self._told("places searched", len(self.searched), self.n**2)
             self.searched[place] = self._cycles_at(self._on_grid(place))
@@ -202,9 +182,8 @@ class RegionSearch:
         """Neighbours on the grid of which the first has limit cycles and the other none."""
         for i, j in self.searched:
             for other in ((i + 1, j), (i, j + 1)):
-                pair = sorted(((i, j), other), key=lambda place: not self.searched.get(place))
-                if other in self.searched and bool(self.searched[pair[0]]) != bool(self.searched[pair[1]]):
-                    yield pair[0], pair[1]
+                if other in self.searched and bool(self.searched[i, j]) != bool(self.searched[other]):
+                    yield ((i, j), other) if self.searched[i, j] else (other, (i, j))
 
     def _between(self, cycles: Array, free: Array, known: Sequence[LimitCycle]) -> list[Border]:
         """The border between two places; none where it is not found."""
@@ -278,10 +257,7 @@ class RegionSearch:
         question, allowed = self._on(curve, low, high), self.settings.allowed
         try:
             cycles = [c for known in near if (c := orbit_at(question, low, known, allowed)) is not None]
-            if allowed is None:
-                found = farthest_turn(question, low, cycles, -1.0)
-            else:
-                found = farthest_passage(question, allowed, low, cycles, -1.0)
+            found = farthest_end(question, low, cycles, -1.0, allowed)
             if found is None or found.cycle is None:
                 return None
             cell = BoundCell(value=math.nan, finding=Finding.BOUND, sign=-1.0)
@@ -334,32 +310,38 @@ class RegionSearch:
             return None
         return BorderPoint(np.clip(edge(cell.exact), 0.0, 1.0), side, cell.kind, cell.verified, cell.orbit)
 
-    def _walk(self, first: BorderPoint, way: float) -> Iterator[BorderPoint]:
-        """Points of the border behind a first one, up to the edge of the ranges, back to the first, or to its end."""
+    def _walk(self, first: BorderPoint, way: float) -> tuple[list[BorderPoint], bool]:
+        """Points of the border behind a first one, up to the edge of the ranges, back to the first, or to its end.
+
+        And whether it is back: then the last is beside the first.
+        """
         here, radius, last = first, _FIRST, None
+        points: list[BorderPoint] = []
         for n in range(_MOST_POINTS):
             self._told("points of the border", n)
             while True:
                 new = self._next(here, way, radius)
-                bend = 0.0 if new is None or last is None else _angle(here.at - last, new.at - here.at)
+                bend = 0.0 if new is None or last is None else turned(np.ones(2), here.at - last, new.at - here.at)
                 doubtful = new is None or bend > _BENT or (new.kind != here.kind and last is not None)
                 if not doubtful or radius <= _LEAST:
                     break
                 radius = max(_SHORTER * radius, _LEAST)
             if new is None:
-                return
-            yield new
-            if new.on_edge or (n > 2 and np.linalg.norm(new.at - first.at) < radius):
-                return
+                break
+            points.append(new)
+            is_back = n > 2 and not new.on_edge and bool(np.linalg.norm(new.at - first.at) < radius)
+            if new.on_edge or is_back:
+                return points, is_back
             last, here = here.at, new
             radius = min(_LONGER * radius, _MOST) if bend < _STRAIGHT else radius
+        return points, False
 
     def _through(self, first: BorderPoint) -> Border:
         """The whole border through a point."""
-        ahead = list(self._walk(first, 1.0))
-        if len(ahead) > 2 and not ahead[-1].on_edge and np.linalg.norm(ahead[-1].at - first.at) < _MOST:
+        ahead, is_back = self._walk(first, 1.0)
+        if is_back:
             return Border((first, *ahead[:-1]), True)
-        back = list(self._walk(first, -1.0))
+        back, _ = self._walk(first, -1.0)
         kinds = [p.kind for p in (first, *back)]
         # The kind is that of the stretch behind a point, and backwards of the one ahead of it.
         turned = [replace(p, kind=kind) for p, kind in zip(back, kinds, strict=False)][::-1]
@@ -391,11 +373,6 @@ def _within(at: Array, direction: Array, radius: float) -> Array:
     point = np.clip(at + max(reach[i], 0.0) * direction, 0.0, 1.0)
     point[i] = float(direction[i] > 0.0)
     return point
-
-
-def _angle(one: Array, other: Array) -> float:
-    """Between two directions [rad]."""
-    return abs(math.atan2(float(one[0] * other[1] - one[1] * other[0]), float(one @ other)))
 
 
 def _on_perimeter(u: float) -> Array:
